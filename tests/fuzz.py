@@ -38,7 +38,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -48,11 +48,26 @@ import tyro
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.table_files import seal_parquet
-from shuttle_marl.commands import analysis, data, dynamics, exact, league, recording, report, scout, suite, training
+from shuttle_marl.commands import analysis, cli, data, dynamics, exact, league, recording, report, scout, suite, training
 from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.watch.messages import TagRequest
+from shuttle_marl.watch.tagging import TagFile
 from tests.recording.mutate import Mutator, mutated
 from tests.reduced import reduced_model
 from tests.waiting import wait_until
+
+
+def tags_main(arguments: Sequence[str]) -> int:
+    """Open the table of a tagged video, and save an input, as ``watch --tag`` does."""
+
+    def command(video: Annotated[Path, tyro.conf.Positional], table: Annotated[Path, tyro.conf.Positional]) -> None:
+        file = TagFile(video, table)
+        facts = file.facts()
+        file.save(TagRequest(id=1, at=len(facts.inputs), after=facts.after, input="{}", first=0, rows=()))
+        cli.print_json(file.facts().inputs)
+
+    return cli.run(command, prog="tags", description="", argv=arguments)
+
 
 Main = Callable[[Sequence[str]], int]
 MAIN: Final[dict[str, Main]] = {
@@ -65,6 +80,7 @@ MAIN: Final[dict[str, Main]] = {
     "report": report.main,
     "scout": scout.main,
     "suite": suite.main,
+    "tags": tags_main,
     "training": training.main,
 }
 CANARY: Final = "CANARY"
@@ -181,6 +197,14 @@ FORMATS: Final[dict[str, Format]] = {
         ("data import strokes.csv --columns columns.toml --out out.parquet",),
         checked=False,
     ),
+    **{
+        name: Format(
+            (f"file.{suffix}",), (f"data import file.{suffix} --json", f"data validate file.{suffix} --json"), checked=False
+        )
+        for name, suffix in (("elan", "eaf"), ("sportscode", "xml"), ("pipeline", "json"), ("badminton_db", "json"))
+    },
+    "tags": Format(("match.inputs.jsonl", "match.csv"), ("tags match.mp4 match.csv",), checked=False),
+    "parquet_types": Format(("strokes.parquet",), ("data summary strokes.parquet --json", "data validate strokes.parquet")),
     "parquet": Format(
         ("strokes.parquet",),
         (
@@ -208,7 +232,7 @@ def build(root: Path) -> None:
     model = Path(reduced_model())
     for name in FORMATS:
         (root / name).mkdir()
-        if name not in ("csv",):
+        if name not in ("csv", "tags", "elan", "sportscode", "pipeline", "badminton_db"):
             (root / name / "model").symlink_to(model) if name != "model" else shutil.copytree(model, root / name / "model")
 
     def run(name: str, *commands: str) -> None:
@@ -242,7 +266,14 @@ def build(root: Path) -> None:
     for path in (root / "csv" / "template").iterdir():
         path.rename(root / "csv" / path.name)
     run("csv", "data import strokes.csv --columns columns.toml --out out.parquet")
+    shutil.copy(root / "csv" / "out.parquet", root / "parquet_types" / "strokes.parquet")
     (root / "csv" / "out.parquet").rename(root / "parquet" / "strokes.parquet")
+    samples = Path(__file__).parent / "data" / "samples"
+    for name, sample in (("elan", "club.eaf"), ("sportscode", "sportscode.xml"), ("pipeline", "strokes.json")):
+        shutil.copy(samples / sample, root / name / f"file.{sample.split('.')[1]}")
+    shutil.copy(next(samples.glob("2031*.json")), root / "badminton_db" / "file.json")
+    (root / "tags" / "match.mp4").write_bytes(bytes(1000))
+    run("tags", *["tags match.mp4 match.csv"] * 3)
 
 
 def _round(folder: Path) -> int:
@@ -372,7 +403,9 @@ def change(path: Path, rng: random.Random, logs: Path) -> str:
         case ".zip":
             kinds += [forge_archive] * 2
         case ".parquet":
-            kinds += [forge_parquet] * 2
+            kinds += [forge_parquet, forge_types] * 2
+        case ".eaf" | ".xml":
+            kinds += [forge_text] * 4
         case ".csv" | ".toml":
             kinds += [forge_text] * 3
     kind = rng.choice(kinds) if rng.random() < 0.97 else replace_file
@@ -600,6 +633,36 @@ def forge_parquet(path: Path, rng: random.Random) -> None:
     path.write_bytes(buffer.getvalue())
 
 
+def forge_types(path: Path, rng: random.Random) -> None:
+    """Replace a column by one of any type: of few bytes in the file, and up to gigabytes in memory."""
+    table, count = pq.read_table(path), rng.choice((1, 1000, 100_000))
+    zeros, size = pa.array(np.zeros(count, np.int8)), rng.choice((1, 10**4, 10**6))
+    kinds: list[Callable[[], pa.Array]] = [
+        lambda: pa.DictionaryArray.from_arrays(zeros, pa.array([b"x" * size])),
+        lambda: pa.DictionaryArray.from_arrays(zeros, pa.array(["x" * size])),
+        lambda: pa.ListArray.from_arrays(pa.array([0, *[count] * len(table)], pa.int32()), zeros),
+        lambda: pa.FixedSizeListArray.from_arrays(zeros, 1),
+        lambda: pa.StructArray.from_arrays([zeros] * 40, [str(i) for i in range(40)]),
+        lambda: pa.array([[("a", 1)]] * count, pa.map_(pa.string(), pa.int8())),
+        lambda: (
+            pa.array([1.5] * count, pa.float16()) if hasattr(pa, "float16") and count == 1 else zeros.cast(pa.decimal128(38, 2))
+        ),
+        lambda: pa.nulls(count),
+        lambda: zeros.cast(pa.int64()).cast(pa.timestamp("ns")),
+        lambda: zeros.cast(pa.bool_()),
+        lambda: pa.array([b"x" * 16] * count, pa.binary(16)),
+        lambda: pa.array(["x"] * count, pa.large_string()),
+    ]
+    column = rng.choice(kinds)()
+    table = (
+        pa.table({rng.choice(table.column_names): column}) if len(column) != len(table) else table.set_column(0, "match", column)
+    )
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, compression="zstd", store_schema=rng.random() < 0.5, use_dictionary=rng.random() < 0.7)
+    seal_parquet(buffer)
+    path.write_bytes(buffer.getvalue())
+
+
 def forge_text(path: Path, rng: random.Random) -> None:
     """Replace, repeat or remove words of a text file."""
     words = [
@@ -615,7 +678,7 @@ def forge_text(path: Path, rng: random.Random) -> None:
         "2" * 400,
     ]
     lines = path.read_text().splitlines()
-    separator = "," if path.suffix == ".csv" else "="
+    separator = {".csv": ",", ".toml": "="}.get(path.suffix, rng.choice(("><", '"', ">")))
     for _ in range(rng.randint(1, 5)):
         number = rng.randrange(len(lines))
         cells = lines[number].split(separator)

@@ -43,12 +43,27 @@ def whole_number(name: str, value: Any, least: int | None = None) -> int:
     return number
 
 
+def seed_number(value: Any) -> int:
+    """Check a seed: seeds that are equal in their last 64 bits would be one.
+
+    Raises:
+        OptionError: it is no whole number from 0 up to 2^64.
+    """
+    if not 0 <= (number := whole_number("seed", value)) < 1 << 64:
+        raise OptionError(f"seed {number}: expected a whole number from 0 up to 2^64; of a longer one take the last 63 bits")
+    return number
+
+
 def did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """A hint at the names that are most like a misspelt one, for the end of a message; empty if none is."""
     import difflib  # noqa: PLC0415  `import shuttle_marl` needs none
 
     close = difflib.get_close_matches(name, list(known), n=3, cutoff=cutoff)
     return f"; did you mean {' or '.join(close)}?" if close else ""
+
+
+_KNOWN: Final = {"autoreset_mode": '; rows are reset in the same step, and in another mode with vectorization_mode="sync"'}
+"""Advice on options that other libraries have."""
 
 
 def suggesting(cls: type[T]) -> type[T]:
@@ -60,7 +75,7 @@ def suggesting(cls: type[T]) -> type[T]:
     def checked(self: T, *args: Any, **options: Any) -> None:
         for name in options:
             if name not in names:
-                hint = did_you_mean(name, names) or f"; there are {', '.join(names)}"
+                hint = _KNOWN.get(name) or did_you_mean(name, names) or f"; there are {', '.join(names)}"
                 # In the words of Python, on which wrappers of other libraries rely.
                 raise TypeError(f"{cls.__name__}() got an unexpected keyword argument {name!r}{hint}")
         init(self, *args, **options)

@@ -21,6 +21,8 @@ NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOS
 """Error codes of the system for lack of space."""
 MAX_JSON: Final = 1 << 24
 """Limit of JSON files [bytes]."""
+MAX_LINES: Final = 1 << 25
+"""Limit of files of JSON lines, and of tables of text [bytes]."""
 T = TypeVar("T")
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 62)]
 """A number of things in a JSON file."""

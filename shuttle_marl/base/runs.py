@@ -1,6 +1,7 @@
 """Run folders: creation, resuming, locking, and the manifest that makes runs reproducible."""
 
 import contextlib
+import errno
 import importlib.metadata
 import json
 import os
@@ -155,20 +156,28 @@ def is_finished(folder: Path) -> bool:
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Lock a folder against other processes; the lock ends with the process.
+def locked(path: Path, file: Path | None = None) -> Iterator[None]:
+    """Lock a folder, or another path, against other processes; the lock ends with the process.
+
+    Args:
+        file: the lock file, which holds the number of the process; None: that of a folder.
 
     Raises:
         RunError: another process has locked it, or it cannot be written.
     """
     from filelock import FileLock, Timeout  # noqa: PLC0415  slow to import
 
-    lock = FileLock(folder / LOCK, timeout=0)
-    with _usable(folder):
+    file = file or path / LOCK
+    lock = FileLock(file, timeout=0)
+    with _usable(path):
         try:
             lock.acquire()
         except Timeout as error:
-            raise _BusyError(f"{folder}: another process runs there; wait for it or name another with --out") from error
+            told = files.read_file(file, 20).decode(errors="replace")
+            which = f"another process ({told})" if told.isdecimal() else "another process"
+            raise _BusyError(f"{path}: {which} runs there; wait for it, end it, or name another with --out") from error
+        with contextlib.suppress(OSError):
+            file.write_text(str(os.getpid()))
     try:
         yield
     finally:
@@ -194,26 +203,39 @@ def write_json(path: Path, fields: Mapping[str, object]) -> None:
 
 
 class Journal:
-    """File of JSON objects, one a line, that a run appends to; each sealed."""
+    """File of JSON objects, one a line, that one process appends to; each sealed.
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    Args:
+        go_on: what to do after a write that failed, for errors.
+        restore: what to do about a file that cannot be read.
+    """
+
+    def __init__(self, path: Path, go_on: str = "continue with --resume", restore: str = _ADVICE) -> None:
+        self._path, self._go_on, self._restore = path, go_on, restore
+        self._whole: int | None = None
+        """Length of the complete lines, if a write failed after them."""
 
     def append(self, lines: Sequence[dict[str, Any]]) -> None:
-        """Append lines, synchronised to the disk.
+        """Append lines, synchronised to the disk. After an error none of them is there, and the next ones can be appended.
 
         Raises:
             RunError: the file cannot be written.
         """
         content = b"".join(files.seal(line, indent=None) for line in lines)
         try:
-            with self._path.open("ab") as file:
-                file.write(content)
-                file.flush()
+            with self._path.open("ab", buffering=0) as file:
+                if self._whole is not None:
+                    file.truncate(self._whole)
+                self._whole = file.seek(0, os.SEEK_END)
+                if file.write(content) < len(content):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 os.fsync(file.fileno())
+                self._whole = None
         except OSError as error:
+            with contextlib.suppress(OSError):
+                os.truncate(self._path, self._whole or 0)
             reason = f"cannot be written ({error.strerror})"
-            raise RunError(f"{self._path}: {reason}; free disk space and continue with --resume") from error
+            raise RunError(f"{self._path}: {reason}; free disk space and {self._go_on}") from error
 
     def read(self, *, finished: bool = False) -> list[dict[str, Any]]:
         """All lines, without their checksums; an incomplete last one, of a process that was killed, is left out.
@@ -226,7 +248,7 @@ class Journal:
         """
         *whole, rest = self._content().split(b"\n")
         if rest and finished:
-            raise RunError(f"{self._path}: the last line is incomplete; {_ADVICE}")
+            raise RunError(f"{self._path}: the last line is incomplete; {self._restore}")
         return [self._parsed(number, line) for number, line in enumerate(whole, 1)]
 
     def keep(self, count: int) -> None:
@@ -238,7 +260,7 @@ class Journal:
         whole = self._content()
         *lines, _ = whole.split(b"\n")
         if len(lines) < count:
-            raise RunError(f"{self._path}: {len(lines)} lines, expected {count}; {_ADVICE}")
+            raise RunError(f"{self._path}: {len(lines)} lines, expected {count}; {self._restore}")
         for number, line in enumerate(lines[:count], 1):
             self._parsed(number, line)
         kept = b"".join(line + b"\n" for line in lines[:count])
@@ -247,17 +269,17 @@ class Journal:
 
     def _content(self) -> bytes:
         try:
-            return files.read_file(self._path)
+            return files.read_file(self._path, files.MAX_LINES)
         except FileNotFoundError:
             return b""
         except OSError as error:
-            raise RunError(f"{self._path}: cannot be read ({files.problem(error)}); {_ADVICE}") from error
+            raise RunError(f"{self._path}: cannot be read ({files.problem(error)}); {self._restore}") from error
 
     def _parsed(self, number: int, line: bytes) -> dict[str, Any]:
         try:
             return files.unsealed(line)
         except ValueError as error:
-            raise RunError(f"{self._path}: line {number} is damaged ({error}); {_ADVICE}") from error
+            raise RunError(f"{self._path}: line {number} is damaged ({error}); {self._restore}") from error
 
 
 def describe(packages: Sequence[str]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import io
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
@@ -27,6 +28,15 @@ _MOST_FOOTER: Final = 1 << 24
 """Maximum size of a footer [bytes]."""
 _MOST: Final = 1 << 29
 """Maximum size of a table that is read [bytes]: a small file may hold any number of equal rows."""
+_LONGEST_HEADER: Final = 1 << 16
+"""Size of a page header that is read [bytes]."""
+_TRUTHS: Final = (1, 2)
+_NUMBERS: Final = (4, 5, 6)
+_SIZES: Final = {3: 1, 7: 8, 8: 0}
+"""Sizes of a byte, a double, and a text, which states its own [bytes]."""
+_LISTS: Final = (9, 10)
+_STRUCT: Final = 12
+"""Kinds of values of Thrift's compact protocol."""
 _FORMULA: Final = r"\A([=+\-@\t\r])"
 
 
@@ -81,10 +91,63 @@ def open_parquet(path: Path) -> pq.ParquetFile:
             raise pa.ArrowInvalid("it was changed after it was written: its checksum does not match")
     file = pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False)
     about = file.metadata
-    if (size := sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))) > _MOST:
+    with open_file(path) as pages:
+        size = sum(_unpacked(pages, about.row_group(i).column(j)) for i, j in np.ndindex(about.num_row_groups, about.num_columns))
+    if size > _MOST:
         file.close()
         raise pa.ArrowInvalid(f"columns of {size >> 20} MB, expected at most {_MOST >> 20}; divide the file")
     return file
+
+
+def _unpacked(file: BinaryIO, chunk: pq.ColumnChunkMetaData) -> int:
+    """Size of the pages of a column when they are unpacked [bytes], by their own headers: a footer may be forged.
+
+    Raises:
+        pa.ArrowInvalid: a header cannot be read.
+    """
+    first = chunk.dictionary_page_offset if chunk.has_dictionary_page else chunk.data_page_offset
+    at, size = first, 0
+    while at < first + chunk.total_compressed_size:
+        file.seek(at)
+        header = io.BytesIO(file.read(_LONGEST_HEADER))
+        try:
+            fields = _thrift(header, _STRUCT)
+            unpacked, packed = fields[2], fields[3]
+        except (IndexError, KeyError, RecursionError) as error:
+            raise pa.ArrowInvalid("a page has no readable header") from error
+        if min(unpacked, packed) < 0:
+            raise pa.ArrowInvalid("a page has a negative size")
+        size, at = size + unpacked, at + header.tell() + packed
+    return size
+
+
+def _thrift(data: BinaryIO, kind: int) -> Any:
+    """Read a value of Thrift's compact protocol: a struct as numbers by field, a number, or nothing of other kinds."""
+    if kind == _STRUCT:
+        fields, number = dict[int, Any](), 0
+        while step := data.read(1)[0]:
+            number = number + (step >> 4) if step >> 4 else _thrift(data, _NUMBERS[0])
+            fields[number] = _thrift(data, step & 15)
+        return fields
+    if kind in _LISTS:
+        of = data.read(1)[0]
+        for _ in range(of >> 4 if of >> 4 < 15 else _varint(data)):
+            _thrift(data, of & 15)
+    elif kind in _NUMBERS:
+        number = _varint(data)
+        return number >> 1 ^ -(number & 1)
+    elif kind in _SIZES:
+        data.seek(_SIZES[kind] or _varint(data), io.SEEK_CUR)
+    elif kind not in _TRUTHS:
+        raise KeyError(kind)
+    return None
+
+
+def _varint(data: BinaryIO) -> int:
+    number = shift = 0
+    while (byte := data.read(1)[0]) & 128:
+        number, shift = number | (byte & 127) << shift, shift + 7
+    return number | byte << shift
 
 
 def read_parquet(path: Path) -> pa.Table:
@@ -97,7 +160,11 @@ def read_parquet(path: Path) -> pa.Table:
     """
     with open_parquet(path) as file:
         schema = file.schema_arrow
-        texts = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)]
+        for field in schema:
+            kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+            if not (pa.types.is_primitive(kind) or pa.types.is_null(kind) or _is_text(kind)):
+                raise pa.ArrowInvalid(f"column {field.name!r:.50} holds values of type {kind!s:.50}, expected numbers or text")
+        texts = [field.name for field in schema if _is_text(field.type)]
     # Equal texts are stored once, and equal numbers as their count. Memory is added up before it is used: from the number of
     # rows, the widths of numbers, and the lengths of texts.
     with pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False, read_dictionary=texts) as file:
@@ -110,6 +177,10 @@ def read_parquet(path: Path) -> pa.Table:
     if size > _MOST:
         raise pa.ArrowInvalid(f"a table of {size >> 20} MB, expected at most {_MOST >> 20}; divide the file")
     return table.cast(schema)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
 def _width(kind: pa.DataType) -> int:

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from shuttle_marl import analysis as play
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import MAX_JSON, read_file, replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import HandsTold, RallyGameOptions, hands_told
 from shuttle_marl.game.stroke import SHOTS
@@ -109,6 +109,9 @@ def analysis(
     from shuttle_marl.base import table_files  # noqa: PLC0415
     from shuttle_marl.data import anonymised, named  # noqa: PLC0415
 
+    if out is not None:
+        written = (out / f"{kind}.{suffix}" for kind in ("strokes", "rallies") for suffix in ("parquet", "csv"))
+        cli.check_apart(written, [path] if against is None else [path, against])
     tables = model.load_for(path).seats[0].average
     with hands_told(hand):
         strokes = play.strokes_of(path, rallies=rallies.rallies)
@@ -116,15 +119,16 @@ def analysis(
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
     if anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
+    other = "others" if anonymous or against is None else against.resolve().name
     summaries = {name: play.summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
         others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies.rallies), reference, tables)
-        summaries[against.resolve().name] = play.summarise(others)
+        summaries[other] = play.summarise(others)
     if out is not None:
         for kind, table in (("strokes", valued), ("rallies", play.rally_table(valued))):
             table_files.write_parquet(out / f"{kind}.parquet", table)
             replace_file(out / f"{kind}.csv", table_files.csv_bytes(named(table) if kind == "strokes" else table))
-        name = "all together" if against is None else against.resolve().name
+        name = "all together" if against is None else other
         _draw(out, summaries, name, play.summarise(valued) if against is None else summaries[name])
     if json:
         _print_json(summaries, _ratings(path))
@@ -143,7 +147,7 @@ def _ratings(path: Path) -> dict[str, float]:
     from shuttle_marl.league.entrants import REPORT  # noqa: PLC0415
 
     try:
-        ranking = json_format.loads(((path if path.is_dir() else path.parent) / REPORT).read_text(encoding="utf-8"))["ranking"]
+        ranking = json_format.loads(read_file((path if path.is_dir() else path.parent) / REPORT, MAX_JSON))["ranking"]
         return {str(row["player"]): float(row["rating"]) for row in ranking if row["rating"] is not None}
     except (OSError, ValueError, LookupError, TypeError):
         return {}

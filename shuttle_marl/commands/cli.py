@@ -4,15 +4,17 @@ Table cells are plain text, not markup.
 """
 
 import contextlib
+import dataclasses
 import decimal
 import errno
 import functools
 import importlib
+import inspect
 import json
 import os
 import select
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -47,6 +49,9 @@ _MOST_DIGITS: Final = 30
 _WIDTH: Final = 160
 """Width of output that is not to a terminal."""
 _SHOWN_SHOTS: Final = 5
+_WRITTEN: Final = ("out", "pdf")
+"""Options that name what a command writes."""
+_PAGES: Final = (".html", ".md", ".pdf")
 _FIGURES: Final = {
     "rally_win_vs_bc": "rallies won against bc",
     "match_win_vs_bc": "matches won against bc",
@@ -104,6 +109,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         if a file or the output cannot be used; 130 after an interrupt; 141 if the output pipe is closed.
     """
     args = list(sys.argv[1:] if argv is None else argv)
+    commands = {name: _apart(each) for name, each in commands.items()} if isinstance(commands, dict) else _apart(commands)
     try:
         _check_encoding(args)
         if isinstance(commands, dict) and args and args[0] in commands:  # alone, so that its errors point to its own help
@@ -215,6 +221,66 @@ def check_free(path: Path, *, overwrite: bool = False) -> None:
     taken = path.is_file() or (path.is_dir() and any(path.iterdir()))
     if taken and not overwrite:
         raise ShuttleError(f"{path}: already exists; --overwrite replaces it, --out names another")
+
+
+def check_apart(written: Iterable[Path], read: Iterable[Path]) -> None:
+    """Refuse to write over what is read.
+
+    Args:
+        written: files or folders.
+        read: files, or folders in which every file but a page is an input.
+
+    Raises:
+        ShuttleError: a path is in both, or written twice.
+    """
+    outputs, inputs = list(written), [path for path in read if _identity(path) is not None]
+    for number, out in enumerate(outputs):
+        known, whole = _identity(out), Path(os.path.realpath(out))
+        for other in (*inputs, *outputs[:number]):
+            around = (
+                other.is_dir() and out.is_file() and out.suffix not in _PAGES and Path(os.path.realpath(other)) in whole.parents
+            )
+            if around or Path(os.path.realpath(other)) == whole or (known is not None and known == _identity(other)):
+                role = "read" if other in inputs else "written"
+                raise ShuttleError(f"{out}: is not written, because it is {role} too ({other}); name another file or folder")
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Numbers that two names of a file share; None for what does not exist."""
+    with contextlib.suppress(OSError, ValueError):
+        about = path.stat()
+        return about.st_dev, about.st_ino
+    return None
+
+
+def _apart(command: Command) -> Command:
+    """The command, which refuses to write over its inputs."""
+
+    @functools.wraps(command)
+    def checked(*args: Any, **options: Any) -> object:
+        given = list(_texts(inspect.signature(command).bind(*args, **options).arguments))
+        read = [text for name, text in given if name not in _WRITTEN and not text.startswith("default")]  # shipped models
+        check_apart(
+            (Path(text) for name, text in given if name in _WRITTEN),
+            (Path(part) for text in read for part in (text, text.partition(":")[2]) if part),
+        )
+        return command(*args, **options)
+
+    return checked
+
+
+def _texts(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
+    """Texts and paths in the arguments of a command, with the names of their options."""
+    if dataclasses.is_dataclass(value):
+        value = vars(value)
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from _texts(part, str(key))
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from _texts(part, name)
+    elif isinstance(value, str | Path):
+        yield name, str(value)
 
 
 def _table(title: str | Text, *left: str, right: Sequence[str] = ()) -> Table:

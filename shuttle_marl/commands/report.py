@@ -55,6 +55,8 @@ def report(
     game = model.load_for(path)
     with hands_told(hand), cli.working("analysing the match"), speaking(language):
         if is_log(path):
+            if columns is not None:
+                raise ShuttleError(f"--columns {columns}: {path} is a rally log, which has no columns to map; omit it")
             if match is not None and not match.isdecimal():
                 raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
             found, footage = sources.of_log(path, game, pairing, int(match or 0))

@@ -202,7 +202,7 @@ def watch(
             video=None if tags is None else tags.video,
             language=server.language,
             hosts=hosts_of(server.host),
-            proxies=server.allowed_hosts,
+            proxies=tuple(map(str.lower, server.allowed_hosts)),
         )
         running = Server(app)
         if video is not None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import re
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -74,6 +75,7 @@ _SETTINGS: Final = ("source", "discipline", "coordinates", "areas_seen_by", "del
 
 _MOST_BYTES: Final = 1 << 18
 _LONGEST_LINE: Final = 2000
+_WHOLE: Final = re.compile(r"\A(\d+)[.,]0+\Z")
 _SHOWN: Final = 30
 """Headers that a message shows."""
 
@@ -241,8 +243,13 @@ def nfc(text: str) -> str:
 
 
 def plain(word: str) -> str:
-    """A word as it is compared: without capitals and spaces around it."""
-    return nfc(word).strip().casefold()
+    """A word as it is compared: without capitals and spaces around it; a whole number without decimals."""
+    return whole(nfc(word)).casefold()
+
+
+def whole(text: str) -> str:
+    """A text without spaces around it; ``4`` for ``4.0``, which a spreadsheet makes of it in a column with gaps."""
+    return _WHOLE.sub(r"\1", text.strip())
 
 
 def _known(fields: Any, allowed: Mapping[str, Any] | Sequence[str], what: str) -> None:

@@ -40,6 +40,11 @@ LONG_REPLIES: Final = tuple(SHOTS.index(name) for name in ("clear", "drop", "sma
 """Shot types of replies to long serves: 99 % of these in the published matches, and 1 % of the others."""
 PAUSE: Final = 4.0
 """Time between two strokes that ends a rally [s]."""
+_LATIN: Final = re.compile(r"LATIN SMALL (?:LETTER|LIGATURE) (?:DOTLESS )?(THORN|ETH|[A-Z]{1,2})(?: WITH .*)?")
+_LETTERS: Final = {"THORN": "th", "ETH": "d"}
+_LOOKS_LIKE: Final = str.maketrans("авекмнорстухіјѕαβεζηικμνορτυχ", "abekmhopctyxijsabezhikmnoptyx")
+"""Latin letters by the Cyrillic and Greek ones that look like them."""
+_DIGRAPH: Final = re.compile("([aou])e|(?<=a)a")
 _SCORE: Final = re.compile(r"\s*(\d{1,2})\s*[-:/\N{EN DASH}\N{EM DASH} ]\s*(\d{1,2})\s*")
 
 POINTS: Final = ("landing", "contact", "striker", "receiver")
@@ -56,6 +61,8 @@ _FEW: Final = 10
 """Fewer points tell nothing for certain."""
 _TEMPO: Final = (0.3, 5.0)
 """Probable median time between two strokes [s]; 0.9 in published matches."""
+_SHORTEST: Final = 0.1
+"""A shorter median is no time in seconds; 0 is one of whole rallies."""
 
 Points = tuple[int, int]
 
@@ -80,31 +87,53 @@ def read_score(text: str) -> Points | None:
 
 
 def winners_by_score(
-    scores: Sequence[Points | None], fresh: Bools, server: Sequence[int], told: Sequence[int]
-) -> tuple[list[Points | None], list[int], str]:
+    scores: Sequence[Points | None], fresh: Bools, server: I64, told: I64, began: I64, match: I64
+) -> tuple[list[Points | None], I64, str]:
     """Scores after each rally and winners, in the reading of the scores that agrees best with what else is known.
 
+    The first number may be of a role in the game or of a player, who then is one in all games of a match.
+
     Args:
-        scores: of each rally, in an unknown order, before or after it; None not known.
-        fresh: whether a rally is the first of its game.
-        server: 0 or 1.
-        told: the winner, where another value tells it; else -1.
+        scores: of each of the R rallies, in an unknown order, before or after it; None not known.
+        fresh: ``[R]`` whether a rally is the first of its game.
+        server: ``[R]`` 0 for who struck first in the game, 1 for the other player.
+        told: ``[R]`` the winner, where another value tells it; else -1.
+        began: ``[R]`` who struck first in the match.
+        match: ``[R]`` number of the match.
 
     Returns:
-        Points of 0 and 1 after each rally; winners, -1 not known; and the reading in words.
+        Points of 0 and 1 after each rally; ``[R]`` winners, -1 not known; and the reading in words, empty if several fit.
     """
-    readings: list[tuple[int, int, int, list[Points | None], list[int], str]] = []
+    zero = np.zeros_like(server)
+    orders = {"the first striker's": zero, "the other player's": 1 - zero, "the server's": server}
+    readings = []
     for before in (False, True):
-        for order, whose in enumerate(("the first striker's", "the other player's", "the server's")):
-            first = [(0, 1, server[r])[order] for r in range(len(scores))]
-            points = [s if s is None or who == 0 else s[::-1] for s, who in zip(scores, first, strict=True)]
-            after, won, wrong = _followed(points, fresh, told, before=before)
-            agree = sum(a == b >= 0 for a, b in zip(won, told, strict=True))
-            wrong += sum(0 <= a != b >= 0 for a, b in zip(won, told, strict=True))
-            words = f"the score is that {'before' if before else 'after'} the rally; the first number is {whose}"
-            readings.append((wrong, -agree, len(readings), after, won, words))
-    *_, after, won, words = min(readings, key=lambda reading: reading[:3])
-    return after, won, words
+        for whose, first in orders.items():
+            readings.append((*_read(scores, fresh, told, first, before=before), whose, before, False))
+        other, tied = zero.copy(), False  # whether the first number is of who did not begin the match
+        for number in np.unique(match):
+            rows = np.flatnonzero(match == number)
+            of_match = [scores[row] for row in rows.tolist()]
+            one, two = (_read(of_match, fresh[rows], told[rows], began[rows] ^ who, before=before) for who in (0, 1))
+            other[rows] = two[:2] < one[:2]
+            tied |= two[:2] == one[:2] and not np.array_equal(one[3], two[3])
+        readings.append((*_read(scores, fresh, told, began ^ other, before=before), "one player's in each match", before, tied))
+    best = min(reading[:2] for reading in readings)
+    equal = [reading for reading in readings if reading[:2] == best]
+    *_, after, won, whose, before, tied = equal[0]
+    words = f"the score is that {'before' if before else 'after'} the rally; the first number is {whose}"
+    return after, won, "" if tied or any((won != reading[3]).any() for reading in equal) else words
+
+
+def _read(
+    scores: Sequence[Points | None], fresh: Bools, told: I64, first: I64, *, before: bool
+) -> tuple[int, int, list[Points | None], I64]:
+    """A reading of scores: what contradicts it and, negative, what agrees with it; points after each rally, and winners."""
+    points = [s if s is None or who == 0 else s[::-1] for s, who in zip(scores, first.tolist(), strict=True)]
+    after, winners, wrong = _followed(points, fresh, told.tolist(), before=before)
+    won = np.array(winners)
+    known = (won >= 0) & (told >= 0)
+    return wrong + int((known & (won != told)).sum()), -int((known & (won == told)).sum()), after, won
 
 
 def _followed(
@@ -133,6 +162,15 @@ def changes(*columns: Array) -> Bools:
     return np.r_[True, np.any([column[1:] != column[:-1] for column in columns], axis=0)]
 
 
+def _folded(name: str) -> str:
+    """A name in the letters from A to Z that are written for others: o for \u00f8, oe and \u00f6, or that look like them."""
+    folded = ""
+    for c in unicodedata.normalize("NFKD", name).casefold().translate(_LOOKS_LIKE):
+        latin = _LATIN.fullmatch(unicodedata.name(c, ""))
+        folded += _LETTERS.get(latin[1], latin[1].lower()) if latin else "" if unicodedata.combining(c) else c
+    return _DIGRAPH.sub(r"\1", folded)
+
+
 def warn_alike(sheet: Sheet, seen: dict[str, str], names: Sequence[str], what: str) -> None:
     """Warn of names that differ only in capitals, accents, width, or the order of words, or mix alphabets.
 
@@ -142,10 +180,11 @@ def warn_alike(sheet: Sheet, seen: dict[str, str], names: Sequence[str], what: s
     """
     for row in sorted({name: row for row, name in reversed(list(enumerate(names)))}.values()):
         name = str(names[row])
-        words = player_id("".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))).split("-")
+        words = player_id(_folded(name)).split("-")
         other = seen.setdefault(f"{what} {words if what == 'match' else sorted(words)}", name)
         if other != name and (what == "match" or player_id(other) != player_id(name)):
             sheet.warn([row], f"{shown(name)} and {shown(other)} are alike: are they one {what}?")
+            continue
         mixed = {unicodedata.name(c, "").partition(" ")[0] for c in name if c.isalpha()} & {"LATIN", "CYRILLIC", "GREEK"}
         if len(mixed) > 1:
             sheet.warn([row], f"{what} {shown(name)} mixes letters of {' and '.join(sorted(mixed)).lower()}")
@@ -159,6 +198,19 @@ def check_scale(sheet: Sheet, name: str, points: F64) -> None:
         text = f"all {len(furthest)} {name} points lie within {limit:g} m of the middle of the net: are these metres?"
         certain = len(furthest) >= _FEW and furthest.max() <= _TINY
         (sheet.problems if certain else sheet.warnings).append(Problem(sheet.path, text))
+
+
+def check_tempo(sheet: Sheet, passed: F64) -> None:
+    """Record a problem, or where it is not certain a warning, if times between strokes are improbable for seconds."""
+    passed = passed[~np.isnan(passed)]
+    middle = float(np.median(passed)) if len(passed) else 1.0
+    if not _TEMPO[0] <= middle <= _TEMPO[1]:
+        certain = middle > _TEMPO[1] or 0 < middle < _SHORTEST
+        advice = "; write seconds, or leave the times out" if certain else ""
+        text = f"half of the strokes follow the one before after {middle:g} s: are these seconds?{advice}"
+        found = Problem(sheet.path, text)
+        if found not in (*sheet.problems, *sheet.warnings):
+            (sheet.problems if certain else sheet.warnings).append(found)
 
 
 def compare(
@@ -188,10 +240,7 @@ def compare(
         passed = np.diff(sheet.numbers(headers["seconds"]), prepend=np.nan)
         sheet.warn(np.flatnonzero(~fresh & first & (passed < 0)), "the time is before that of the rally before")
         sheet.mark(np.flatnonzero(~first & (passed < 0)), "the time is before that of the stroke before")
-        inside = passed[~first & ~np.isnan(passed)]
-        if len(inside) and not _TEMPO[0] <= np.median(inside) <= _TEMPO[1]:
-            text = f"half of the strokes follow the one before after {np.median(inside):g} s or less: are these seconds?"
-            sheet.warnings.append(Problem(sheet.path, text))
+        check_tempo(sheet, passed[~first])
     _compare_scores(sheet, strokes, fresh, first)
     _compare_points(sheet, strokes, points, first)
     for name, usual in FIXED_HEIGHT.items():

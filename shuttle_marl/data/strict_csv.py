@@ -15,7 +15,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I8, I64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError, command
-from shuttle_marl.base.files import problem, read_file
+from shuttle_marl.base.files import MAX_LINES, problem, read_file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,7 +76,6 @@ def grouped(problems: Sequence[Problem]) -> list[Problem]:
 
 _LARGEST: Final = 1e15
 """Bound of numbers; float32 takes them and their squares."""
-_MOST_BYTES: Final = 1 << 25
 _MOST_ROWS: Final = 500_000
 _MOST_PROBLEMS: Final = 10_000
 _LONGEST: Final = 100
@@ -152,6 +151,11 @@ class Sheet:
         other.fill(self.header, list(zip(*columns, strict=True)), self.line[kept].tolist())
         other.empty, other.others = self.empty, self.others
         return other
+
+    def add_column(self, name: str, values: Ints) -> None:
+        """Add a column of numbers."""
+        self.header += (name,)
+        self.columns[name] = tuple(map(str, values.tolist()))
 
     def __len__(self) -> int:
         return len(self.line)
@@ -303,7 +307,7 @@ def read_content(path: Path) -> bytes:
         DataError: it cannot be opened, or is too large.
     """
     try:
-        return read_file(path, _MOST_BYTES)
+        return read_file(path, MAX_LINES)
     except (OSError, ValueError) as error:
         raise DataError(path, f"cannot be read ({problem(error)})") from error
 

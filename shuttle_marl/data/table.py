@@ -4,6 +4,7 @@ import collections
 import dataclasses
 import hashlib
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +18,7 @@ from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import problem
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
+from shuttle_marl.data.copies import copies
 from shuttle_marl.data.hands import unknown_hands, with_hands
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import OPTIONAL, STROKES, Account, Cleaned, violations
@@ -24,6 +26,7 @@ from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
+_QUOTED: Final = re.compile(r"(?<!\w)'.*'|(?<!\w)\".*\"")
 _OF_PANDAS: Final = "__index_level_"
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
@@ -182,7 +185,7 @@ def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
 
 
 def anonymised(strokes: pa.Table) -> pa.Table:
-    """Strokes with pseudonyms for players (``player-01``) and matches (``match-001``).
+    """Strokes with pseudonyms for players (``player-01``) and matches (``match-001``), without provenance.
 
     The numbers follow the SHA-256 of the names, so they reveal no order; the same names give the same pseudonyms.
     """
@@ -195,15 +198,18 @@ def anonymised(strokes: pa.Table) -> pa.Table:
         for column in columns:
             named = pa.array([pseudonym.get(name) for name in strokes[column].to_pylist()], strokes[column].type)
             strokes = strokes.set_column(strokes.schema.get_field_index(column), strokes.schema.field(column), named)
-    return strokes
+    told = strokes.schema.metadata or {}
+    return strokes.replace_schema_metadata({key: value for key, value in told.items() if key != _PROVENANCE})
 
 
 def pseudonymous(cleaned: Cleaned) -> Cleaned:
-    """Imported strokes with pseudonyms (:func:`anonymised`), also in the provenance."""
+    """Imported strokes with pseudonyms (:func:`anonymised`), and a provenance without names: of the file, or quoted from it."""
     strokes, named = anonymised(cleaned.strokes), unknown_hands(cleaned.strokes)
-    lost = [sentence for sentence in cleaned.provenance["lost"] if sentence not in named]
-    provenance = {**cleaned.provenance, "lost": [*lost, *unknown_hands(strokes)]}
-    return dataclasses.replace(cleaned, strokes=strokes, provenance=provenance)
+    told = {name: value for name, value in cleaned.provenance.items() if name not in ("file", "sha256")}
+    for kind in ("inferred", "lost"):
+        told[kind] = [_QUOTED.sub("'…'", sentence) for sentence in told[kind] if sentence not in named]
+    told["lost"] += unknown_hands(strokes)
+    return dataclasses.replace(cleaned, strokes=strokes, provenance=told)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -258,9 +264,9 @@ def _validate_table(path: Path) -> Report:
         # All strokes of a match may have been dropped.
         if expected < count or (expected > count and name != "matches"):
             problems.append(Problem(path, f"the account has {expected} {name}, the table {count}"))
-    notes: tuple[str, ...] = ()
+    notes = tuple(f"{path}: {copy}" for copy in copies(strokes))
     if given is None:
-        notes = ("another program wrote this file, without an account: the counts are those of its rows",)
+        notes += ("another program wrote this file, without an account: the counts are those of its rows",)
     if account.strokes_kept + sum(account.dropped.values()) != account.strokes:
         problems.append(Problem(path, "inconsistent account: kept and dropped strokes do not add up to all strokes"))
     return Report(problems=tuple(problems), notes=notes, splits={}, account=account)

@@ -53,16 +53,29 @@ class Words:
     A word with several meanings has that of the language which most of the words of the file are of, English if in doubt.
     """
 
-    def __init__(self, kind: str, texts: Iterable[str]) -> None:
-        """Words of a kind: ``column``, or the name of a column with words; ``texts``: all of them in the file."""
-        self._table = table(kind)
-        told = {bare(text) for text in texts}
-        self._languages = sorted(LANGUAGES, key=lambda language: -len(told & self._table[language].keys()))
+    def __init__(self, kind: str, texts: Iterable[str], header: Iterable[str] = ()) -> None:
+        """Words of a kind.
+
+        Args:
+            kind: ``column``, or the name of a column with words.
+            texts: all of them in the file.
+            header: headers of the file, which tell its language too.
+        """
+        self._table, headers = table(kind), table("column")
+        told, around = {bare(text) for text in texts}, {bare(text) for text in header}
+        known = {name: len(told & self._table[name].keys()) + len(around & headers[name].keys()) for name in LANGUAGES}
+        self._languages = sorted(LANGUAGES, key=lambda language: -known[language])
 
     def meaning(self, text: str) -> str | None:
         """What a word means, None if it is unknown."""
         word = bare(text)
         return next((self._table[language][word] for language in self._languages if word in self._table[language]), None)
+
+    def ambiguous(self, text: str) -> str:
+        """A sentence on a word that has another meaning in another language; empty for others."""
+        word, meaning = bare(text), self.meaning(text)
+        others = sorted({found for name in LANGUAGES if (found := self._table[name].get(word, meaning)) != meaning and found})
+        return f"{text.strip()!r} as {meaning}, by the language of the file; in another: {', '.join(others)}" if others else ""
 
     def meant(self, text: str, more: Collection[str] = ()) -> str | None:
         """What a misspelt word means: that of the most similar word, or one of ``more``; None if that is not clear."""

@@ -22,6 +22,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data import load_strokes
+from shuttle_marl.data.copies import copies
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.card import strokes_hash, write_card
 from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, pair_log_choices
@@ -99,6 +100,8 @@ def make_model(
     check_processes(jobs)
     report("reading strokes")
     strokes = load_strokes(data)
+    if twice := copies(strokes):
+        raise ShuttleError(f"{data}: {twice[0]} The fit would count its strokes twice, and check itself with them; remove one")
     rows = rows_from_strokes(strokes)
     train, validation = train_and_validation(rows, validation_share)
     require_enough(train, validation, prior=prior is not None)

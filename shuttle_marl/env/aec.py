@@ -4,6 +4,7 @@ import copy
 import operator
 import secrets
 import warnings
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import gymnasium
@@ -16,7 +17,7 @@ from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.base.arrays import F32, I8, U8
-from shuttle_marl.base.errors import ActionError, OptionError, whole_number
+from shuttle_marl.base.errors import ActionError, OptionError, seed_number, whole_number
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
@@ -146,7 +147,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
         Raises:
             ResetNeeded: no episode has started.
-            OptionError: the seed is not an integer.
+            OptionError: the seed is no whole number from 0 up to 2^64.
             PolicyError: the belief is no distribution over the feasible positions.
         """
         self._require_begun()
@@ -154,8 +155,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         shared = {id(space): space for space in (self.action_spaces, self.observation_spaces, self.state_space)}
         twin = object.__new__(type(self))
         twin.__dict__.update(copy.deepcopy(self._content(), shared))
-        drawn = secrets.randbits(63) if seed is None else whole_number("seed", seed)
-        twin.last_seed = int(stream(drawn, self.last_seed % (1 << 64))[0])
+        drawn = secrets.randbits(63) if seed is None else seed_number(seed)
+        twin.last_seed = int(stream(drawn, self.last_seed)[0])
         twin._draws = twin._draws_of_episode()
         if self._position is not None and self._stepper.chooses_position(self._state):
             policy = belief if isinstance(belief, Policy) else UniformPolicy() if belief is None else _Believed(belief)
@@ -202,14 +203,19 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """The same object at every call."""
         return self.action_spaces[agent]
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:  # noqa: ARG002
-        """Start the next episode; with a seed, the first episode of that seed. ``options`` is not used.
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        """Start the next episode; with a seed, the first episode of that seed.
+
+        Args:
+            seed: a whole number from 0 up to 2^64; None: continue, or a random seed at the first call.
+            options: None or empty; those of an episode are options of the constructor, such as ``server``.
 
         Raises:
-            OptionError: the seed is not an integer.
+            OptionError: another seed, or an option.
         """
+        refuse_options(options)
         if seed is not None or self.last_seed is None:
-            self.last_seed = secrets.randbits(63) if seed is None else whole_number("seed", seed)
+            self.last_seed = secrets.randbits(63) if seed is None else seed_number(seed)
             self.episode = -1
         self.episode += 1
         self.agents = list(AGENTS)
@@ -458,6 +464,17 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             f"{self.game.describe(self._state)}. Legal, as in action_mask: {listed}{more}",
             stroke,
         )
+
+
+def refuse_options(options: dict[str, Any] | None, known: Collection[str] = ()) -> None:
+    """Refuse options of ``reset`` that an environment does not have.
+
+    Raises:
+        OptionError: there is one.
+    """
+    if unknown := [name for name in options or () if name not in known]:
+        has = f"the options {', '.join(known)}" if known else "no options"
+        raise OptionError(f"options {', '.join(map(repr, unknown))}: reset has {has}; `server` and others are of the constructor")
 
 
 Belief = Policy | npt.ArrayLike | None

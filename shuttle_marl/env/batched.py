@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from shuttle_marl.base.arrays import I32
-from shuttle_marl.base.errors import suggesting, whole_number
+from shuttle_marl.base.errors import seed_number, suggesting
 from shuttle_marl.base.extras import hinted
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.recovery import N_POSITIONS
@@ -24,8 +24,6 @@ with hinted():
     from tensordict import TensorDict, TensorDictBase
     from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
     from torchrl.envs import EnvBase
-
-_SEEDS = 1 << 63
 
 
 class _Choices(Categorical):
@@ -110,7 +108,7 @@ class _BatchedEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         """The next reset starts with rally 0 of this seed."""
-        self._next_seed = None if seed is None else whole_number("seed", seed) % _SEEDS
+        self._next_seed = None if seed is None else seed_number(seed)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         which = None if tensordict is None else tensordict.get("_reset", None)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.observation import SWAP_TOKENS
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import RETURNED_BELOW, WINNER
@@ -110,22 +111,33 @@ def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array, p
 
     Args:
         state: int32, state of the striker.
-        stroke: int32, catalogue index of a legal stroke; not checked.
+        stroke: int32, catalogue index; one that is not legal loses the rally.
         draw: int32, see :func:`draws`.
-        position: int32, feasible position of the receiver, which is not checked; None in the game without recovery.
+        position: int32, position of the receiver, who loses with one that is not feasible; None in the game without recovery.
+
+    Raises:
+        OptionError: a position is missing, or given in the game without recovery.
     """
+    if (position is None) != (tables.place is None):
+        raise OptionError(f"position {position}: expected one in the game with recovery, and None in the other")
     levels, n_states = len(tables.limits), len(tables.base_pair_start) - 1
     block, base = jnp.divmod(state, n_states)
     own, other = jnp.divmod(block, levels)
-    k = tables.reply_rank[tables.edge_incoming[base >> 2], state & 1, stroke].astype(jnp.int32)
+    rank = tables.reply_rank[tables.edge_incoming[base >> 2], state & 1, stroke].astype(jnp.int32)
+    n = tables.reply_rank.shape[-1] - (N_POSITIONS if tables.place is not None else 0)
+    illegal, won = (rank < 0) | (stroke < 0) | (stroke >= n), jnp.asarray(False)
+    k = jnp.maximum(rank, 0)  # JAX reads another entry where an index is out of bounds
     pair, edge = tables.base_pair_start[base] + k, tables.reply_edge[tables.first_reply[base] + k]
     if position is not None and tables.start is not None and tables.choices is not None and tables.place is not None:
-        pair = tables.start[base] + k * tables.choices[base] + tables.place[base, position - N_POSITIONS]
+        place = tables.place[base, position - N_POSITIONS]
+        won = (place < 0) | (position < 0) | (position >= N_POSITIONS)  # the position is chosen before the stroke
+        pair = tables.start[base] + k * tables.choices[base] + jnp.maximum(place, 0)
     outcome = (draw & 0xFFFF >= tables.limits[own, pair]).sum(dtype=jnp.int32)
     contact = outcome - RETURNED_BELOW
-    over = contact < 0
+    over = (contact < 0) | illegal | won
     hurried = draw >> 16 < tables.hurry[pair, jnp.maximum(contact, 0)]
     after = other * levels + jnp.minimum(own + tables.edge_attack[edge], levels - 1)
     following = after * n_states + 4 * edge + 2 * hurried + contact
-    reward = jnp.where(over, jnp.where(outcome == WINNER, 1.0, -1.0), 0.0)
+    scored = won | (outcome == WINNER) & ~illegal
+    reward = jnp.where(over, jnp.where(scored, 1.0, -1.0), 0.0)
     return Step(jnp.where(over, ROOT, following).astype(jnp.int32), reward, over)

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 
 from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
 from shuttle_marl.base.errors import ActionError, OptionError, suggesting
-from shuttle_marl.env.aec import ILLEGAL, ILLEGAL_POSITION
+from shuttle_marl.env.aec import ILLEGAL, ILLEGAL_POSITION, refuse_options
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP_TOKENS, with_efforts
 from shuttle_marl.game.pairs import opponent_tables
@@ -95,9 +95,10 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
             options: ``reset_mask``: ``[B]`` bool, the rows to reset; not together with a seed.
 
         Raises:
-            OptionError: the mask has another shape or type, or is combined with a seed.
+            OptionError: another option; or the mask has another shape or type, or is combined with a seed.
             ResetNeeded: a mask before the first reset of all rows.
         """
+        refuse_options(options, ("reset_mask",))
         mask = (options or {}).get("reset_mask")
         if mask is not None:
             if seed is not None:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I32, U16, U64, Intp, Ints
-from shuttle_marl.base.errors import whole_number
+from shuttle_marl.base.errors import seed_number
 
 CHOICE_ONE: Final = 65535
 """Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""
@@ -34,11 +34,10 @@ def stream(seed: int, *numbers: int | Ints) -> U64:
     """Key of a stream of draws, from a seed and the numbers that name it (pair, match, rally, …); broadcasts.
 
     Raises:
-        OptionError: the seed is no whole number.
+        OptionError: the seed is no whole number from 0 up to 2^64.
     """
-    seed = whole_number("seed", seed)
     with np.errstate(over="ignore"):
-        key = mix(np.atleast_1d(np.array(seed % (1 << 64), dtype=np.uint64)) + GOLDEN)
+        key = mix(np.atleast_1d(np.array(seed_number(seed), dtype=np.uint64)) + GOLDEN)
     for number in numbers:
         key = extend(key, number)
     return key

@@ -37,6 +37,8 @@ class Rules:
     games: int = 2
 
     def __post_init__(self) -> None:
+        if not all(isinstance(value, int | np.integer) for value in dataclasses.astuple(self)):
+            raise ScoringError(f"{self}: expected whole numbers")
         if not (1 <= self.clear <= self.points <= self.cap <= 127 and 1 <= self.games <= 63):
             raise ScoringError(f"{self}: expected 1 <= clear <= points <= cap <= 127 and 1 <= games <= 63")
 

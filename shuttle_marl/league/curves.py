@@ -9,7 +9,7 @@ from typing import Any, Final, TypeGuard
 
 from markupsafe import Markup
 
-from shuttle_marl.base.files import problem, read_file
+from shuttle_marl.base.files import MAX_LINES, problem, read_file
 from shuttle_marl.league.entrants import LeagueError
 from shuttle_marl.pages import charts
 
@@ -55,7 +55,7 @@ def read_curve(folder: Path, name: str) -> Curve:
     path = folder / METRICS
     try:
         # The last line may be incomplete.
-        lines = read_file(path).decode("utf-8").split("\n")[:-1]
+        lines = read_file(path, MAX_LINES).decode("utf-8").split("\n")[:-1]
         rows = [json.loads(line) for line in lines]
     except OSError as error:
         raise LeagueError(f"{path}: cannot be read ({problem(error)})") from error

@@ -5,6 +5,7 @@ operation ``op``. A reply is binary: the length of its JSON as 32 bits, little-e
 padded to a multiple of four bytes, then a body, such as a packed motion. See ``docs/watch.md``.
 """
 
+import contextvars
 import functools
 import operator
 import struct
@@ -101,8 +102,13 @@ class OpeningRequest(Request, tag="opening", frozen=True):
     line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()
 
 
-Name = Annotated[str, Meta(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f\x7f=+\-@][^\x00-\x1f\x7f]*$")]
-"""Text of a cell, which no spreadsheet takes for a formula."""
+_HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+SHOWN: Final = contextvars.ContextVar[list[str]]("shown")
+"""Of a connection: the hash of the inputs that its last reply gave, if there was one."""
+NAME: Final = rf"^[^{_HIDDEN}\s=+\-@][^{_HIDDEN}]*$"
+"""Pattern of a text of a cell, which no spreadsheet takes for a formula, in Python and in the page."""
+LONGEST_NAME: Final = 100
+Name = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME, pattern=NAME)]
 Count = Annotated[int, Meta(ge=0, le=100_000)]
 Hand = Literal["right", "left"]
 Metres = Annotated[float, Meta(ge=-30, le=30)]
@@ -145,6 +151,7 @@ class TagRequest(Request, kw_only=True, tag="tag", frozen=True):
 
     Attributes:
         at: number of inputs before it.
+        after: hash of these, which the last reply gave; None: of those that the last reply of this connection gave.
         input: the input as JSON; None: the last one is undone.
         only_rows: whether no input is added, only rows.
         first: number of the first row that changed; those from there on are replaced.
@@ -156,6 +163,7 @@ class TagRequest(Request, kw_only=True, tag="tag", frozen=True):
     first: Count
     rows: Annotated[tuple[TagRow, ...], Meta(max_length=400)]
     only_rows: bool = False
+    after: Annotated[str, Meta(max_length=64)] | None = None
 
 
 class SuggestRequest(Request, tag="suggest", frozen=True):
@@ -267,12 +275,23 @@ class RecordedFacts(Struct):
 
 
 class TagFacts(Struct):
-    """The video that is tagged: name, name of the table, inputs so far as JSON, and number of saved rows."""
+    """The video that is tagged.
+
+    Attributes:
+        out: name of the table.
+        inputs: inputs so far, as JSON.
+        rows: number of saved rows.
+        after: hash of the inputs.
+        name, longest_name: pattern and length of the names that the table takes.
+    """
 
     video: str
     out: str
     inputs: list[str]
     rows: int
+    after: str
+    name: str
+    longest_name: int
 
 
 class Hello(Struct):
@@ -567,10 +586,11 @@ class Openings(Struct):
 
 
 class Saved(Struct):
-    """Reply to :class:`TagRequest`: numbers of inputs and rows that are saved."""
+    """Reply to :class:`TagRequest`: numbers of inputs and rows that are saved, and the hash of the inputs."""
 
     inputs: int
     rows: int
+    after: str
 
 
 class Suggestion(Struct):

@@ -39,7 +39,7 @@ from shuttle_marl.base.files import replacing
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.messages import HelloRequest, RallyRequest, TagRequest, decode_request, encode_reply, request_id
+from shuttle_marl.watch.messages import SHOWN, HelloRequest, RallyRequest, TagRequest, decode_request, encode_reply, request_id
 from shuttle_marl.watch.messages import Request as PageRequest
 
 if TYPE_CHECKING:
@@ -230,6 +230,7 @@ class _Connections:
             await socket.close(1013, f"{MAX_CONNECTIONS} pages are open already")
             return
         self._count += 1
+        SHOWN.set([])
         running: set[asyncio.Task[None]] = set()
         budget = _Budget(asyncio.get_running_loop().time())
         sending = asyncio.Lock()

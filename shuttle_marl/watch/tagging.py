@@ -4,6 +4,7 @@ The page holds the state; it follows from the inputs alone. A journal keeps each
 the strokes are a table that ``data import`` and the reports read.
 """
 
+import contextlib
 import csv
 import io
 import threading
@@ -14,16 +15,17 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from shuttle_marl.base import files
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import check_replaceable, read_file, replace_file
-from shuttle_marl.base.runs import Journal
+from shuttle_marl.base.runs import Journal, locked
 from shuttle_marl.game.court import AREAS, Hands
 from shuttle_marl.game.policy import Policy, States, checked_probabilities
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.messages import Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
+from shuttle_marl.watch.messages import LONGEST_NAME, NAME, SHOWN, Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
 from shuttle_marl.watch.recorded import nearest_stroke
 
 _MOST_STATES: Final = 16
@@ -41,7 +43,7 @@ class TagFile:
 
     Raises:
         WatchError: the video does not exist, or the table exists without a journal, or is no longer the one that was saved.
-        RunError: the journal is damaged.
+        RunError: the journal is damaged, or another process writes the table.
     """
 
     def __init__(self, video: Path, out: Path) -> None:
@@ -55,15 +57,27 @@ class TagFile:
         for path in (out, journal):
             check_replaceable(path)
         out.parent.mkdir(parents=True, exist_ok=True)
-        self.video, self._out, self._journal, self._lock = video, out, Journal(journal), threading.Lock()
+        self.video, self._out, self._lock = video, out, threading.Lock()
+        self._writer = contextlib.ExitStack()
+        self._writer.enter_context(locked(out, out.with_suffix(".inputs.lock")))
+        self._journal = Journal(journal, "enter the next input", f"move it away, and {out.name} too, and begin again")
         lines = self._journal.read()
         self._journal.keep(len(lines))  # without the half line of a process that was killed
         self._inputs: list[str] = []
+        self._before = ""
+        self._last: str | None = ""
         for line in lines:
-            self._enter(line.get("input"))
+            if not isinstance(entered := line.get("input"), str | None):
+                raise WatchError(f"{journal}: {entered!r:.50} is no input; move it away, and {out.name} too, and begin again")
+            self._enter(entered)
         self._rows = _rows_of(out) if out.exists() else []
 
+    def close(self) -> None:
+        """Let other processes write the table."""
+        self._writer.close()
+
     def _enter(self, entered: str | None) -> None:
+        self._before, self._last = content_hash(self._inputs), entered
         if entered is not None:
             self._inputs.append(entered)
         elif self._inputs:
@@ -73,7 +87,13 @@ class TagFile:
         """What a page needs to continue."""
         with self._lock:
             return TagFacts(
-                video=printable(self.video.name), out=printable(self._out.name), inputs=[*self._inputs], rows=len(self._rows)
+                video=printable(self.video.name),
+                out=printable(self._out.name),
+                inputs=[*self._inputs],
+                rows=len(self._rows),
+                after=self._shown(),
+                name=NAME,
+                longest_name=LONGEST_NAME,
             )
 
     def save(self, request: TagRequest) -> Saved:
@@ -84,10 +104,11 @@ class TagFile:
             RunError, FileWriteError: a file cannot be written.
         """
         with self._lock:
-            count = len(self._inputs)
+            now, told = content_hash(self._inputs), SHOWN.get([])
+            after = request.after or (told[0] if told else content_hash(self._inputs[: request.at]))
             # A page repeats what was not answered.
-            repeated = count == request.at - 1 if request.input is None else self._inputs[request.at :] == [request.input]
-            if not (repeated or request.at == count) or request.first > len(self._rows):
+            repeated = not request.only_rows and (after, request.input) == (self._before, self._last) and after != now
+            if not (repeated or after == now) or request.first > len(self._rows):
                 raise WatchError("another page has changed the strokes; load this page again")
             if not repeated and not request.only_rows:
                 self._journal.append([{"input": request.input}])
@@ -95,14 +116,26 @@ class TagFile:
             if request.rows or request.first < len(self._rows):
                 self._rows[request.first :] = map(_line, request.rows)
                 replace_file(self._out, "\n".join((_HEADER, *self._rows, "")).encode())
-            return Saved(inputs=len(self._inputs), rows=len(self._rows))
+            return Saved(inputs=len(self._inputs), rows=len(self._rows), after=self._shown())
+
+    def _shown(self) -> str:
+        """The hash of the inputs, which the connection keeps."""
+        now = content_hash(self._inputs)
+        with contextlib.suppress(LookupError):
+            SHOWN.get()[:] = [now]
+        return now
+
+
+def content_hash(inputs: Sequence[str]) -> str:
+    """What pages compare: they must show the same inputs, not only as many."""
+    return files.content_hash("\n".join(inputs).encode(errors="surrogatepass"))[:16]
 
 
 def _rows_of(out: Path) -> list[str]:
     """Rows of the table, in which a spreadsheet may have corrected names."""
     try:
-        header, *rows = read_file(out).decode("utf-8-sig").replace("\r\n", "\n").split("\n")
-    except UnicodeDecodeError:
+        header, *rows = read_file(out, files.MAX_LINES).decode("utf-8-sig").replace("\r\n", "\n").split("\n")
+    except (OSError, UnicodeDecodeError):
         header, rows = "", []
     if header != _HEADER:
         raise WatchError(

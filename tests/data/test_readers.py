@@ -173,6 +173,9 @@ STROKE = '{"frame": 1, "player": "top", "stroke_type": "smash"}'
         ("{" + ",".join(f'"{i}":1' for i in range(200_000)) + ',"0":2}', "the entry '0' stands there twice"),
         ('{"a": [1, 2]}', "JSON without strokes"),
         ('{"Point1": {"PointInfo": {"T1P1": 3}}}', "Point1: no point of BadmintonDB"),
+        ('{"Point1": {"PointInfo": {"T1P1": {"Point": 1e999}, "T2P1": {}}}}', "Point1: no point of BadmintonDB"),
+        (f"[{STROKE.replace('1', '9' * 900, 1)}]", "has 1 players .top."),
+        (f"[{STROKE.replace('1', chr(34) + chr(0xB2) + chr(34), 1)}]", "has 1 players .top."),
         (f"[{STROKE.replace('smash', 'x' * 5000)}]", "more than 1,000 characters in stroke 1"),
         (f"[{STROKE.replace('smash', 'somersault')}]", "stroke 1: unknown shot 'somersault'"),
         (f"[{STROKE.replace('top', chr(92) + 'u0007')}]", "expected a name"),
@@ -261,10 +264,10 @@ def test_scores_are_read_in_any_convention(won: list[int], order: int, before: b
         after.append(tuple(points))
         server = winner
     told = [*won[:-1], won[-1]]
-    fresh = np.arange(len(won)) == 0
-    found, winners, reading = winners_by_score(scores, fresh, servers, told)
+    fresh, zero = np.arange(len(won)) == 0, np.zeros(len(won), np.int64)
+    found, winners, reading = winners_by_score(scores, fresh, np.array(servers), np.array(told), zero, zero)
     assert found == after, reading
-    assert winners == ([*won[:-1], -1] if before else won)
+    assert winners.tolist() == ([*won[:-1], -1] if before else won)
     assert read_score("5\u20133") == read_score(" 5 : 3 ") == (5, 3)
     assert read_score("05-Mar") is None
 

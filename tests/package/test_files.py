@@ -149,3 +149,56 @@ def test_there_is_no_folder_of_caches_without_a_home(monkeypatch: pytest.MonkeyP
     for instead in (no_home, lambda *_, **__: Path("~/.cache/shuttle_marl")):
         monkeypatch.setattr("platformdirs.user_cache_path", instead)
         assert cache_folder() is None
+
+
+def test_tables_of_any_type_are_bounded_before_they_are_read(tmp_path: Path) -> None:
+    path, million = tmp_path / "t.parquet", b"x" * 10**6
+    numbers = pa.array(np.zeros(10, np.int8))
+    kinds: dict[str, pa.Array] = {
+        "binary": pa.DictionaryArray.from_arrays(pa.array(np.zeros(1500, np.int32)), pa.array([million])),
+        "list": pa.ListArray.from_arrays(pa.array([0, 10], pa.int32()), numbers),
+        "struct": pa.StructArray.from_arrays([numbers, numbers], ["a", "b"]),
+        "map": pa.array([[("a", 1)]], pa.map_(pa.string(), pa.int8())),
+        "fixed_size_list": pa.FixedSizeListArray.from_arrays(numbers, 5),
+    }
+    for kind, column in kinds.items():
+        pq.write_table(pa.table({"x": column}), path, store_schema=kind != "binary")
+        with pytest.raises(pa.ArrowInvalid, match=f"column 'x' holds values of type {kind}"):
+            table_files.read_parquet(path)
+    fine = pa.table({"x": ["a", None, "b" * 5000], "y": [1.5, None, 2.5], "z": [True, False, None], "n": pa.nulls(3)})
+    several: list[dict[str, Any]] = [
+        {},
+        {"use_dictionary": False},
+        {"compression": "none"},
+        {"data_page_version": "2.0"},
+        {"write_statistics": False},
+    ]
+    for options in several:
+        table_files.write_parquet(path, fine, **options)
+        assert table_files.read_parquet(path).equals(fine)
+
+
+def test_a_footer_that_lies_about_the_size_of_its_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, size = tmp_path / "t.parquet", 3_000_000
+    with pq.ParquetWriter(path, pa.schema({"x": pa.string()}), compression="zstd", use_dictionary=False) as writer:
+        for letter in "abc":
+            writer.write_table(pa.table({"x": [letter * size]}))
+    monkeypatch.setattr(table_files, "_MOST", 2 * size)
+
+    def varint(number: int) -> bytes:
+        return bytes([number & 127 | 128]) + varint(number >> 7) if number > 127 else bytes([number])
+
+    content = path.read_bytes()
+    told = pq.ParquetFile(path).metadata.row_group(0).total_byte_size
+    honest, forged = varint(2 * told), b"\x82" + b"\x80" * (len(varint(2 * told)) - 2) + b"\x00"
+    start = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    assert content[start:].count(honest) >= 3
+    path.write_bytes(content[:start] + content[start:].replace(honest, forged))
+    assert pq.ParquetFile(path).metadata.row_group(0).total_byte_size == 1
+    with pytest.raises(pa.ArrowInvalid, match="expected at most 5; divide the file"):
+        table_files.read_parquet(path)
+    page = content.index(b"\x15", 4)
+    for junk in (b"\xff" * 40, b"\x15\x01\x15\x01\x15\x01", b"\x00" * 20, b"\x1c" * 40):
+        path.write_bytes(content[:page] + junk + content[page + len(junk) :])
+        with pytest.raises((pa.ArrowException, OSError)):
+            table_files.read_parquet(path)

@@ -99,9 +99,9 @@ def test_a_new_run_takes_a_name_of_its_own_while_another_holds_the_first(tmp_pat
     monkeypatch.chdir(tmp_path)
     with open_run(None, "race", FIXED, resume=False, overwrite=False) as first:
         assert opened(None, name="race") == Path("runs/race-2")
-        with pytest.raises(RunError, match="another process runs there"):
+        with pytest.raises(RunError, match=r"another process \(\d+\) runs there"):
             opened(first, overwrite=True)
-        with pytest.raises(RunError, match="another process runs there"):
+        with pytest.raises(RunError, match=r"another process \(\d+\) runs there"):
             opened(first, resume=True)
     assert opened(first, overwrite=True) == first
 

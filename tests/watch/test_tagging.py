@@ -1,7 +1,14 @@
 """Tagging of a video: the reducer of the page, suggestions, what is saved, and what the reports read."""
 
+import contextvars
 import dataclasses
+import errno
 import json
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +18,8 @@ import numpy as np
 import pytest
 
 import shuttle_marl
+from shuttle_marl.base.files import seal
+from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.watch import TagOptions
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
@@ -22,7 +31,7 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.facts import hall_facts
-from shuttle_marl.watch.messages import TagRequest, TagRow, TagStroke
+from shuttle_marl.watch.messages import SHOWN, Saved, TagRequest, TagRow, TagStroke
 from shuttle_marl.watch.tagging import TagFile, suggestions
 from tests.watch.conftest import Viewer, get, run_script, running, serving
 
@@ -159,7 +168,7 @@ def test_a_let_is_replayed_without_a_point(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert (found["last"]["points"], found["last"]["server"]) == ([2, 0], 0)
     file = TagFile(Path(__file__), tmp_path / "match.csv")
-    file.save(TagRequest(id=1, at=0, input="{}", first=0, rows=tuple(requests(found["rows"]))))
+    save(file, "{}", requests(found["rows"]))
     cleaned = import_matches(tmp_path / "match.csv")
     assert (cleaned.account.dropped, cleaned.warnings) == ({"let": 2}, ())
     assert cleaned.strokes["rally"].to_pylist() == [1, 1, 1, 2, 2]
@@ -183,6 +192,13 @@ def test_suggestions_are_shares_of_the_policy() -> None:
     assert suggestions(game, policy, lifted * 1 + [TagStroke(shot=SHOTS.index("drop"), technique=0, height=1, area=None)])
 
 
+def save(file: TagFile, entered: str | None, rows: Sequence[TagRow] = (), first: int = 0, **options: Any) -> Saved:
+    """Save an input as a page does that shows what is saved."""
+    if "at" not in options:
+        options = {"after": file.facts().after, "at": len(file.facts().inputs)} | options
+    return file.save(TagRequest(id=1, input=entered, first=first, rows=tuple(rows), **options))
+
+
 def requests(rows: list[dict[str, Any]]) -> list[TagRow]:
     return [msgspec.convert(row, TagRow) for row in rows]
 
@@ -199,9 +215,11 @@ def test_what_is_saved_is_read_by_import_and_tagging_continues(tmp_path: Path) -
     rows = requests(tagged(tmp_path, RALLY)["rows"])
     file = TagFile(video, out)
     for at, one in enumerate(RALLY):
-        message = TagRequest(id=1, at=at, input=json.dumps(one), first=0, rows=tuple(rows if at == len(RALLY) - 1 else ()))
-        saved = file.save(message)
-        assert (file.save(message).inputs, saved.inputs) == (at + 1, at + 1), "a repeated request is answered, and kept once"
+        after, told = file.facts().after, rows if at == len(RALLY) - 1 else ()
+        saved = save(file, json.dumps(one), told)
+        repeated = save(file, json.dumps(one), told, after=after)
+        assert repeated == saved, "a repeated request is answered, and kept once"
+        assert saved.inputs == at + 1
     cleaned = import_matches(out)
     strokes = cleaned.strokes
     assert list(violations(strokes)) == []
@@ -215,25 +233,150 @@ def test_what_is_saved_is_read_by_import_and_tagging_continues(tmp_path: Path) -
     journal = out.with_suffix(".inputs.jsonl")
     with journal.open("ab") as half:
         half.write(b'{"input": "{')
+    file.close()
     again = TagFile(video, out)
     assert [json.loads(text) for text in again.facts().inputs] == RALLY
     assert again.facts().rows == 3
-    again.save(TagRequest(id=2, at=len(RALLY), input=None, first=2, rows=()))
-    assert len(TagFile(video, out).facts().inputs) == len(RALLY) - 1
+    before = again.facts().after
+    save(again, None, first=2)
+    save(again, None, first=2, after=before)  # repeated
+    assert len(again.facts().inputs) == len(RALLY) - 1
     assert out.read_text().count("\n") == 3
-    with pytest.raises(WatchError, match="another page has changed"):
-        again.save(TagRequest(id=3, at=2, input="{}", first=0, rows=()))
+    again.close()
+    third = TagFile(video, out)
+    save(third, None, first=2, after=before)  # repeated to a new server
+    assert len(third.facts().inputs) == len(RALLY) - 1
+
+
+def tag_file(folder: Path, name: str = "match") -> TagFile:
+    (folder / "match.webm").write_bytes(b"film")
+    return TagFile(folder / "match.webm", folder / f"{name}.csv")
+
+
+def test_pages_compare_what_is_entered_and_not_how_much(tmp_path: Path) -> None:
+    file = tag_file(tmp_path)
+    save(file, "[0]")
+    shown = save(file, "[1]").after  # by two pages
+    save(file, None)
+    save(file, "[2]")
+    for entered in ("[3]", None):
+        with pytest.raises(WatchError, match="another page has changed the strokes; load this page again"):
+            save(file, entered, after=shown)
+    first = file.facts().after
+    save(file, "[4]")
+    with pytest.raises(WatchError, match="another page"):
+        save(file, None, after=first)  # not repeated: the last change was an input
+    assert file.facts().inputs == ["[0]", "[2]", "[4]"]
+
+
+def test_a_connection_remembers_what_its_page_shows(tmp_path: Path) -> None:
+    file = tag_file(tmp_path)
+    one, other = contextvars.Context(), contextvars.Context()
+    for page in (one, other):
+        page.run(SHOWN.set, [])
+    for number in range(2):
+        one.run(save, file, f"[{number}]", at=number)
+    other.run(file.facts)
+    one.run(save, file, None, at=2)
+    one.run(save, file, "[2]", at=1)
+    with pytest.raises(WatchError, match="another page"):
+        other.run(save, file, "[3]", at=2)
+    other.run(file.facts)
+    assert other.run(save, file, "[3]", at=2).inputs == 3
+
+
+def test_a_second_server_is_refused_with_the_number_of_the_first(tmp_path: Path) -> None:
+    file = tag_file(tmp_path)
+    with pytest.raises(
+        RunError, match=rf"match.csv: another process \({os.getpid()}\) runs there; wait for it, end it, or name another"
+    ):
+        tag_file(tmp_path)
+    tag_file(tmp_path, "other").close()
+    file.close()
+    tag_file(tmp_path).close()
+
+
+@pytest.mark.parametrize("written", [0, 1, 20])
+def test_after_a_full_disk_tagging_continues(tmp_path: Path, written: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, real = tag_file(tmp_path), os.fsync
+    for number in range(3):
+        save(file, f"[{number}]")
+    journal = tmp_path / "match.inputs.jsonl"
+    whole = journal.read_bytes()
+    for truncated in (True, False):
+        with monkeypatch.context() as full:
+
+            def fails(handle: int) -> None:
+                os.ftruncate(handle, len(whole) + written)
+                raise OSError(errno.ENOSPC, "No space left on device")
+
+            def fails_too(*_: object) -> None:
+                raise OSError(errno.ENOSPC, "No space left on device")
+
+            full.setattr(os, "fsync", fails)
+            if not truncated:
+                full.setattr(os, "truncate", fails_too)
+            with pytest.raises(RunError, match=r"No space left on device.; free disk space and enter the next input"):
+                save(file, "[3]")
+        assert file.facts().inputs == ["[0]", "[1]", "[2]"]
+        assert (journal.read_bytes() == whole) == (truncated or not written)
+    assert os.fsync is real
+    save(file, "[4]")
+    file.close()
+    assert tag_file(tmp_path).facts().inputs == ["[0]", "[1]", "[2]", "[4]"]
+
+
+def test_a_journal_of_another_kind_is_refused(tmp_path: Path) -> None:
+    journal = tmp_path / "match.inputs.jsonl"
+    journal.write_bytes(seal({"input": 3}, indent=None))
+    with pytest.raises(WatchError, match=r"3 is no input; move it away, and match.csv too, and begin again"):
+        tag_file(tmp_path)
+    journal.write_bytes(b"x\n")
+    with pytest.raises(RunError, match=r"line 1 is damaged .*; move it away, and match.csv too"):
+        tag_file(tmp_path)
+    with journal.open("wb") as file:
+        file.truncate(1_500_000_000)
+    with pytest.raises(RunError, match="larger than 32 MB"):
+        tag_file(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "fine"),
+    [
+        ("Ada Alpha", True), ("Müller, Jörg", True), ("李娜", True), ("a" * 100, True), ("a" * 101, False), ("", False),
+        ("=1", False), (" =1", False), ("\t=1", False), ("+x", False), ("-x", False), ("@x", False), ("Anna\tExample", False),
+        ("a\u2028b", False),
+        ("a\u200bb", False), ("a\x85b", False), (" Ada", False), ("a-b=c+d@e", True),
+    ],
+)  # fmt: skip
+def test_the_form_takes_what_the_server_takes(name: str, fine: bool, tmp_path: Path) -> None:
+    facts = tag_file(tmp_path).facts()
+    assert ((len(name) <= facts.longest_name) and re.search(facts.name, name) is not None) == fine
+    script = f"process.stdout.write(String(new RegExp('^(?:' + {json.dumps(facts.name)} + ')$', 'v').test({json.dumps(name)})))"
+    node = shutil.which("node")
+    if node and len(name) <= facts.longest_name:
+        assert subprocess.run([node, "-e", script], capture_output=True, text=True, check=True).stdout == str(fine).lower()
+    try:
+        requests([{**NO_ROW, "player": name}])
+    except msgspec.ValidationError:
+        assert not fine
+    else:
+        assert fine
 
 
 def test_a_table_that_a_spreadsheet_saved(tmp_path: Path) -> None:
     video, out = tmp_path / "match.webm", tmp_path / "match.csv"
     video.write_bytes(b"film")
-    (row,) = requests([{**NO_ROW, "player": "Müller\u2028J"}])
-    TagFile(video, out).save(TagRequest(id=1, at=0, input="{}", first=0, rows=(row,)))
+    (row,) = requests([{**NO_ROW, "player": "Müller J"}])
+    file = TagFile(video, out)
+    save(file, "{}", (row,))
+    file.close()
     saved = out.read_text(encoding="utf-8")
     for content in (saved.encode(), saved.replace("\n", "\r\n").encode("utf-8-sig")):
         out.write_bytes(content)
-        TagFile(video, out).save(TagRequest(id=1, at=1, input=None, first=1, rows=(row,), only_rows=True))
+        file = TagFile(video, out)
+        save(file, None, (row,), first=1, only_rows=True)
+        file.close()
         assert out.read_text(encoding="utf-8") == saved + saved.split("\n")[1] + "\n"
     for content in (saved.encode("cp1252", "replace"), saved.replace(",", ";").encode()):
         out.write_bytes(content)

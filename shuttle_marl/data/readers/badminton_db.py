@@ -34,13 +34,13 @@ class Point:
     Attributes:
         before: score before it, of seats 0 and 1.
         game: from 1.
-        strokes: seat (None: not known), time [s], type and place in the file of each stroke.
+        strokes: seat (None: not known), time [s] (None: not known), type and place in the file of each stroke.
         cause: of its end.
     """
 
     before: tuple[int, int]
     game: int
-    strokes: list[tuple[int | None, float, str, int]] = dataclasses.field(default_factory=list)
+    strokes: list[tuple[int | None, float | None, str, int]] = dataclasses.field(default_factory=list)
     cause: str = ""
 
 
@@ -70,7 +70,9 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
                 place += 1
                 player = stroke.get("Player")
                 seat = SEATS.index(player) if player in SEATS else None
-                found.strokes.append((seat, float(stroke["StrokeBegin"]), text(stroke.get("StrokeType")), place))
+                begin = stroke["StrokeBegin"]  # null where the picture missed it
+                seconds = None if begin is None else float(begin)
+                found.strokes.append((seat, seconds, text(stroke.get("StrokeType")), place))
                 if player and seat is None:
                     told.append((place, f"player {player!r:.50}; expected {' or '.join(SEATS)}"))
                 if stroke.get("StrokeNum", number) != number:
@@ -78,7 +80,7 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
                 if number == 1 and seat is not None:
                     wrong = [at for at in (0, 1) if seats[at].get("Status", _STATUS[at == seat]) != _STATUS[at == seat]]
                     told += [(place, f"{player} serves, and {SEATS[at]} is a {seats[at]['Status']!r:.50}") for at in wrong]
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
             raise DataError(path, f"{name}: no point of BadmintonDB ({type(error).__name__}: {error})") from error
         points.append(found)
     reading = reading_of(path, content, points, "BadmintonDB JSON", "stroke")
@@ -102,7 +104,8 @@ def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit:
             backhand = _BACKHAND.fullmatch(kind)
             shot = backhand[1] if backhand else kind
             entry = {"shot": "unknown" if shot.strip("*").upper() in ("", "FAULT", "ERROR-TIER") or seat is None else shot}
-            entry |= {"game": str(game), "rally": str(number), "stroke": str(i + 1), "seconds": f"{seconds:.3f}"}
+            entry |= {"game": str(game), "rally": str(number), "stroke": str(i + 1)}
+            entry["seconds"] = "" if seconds is None else f"{seconds:.3f}"
             entry |= {"technique": "backhand" if backhand else "forehand", "discipline": told[1] if told else ""}
             own = i % 2 if seat is None else seat
             entry |= {"player": people[own], "opponent": people[1 - own]}

@@ -56,14 +56,17 @@ def read(path: Path, sheet: Sheet) -> Reading:
         label = number(area)
         entry = {"match": match, "game": number(game), "rally": number(rally), "stroke": number(stroke), "player": player}
         entry["shot"] = kind or "unknown"
-        entry["technique"] = "around-the-head" if number(around) == "1" else "backhand" if number(back) == "1" else "forehand"
-        entry["height"] = {"1": "above", "2": "below"}.get(number(height), "")
-        inside = label.isdigit() and int(label) < len(_AREAS) and ending not in _FELL
-        entry |= {"area": _AREAS[int(label)] if inside else "", "ending": ending, "winner": winner}
+        # What cannot be read stays as it is: the import names it.
+        strange = [mark for mark in (around, back) if number(mark) not in ("", "0", "1")]
+        technique = "around-the-head" if number(around) == "1" else "backhand" if number(back) == "1" else "forehand"
+        entry["technique"] = strange[0] if strange else technique
+        entry["height"] = {"1": "above", "2": "below"}.get(number(height), height)
+        target = _AREAS[int(label or 0)] if (label or "0").isdigit() and int(label or 0) < len(_AREAS) else area
+        entry |= {"area": "" if ending in _FELL else target, "ending": ending, "winner": winner}
         if {player} <= {"A", "B"}:
             entry |= dict(zip(("points", "points_opponent"), map(number, (a, b) if player == "A" else (b, a)), strict=True))
         hours = re.fullmatch(r"(\d+):(\d\d):(\d\d)", clock)
-        entry["seconds"] = "" if hours is None else str(3600 * int(hours[1]) + 60 * int(hours[2]) + int(hours[3]))
+        entry["seconds"] = clock if hours is None else str(3600 * int(hours[1]) + 60 * int(hours[2]) + int(hours[3]))
         entry["frame"] = number(frame)
         entries.append(entry)
     found = sheet_of(path, sheet.content, entries, sheet.line.tolist())

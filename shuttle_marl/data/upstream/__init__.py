@@ -61,7 +61,8 @@ def _text(name: str) -> str:
 
 def sha256_of(path: Path) -> str:
     """SHA-256 of the content of a file, hexadecimal."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def is_published(content: bytes) -> bool:

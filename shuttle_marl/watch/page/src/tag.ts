@@ -23,21 +23,37 @@ import {
   type State,
   striker,
 } from "./tagging";
-import type { HallFacts, Hello, Suggestion, TagFacts, TagRow } from "./wire.gen";
+import type { HallFacts, Hello, Suggestion, TagFacts, TagRequest, TagRow } from "./wire.gen";
 
 const SHOT_KEYS = "sgcldsavpknbx"; // in the order of the vocabulary; s serves or smashes
 const END_KEYS: Record<Ending, string> = { out: "o", net: "t", short: "r", foul: "f", let: "e", landed: "i", misjudged: "m" };
 const STEP = 1 / 30; // a step by frame [s]
 const SHOWN = 5; // suggestions
 const CHUNK = 200; // rows of a request
+const AGAIN = 3000; // time after which what was not saved is sent again [ms]
 const CORNER_NAMES = ["near left", "near right", "far right", "far left"] as const;
+
+/** A request that saves, and what is saved with it. */
+interface Change {
+  request: Omit<TagRequest, "after">;
+  inputs: number;
+  strokes: number;
+  begun: number;
+}
+
+function trim(field: HTMLInputElement): void {
+  field.value = field.value.trim();
+}
 
 export class Tagging {
   private state: State = START;
   private readonly inputs: Input[] = [];
   private readonly hall: HallFacts;
   private sent: string[] = [];
-  private saving: Promise<void> = Promise.resolve();
+  private readonly unsaved: Change[] = [];
+  private saving = false;
+  private again = 0;
+  private after: string;
   private saved = 0;
   private savingTimes: number[] = [];
   private suggested: Suggestion[] = [];
@@ -61,6 +77,7 @@ export class Tagging {
     private readonly server: Connection,
   ) {
     this.hall = hello.hall;
+    this.after = file.after;
     this.setup = this.form();
     this.board = h("div", { class: "board" }, this.score, this.prompt, this.refusal, this.keys, this.list);
     this.resume();
@@ -125,8 +142,14 @@ export class Tagging {
   }
 
   private form(): HTMLFormElement {
+    const allowed = { required: true, maxlength: this.file.longest_name, pattern: this.file.name };
     const field = (name: string, label: string, value = "") =>
-      h("label", {}, label, h("input", { name, value, required: true, maxlength: 80, pattern: "[^=+\\-@].*" }));
+      h(
+        "label",
+        {},
+        label,
+        h("input", { name, value, ...allowed, onchange: (event) => trim(event.target as HTMLInputElement) }),
+      );
     const select = (name: string, label: string, options: [string, string][]) =>
       h("label", {}, label, h("select", { name }, ...options.map(([value, text]) => h("option", { value }, text))));
     const hands: [string, string][] = [
@@ -313,39 +336,51 @@ export class Tagging {
     return this.state.setup ? rows(this.state) : [];
   }
 
-  /** Sends an input, or an undo, and the rows that differ from those of the server; one after another. */
+  /** Sends an input, or an undo, and the rows that differ from those of the server, after what is not saved yet. */
   private save(act: Input | "undo" | "rows"): void {
-    const count = this.inputs.length;
+    const inputs = this.inputs.length;
     const begun = performance.now();
     const table = this.table();
     const texts = table.map((row) => JSON.stringify(row));
     const differs = texts.findIndex((text, i) => text !== this.sent[i]);
     const first = differs < 0 ? texts.length : differs;
     this.sent = texts;
-    const change =
-      act === "rows"
-        ? { at: count, input: null, only_rows: true }
-        : act === "undo"
-          ? { at: count + 1, input: null, only_rows: false }
-          : { at: count - 1, input: JSON.stringify(act), only_rows: false };
-    this.saving = this.saving.then(async () => {
-      try {
-        await this.server.ask("tag", { ...change, first, rows: table.slice(first, first + CHUNK) });
-        for (let from = first + CHUNK; from < table.length; from += CHUNK) {
-          const rest = { at: count, input: null, only_rows: true };
-          await this.server.ask("tag", { ...rest, first: from, rows: table.slice(from, from + CHUNK) });
-        }
-        this.saved = count;
-        this.savingTimes.push(performance.now() - begun);
+    const input = act === "undo" || act === "rows" ? null : JSON.stringify(act);
+    for (let from = first; from === first || from < table.length; from += CHUNK) {
+      const only_rows = act === "rows" || from > first;
+      const at = only_rows ? inputs : act === "undo" ? inputs + 1 : inputs - 1;
+      const request = { at, input: only_rows ? null : input, only_rows, first: from, rows: table.slice(from, from + CHUNK) };
+      this.unsaved.push({ request, inputs, strokes: table.length, begun });
+    }
+    void this.send();
+  }
+
+  /** Sends what is not saved, one after another; what fails stays and is sent again. */
+  private async send(): Promise<void> {
+    if (this.saving) {
+      return;
+    }
+    this.saving = true;
+    clearTimeout(this.again);
+    try {
+      for (let change = this.unsaved[0]; change; change = this.unsaved[0]) {
+        const { facts } = await this.server.ask("tag", { ...change.request, after: this.after });
+        this.after = facts.after;
+        this.unsaved.shift();
+        this.saved = change.inputs;
+        this.savingTimes.push(performance.now() - change.begun);
         this.status.textContent = say("tag.saved", {
-          inputs: count,
-          strokes: table.length,
+          inputs: change.inputs,
+          strokes: change.strokes,
           file: this.file.out,
         });
-      } catch (error) {
-        this.status.textContent = say("tag.not_saved", { reason: (error as Error).message });
       }
-    });
+    } catch (error) {
+      this.status.textContent = say("tag.not_saved", { reason: (error as Error).message, inputs: this.unsaved.length });
+      this.again = setTimeout(() => void this.send(), AGAIN);
+    } finally {
+      this.saving = false;
+    }
   }
 
   private line(): string {

@@ -132,12 +132,15 @@ export interface RecordedMatch {
   missing: number;
 }
 
-/** The video that is tagged: name, name of the table, inputs so far as JSON, and number of saved rows. */
+/** The video that is tagged. */
 export interface TagFacts {
   video: string;
   out: string;
   inputs: string[];
   rows: number;
+  after: string;
+  name: string;
+  longest_name: number;
 }
 
 /** Strokes and motion of a rally. */
@@ -434,6 +437,7 @@ export interface TagRequest {
   first: number;
   rows: TagRow[];
   only_rows: boolean;
+  after?: string | null;
 }
 
 /** A tagged stroke, a row of the table; the fields are columns of ``data import``. */
@@ -462,10 +466,11 @@ export interface TagRow {
   points_opponent: number | null;
 }
 
-/** Reply to TagRequest: numbers of inputs and rows that are saved. */
+/** Reply to TagRequest: numbers of inputs and rows that are saved, and the hash of the inputs. */
 export interface Saved {
   inputs: number;
   rows: number;
+  after: string;
 }
 
 /** Shot types that probably follow the strokes of a rally. */

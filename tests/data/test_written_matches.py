@@ -1,0 +1,127 @@
+"""Imports give the strokes that were written, or refuse: never other ones."""
+
+import random
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl.data import DataError, Outcome
+from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.schema import Cleaned
+from shuttle_marl.data.upstream import player_id
+from shuttle_marl.game.stroke import SHOTS
+from tests.data import written_matches as written
+from tests.data.written_matches import Written
+
+PAIRS = (("Ada Alpha", "Bea Beta"), ("Cleo Gamma", "Dora Delta"), ("Ada Alpha", "Dora Delta"))
+
+
+def import_text(content: str, fields: str = 'discipline = "WS"\n') -> Cleaned:
+    with tempfile.TemporaryDirectory() as folder:
+        path, columns = Path(folder) / "final", Path(folder) / "map.toml"
+        path.write_text(content, encoding="utf-8")
+        columns.write_text(fields, encoding="utf-8")
+        return import_matches(path, columns)
+
+
+def names_of_ends(strokes: Sequence[Written], ends: str) -> dict[str, str]:
+    return dict(zip(written.ENDS[ends], strokes[0].players, strict=True))
+
+
+def spelled(names: dict[str, str]) -> str:
+    return 'discipline = "WS"\n[values.player]\n' + "".join(f'"{end}" = "{name}"\n' for end, name in names.items())
+
+
+def assert_as_written(cleaned: Cleaned, strokes: Sequence[Written], columns: Sequence[str], ends: str) -> None:
+    """Every kept stroke is one that was written, in its order, with what was written of it; ``ends``: what names the players."""
+    rows = cleaned.strokes.to_pylist()
+    assert cleaned.account.strokes == len(strokes)
+    assert len(rows) + sum(cleaned.account.dropped.values()) == len(strokes)
+    left = iter(strokes)
+    for row in rows:
+        assert any(is_written(row, stroke, columns, ends) for stroke in left), row
+
+
+def is_written(row: dict[str, Any], stroke: Written, columns: Sequence[str], ends: str) -> bool:
+    player = written.ENDS[ends][stroke.end] if ends else stroke.player
+    numbers = [name for name in ("match", "game", "rally", "stroke") if name in columns]
+    return (
+        row["player"] == player_id(player)
+        and SHOTS[row["shot"]] == stroke.shot
+        and ("seconds" not in columns or row["clock"] == int(stroke.seconds))
+        and all(row[name] == getattr(stroke, name) for name in numbers)
+        and row["outcome"] in outcomes(stroke)
+    )
+
+
+def outcomes(stroke: Written) -> set[int]:
+    if not stroke.ending:
+        return {Outcome.RETURNED}
+    return {Outcome.UNKNOWN, Outcome.WINNER if stroke.winner == stroke.who else Outcome.FAULT}
+
+
+NUMBERS = (("game", "rally", "stroke"), ("game", "rally"), ("game",), ("rally",), ())
+TOLD = ((), ("ending",), ("winner",), ("ending", "winner"), *((kind,) for kind in written.SCORES), ("ending", written.SCORES[0]))
+FORMATS = ("csv", "json", "json by game", "elan", "elan of strokes", "sportscode")
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    seed=st.integers(0, 10**6), form=st.sampled_from(FORMATS), matches=st.integers(1, 3), numbers=st.sampled_from(NUMBERS),
+    told=st.sampled_from(TOLD), ends=st.sampled_from(["", *written.ENDS]), named=st.booleans(),
+    unit=st.sampled_from(sorted(written.UNITS)), timed=st.booleans(), order=st.sampled_from(["in order", "shuffled", "mixed"]),
+    swapped=st.booleans(),
+)  # fmt: skip
+def test_any_table_of_two_games_is_read_as_it_was_written_or_refused(
+    seed: int, form: str, matches: int, numbers: tuple[str, ...], told: tuple[str, ...], ends: str, named: bool, unit: str,
+    timed: bool, order: str, swapped: bool,
+) -> None:  # fmt: skip
+    rng = random.Random(seed)
+    of_video = form.startswith(("elan", "sportscode"))
+    matches = 1 if of_video or (ends and named) else matches  # one mapping of ends has the names of one match
+    played = [
+        written.match(seed + i, f"round {i + 1}{' away' if swapped and i == 1 else ''}", PAIRS[i], rallies=8)
+        for i in range(matches)
+    ]
+    if order != "in order":
+        rng.shuffle(played)
+    strokes = [stroke for each in played for stroke in each]
+    if order == "mixed" and not of_video and "rally" in numbers:  # else the order of the rows tells it
+        parts = {(stroke.match, stroke.game, stroke.rally): list[Written]() for stroke in strokes}
+        for stroke in strokes:
+            parts[stroke.match, stroke.game, stroke.rally].append(stroke)
+        rallies = list(parts.values())
+        rng.shuffle(rallies)
+        strokes = [stroke for rally in rallies for stroke in rally]
+    unit = "s" if form.startswith("elan") else unit  # whose times have one
+    timed = timed or of_video
+    columns = (*(("match",) if matches > 1 else ()), *numbers, "player", "shot", *told, *(("seconds",) if timed else ()))
+    if form == "json by game" and not (ends and named and "game" in numbers):
+        form = "json"
+    if form == "json by game":
+        strokes.sort(key=lambda stroke: stroke.game)
+    rows = written.entries(strokes, columns, ends=ends, unit=unit)
+    names = names_of_ends(strokes, ends) if ends and named else {}
+    fields = 'discipline = "WS"\n'
+    if form == "csv":
+        content, fields = written.as_csv(rows), spelled(names) if names else fields
+    elif form.startswith("json"):
+        content = written.as_json(rows, names, by_game=form == "json by game")
+    else:
+        fields = spelled(names) if names else fields
+        content = (
+            written.as_sportscode(rows) if form == "sportscode" else written.as_elan(rows, dependent=form == "elan of strokes")
+        )
+    try:
+        cleaned = import_text(content, fields)
+    except DataError:
+        return
+    if "game" not in numbers and ends:  # nobody can know it
+        said = (*cleaned.provenance["inferred"], *cleaned.provenance["lost"])
+        assert any("names of the ends: the same in all rallies" in text or "which they change between" in text for text in said)
+        return
+    assert_as_written(cleaned, strokes, columns, "" if named else ends)
