@@ -16,7 +16,7 @@ RESULTS = Path(__file__).parents[2] / "experiments" / "results" / "suite.json"
 
 def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, results = tmp_path / "runs", tmp_path / "suite.json"
-    tasks = ("exploit-entrance-v0", "equilibrium-entrance-v0", "text-v0")
+    tasks = ("equilibrium-entrance-v0", "exploit-entrance-v0", "text-v0")
     flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--out", str(out), "--json", str(results)]
     run("experiments.suite", *flags, "--tasks", *tasks, "--split", "test")
     rows = json.loads(results.read_text())["rows"]

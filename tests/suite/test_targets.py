@@ -101,13 +101,13 @@ def test_a_round_follows_from_the_beacon(task: str, method: str, tmp_path: Path)
     assert row["game"] == arena(task, "round", BEACONS[0]).base
 
 
-def test_opponents_and_games_of_a_round_are_drawn() -> None:
+def test_opponents_and_games_of_a_round_are_drawn(tmp_path: Path) -> None:
     cases = TASKS["exploit-v0"].all_cases(arena("exploit-v0", "round", BEACONS[0]))
     one, other = (opponent_of(arena("exploit-v0", "round", beacon), cases[0]) for beacon in BEACONS)
     assert one.hash != other.hash
     assert one.game.hash != other.game.hash
     with pytest.raises(SuiteError, match="this game is drawn"):
-        run("exploit-v0", "ppo", Path("never"), split="round", beacon=BEACONS[0])
+        run("exploit-v0", "ppo", tmp_path / "run", split="round", beacon=BEACONS[0])
 
 
 def test_the_shipped_game_does_not_answer_a_drawn_one() -> None:
