@@ -42,7 +42,7 @@ _RESULT_COLUMNS: Final = pa.schema([
 def write_agents(out: Path) -> None:
     """Write the agents of the package and their card."""
     rows, results = [], []
-    for folder in sorted((model_folder() / AGENTS).iterdir()):
+    for folder in sorted(path.parent for path in (model_folder() / AGENTS).glob(f"*/{CARD}")):
         card = read_card(folder)
         for file in (NETWORK, CARD):
             replace_file(out / folder.name / file, (folder / file).read_bytes())

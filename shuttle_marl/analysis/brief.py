@@ -203,7 +203,7 @@ def brief(
         mix = player.answers(next(i for i, each in enumerate(QUESTIONS) if each.kind == "shots"))
     mix[:N_SERVES] = 0
     answers = []
-    for shot in np.argsort(-mix, kind="stable").tolist()[:MAIN] if mix.any() else []:
+    for shot in (shot for shot in np.argsort(-mix, kind="stable").tolist()[:MAIN] if mix[shot]):
         areas = np.zeros(0)
         if plays is not None:
             landed = plays.area[answering & (plays.incoming == shot) & (plays.area >= 0)]

@@ -311,7 +311,8 @@ def scout(
         evidence = [None] * len(advised)
         if plays is not None and of_data is not None:
             found_there = realised(plays, of_data, advised, both.pair)
-            kinds = [(int(kind[a.stroke]) for kind in (both.pair.catalogue.shot, both.pair.catalogue.area)) for a in advised]
+            catalogue = both.pair.catalogue
+            kinds = [(int(catalogue.shot[each.stroke]), int(catalogue.area[each.stroke])) for each in advised]
             kept = [
                 (advice, real)
                 for advice, real, (shot, area) in zip(advised, found_there, kinds, strict=True)

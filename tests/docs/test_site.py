@@ -12,7 +12,7 @@ from docs.tools.figures import FIGURES
 from docs.tools.markdown import ROOT, saved
 from shuttle_marl import default_game, load_game, resolve, tabulate
 from shuttle_marl.game.shipped import model_folder
-from shuttle_marl.policy.agents import AGENTS
+from shuttle_marl.policy.agents import AGENTS, CARD
 
 
 def test_every_page_of_the_site_is_in_the_navigation() -> None:
@@ -111,6 +111,6 @@ def test_agents_play_from_their_folders(tmp_path: Path) -> None:
     copied, shipped = (tabulate(resolve(name, game), game) for name in (f"agent:{tmp_path / 'out' / 'agents' / 'ppo'}", "ppo"))
     assert (copied.pair_probabilities() == shipped.pair_probabilities()).all()
     _, front, body = (tmp_path / "out" / "agents" / "README.md").read_text(encoding="utf-8").split("---\n", 2)
-    names = sorted(path.name for path in (model_folder() / AGENTS).iterdir())
+    names = sorted(path.parent.name for path in (model_folder() / AGENTS).glob(f"*/{CARD}"))
     assert [entry["name"] for entry in yaml.safe_load(front)["model-index"]] == names
     assert all(f"| `{name}` |" in body for name in names)
