@@ -25,7 +25,7 @@ def test_the_largest_draws_stay_below_their_bounds() -> None:
     assert choice_draw(np.array([0xFFFFFFFF], dtype=np.uint64)).tolist() == [0]
 
 
-@given(st.integers(-(2**70), 2**70), st.permutations(range(12)))
+@given(st.integers(0, 2**64 - 1), st.permutations(range(12)))
 def test_a_draw_does_not_depend_on_the_others_of_its_batch(seed: int, order: list[int]) -> None:
     rallies, strokes = np.arange(12), np.arange(12) * 7
     together = draw(stream(seed, 1, rallies), strokes)
