@@ -232,8 +232,9 @@ class Journal:
                 os.fsync(file.fileno())
                 self._whole = None
         except OSError as error:
-            with contextlib.suppress(OSError):
-                os.truncate(self._path, self._whole or 0)
+            if self._whole is not None:  # the file was opened, and may have a part of the lines
+                with contextlib.suppress(OSError):
+                    os.truncate(self._path, self._whole)
             reason = f"cannot be written ({error.strerror})"
             raise RunError(f"{self._path}: {reason}; free disk space and {self._go_on}") from error
 

@@ -1,5 +1,6 @@
 """Run folders: one process in each, found again by name, and clear errors for those that cannot be used."""
 
+import errno
 import json
 import multiprocessing
 import os
@@ -13,7 +14,7 @@ from typing import Any
 import pytest
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.runs import CONFIG, MANIFEST, RunError, locked, open_run
+from shuttle_marl.base.runs import CONFIG, MANIFEST, Journal, RunError, locked, open_run
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.training.config import PPOConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig
@@ -30,6 +31,22 @@ def opened(out: Path | None, *, name: str = "league-1", resume: bool = False, ov
 def unfinished(folder: Path) -> None:
     folder.mkdir(parents=True)
     (folder / CONFIG).write_text(json.dumps(FIXED))
+
+
+def test_a_journal_that_cannot_be_opened_keeps_its_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = Journal(tmp_path / "journal.jsonl")
+    journal.append([{"number": 1}])
+
+    def fails(*_: Any, **__: Any) -> Any:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    with monkeypatch.context() as full:
+        full.setattr(Path, "open", fails)
+        with pytest.raises(RunError, match="cannot be written"):
+            journal.append([{"number": 2}])
+    assert journal.read() == [{"number": 1}]
+    journal.append([{"number": 2}])
+    assert journal.read() == [{"number": 1}, {"number": 2}]
 
 
 @pytest.mark.parametrize("config", [PPOConfig, LeagueConfig, LeagueTrainingConfig])
