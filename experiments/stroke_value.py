@@ -41,8 +41,6 @@ from shuttle_marl.policy.registry import resolve
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
 _GROUPS: Final = {"MS": "men's singles", "WS": "women's singles"}
-_DRAWN: Final = range(9, 14)
-"""Range of rally lengths for the picture."""
 
 
 def stroke_value(

@@ -164,14 +164,10 @@ def expected_of(own: Tally, kind: str, *about: str) -> Expected:
     """Answers of a player to all questions of a kind that begin with ``about``, most frequent first."""
     asked = [number for number, each in enumerate(QUESTIONS) if each.kind == kind and each.about[: len(about)] == about]
     counts = np.sum([own.answers(number) for number in asked], axis=0)
-    names, total = QUESTIONS[asked[0]].answers, counts.sum()
+    question, total = QUESTIONS[asked[0]], counts.sum()
     order = [k for k in np.argsort(-counts, kind="stable").tolist()[:MAIN] if counts[k]]
-    return Expected(
-        kind,
-        QUESTIONS[asked[0]].about[0] if QUESTIONS[asked[0]].about else "",
-        tuple((names[k], float(counts[k] / total)) for k in order),
-        int(total),
-    )
+    shares = tuple((question.answers[k], float(counts[k] / total)) for k in order)
+    return Expected(kind, "".join(question.about[:1]), shares, int(total))
 
 
 def brief(
@@ -203,7 +199,7 @@ def brief(
         mix = player.answers(next(i for i, each in enumerate(QUESTIONS) if each.kind == "shots"))
     mix[:N_SERVES] = 0
     answers = []
-    for shot in (shot for shot in np.argsort(-mix, kind="stable").tolist()[:MAIN] if mix[shot]):
+    for shot in np.argsort(-mix, kind="stable").tolist()[: min(MAIN, np.count_nonzero(mix))]:
         areas = np.zeros(0)
         if plays is not None:
             landed = plays.area[answering & (plays.incoming == shot) & (plays.area >= 0)]

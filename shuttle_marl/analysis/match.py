@@ -188,7 +188,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     score, inferred = score_of(rallies, rules)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     won = won_or_lost(strokes)
-    # What a rally that the striker won had cost is nobody's concern, and the more a rally decided, the more so is the other.
+    # Only rallies that the striker lost count, each by how much it decided.
     stakes = np.array([[abs(row.swing) * (row.winner == 1 - player) for row in rallies] for player in (0, 1)])
     choices, refits = costly_choices(strokes, known_game, seat, stakes)
     tallies = [tally(plays.take(seat == player)) for player in (0, 1)]

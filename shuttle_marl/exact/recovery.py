@@ -52,6 +52,15 @@ class Fixed(NamedTuple):
 
 
 @inlined
+def most_replies(replies: Replies, states: int) -> int:
+    """Largest number of legal strokes of the first states, at least 1."""
+    most = 1
+    for s in range(states):
+        most = max(most, replies.pair_start[s + 1] - replies.pair_start[s])
+    return most
+
+
+@inlined
 def write_matrix(rows: Rows, replies: Replies, following: F64, s: int, against: bool, matrix: F64, picked: U8) -> None:
     """Write the values of the strokes of a state against its positions, stroke after stroke, and the games that nature picks."""
     row, m, a = rows.start[s], rows.choices[s], 0
@@ -82,10 +91,8 @@ def _saddles(
     Returns:
         The largest gap between what the strategies of a state guarantee.
     """
-    largest, most = 0.0, 1
+    largest, most = 0.0, most_replies(replies, value.size)
     share, bound = fixed.share, fixed.strokes.size > 0
-    for s in range(value.size):
-        most = max(most, replies.pair_start[s + 1] - replies.pair_start[s])
     matrix, tableau, means = np.empty(most * 9), np.empty((most + 1) * 10), np.empty(most + 9)
     basis, outside, shares = np.empty(most, np.int64), np.empty(9, np.int64), np.empty(9)
     for s in range(value.size):

@@ -7,7 +7,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, U8
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.exact.met import Rows, rows_of
-from shuttle_marl.exact.recovery import Saddle, mean_linear, write_matrix
+from shuttle_marl.exact.recovery import Saddle, mean_linear, most_replies, write_matrix
 from shuttle_marl.exact.solver import BlockLinear
 from shuttle_marl.exact.sweeps import Replies, gathered, replies
 from shuttle_marl.game.recovery import N_POSITIONS
@@ -29,9 +29,7 @@ def _soft_saddles(
     Returns:
         The largest gap between what the strategies of a state guarantee.
     """
-    largest, most = 0.0, 1
-    for s in range(value.size):
-        most = max(most, replies.pair_start[s + 1] - replies.pair_start[s])
+    largest, most = 0.0, most_replies(replies, value.size)
     entries, mean, trial = np.empty(most * 9), np.empty(most), np.empty(9)
     hessian, step = np.empty((10, 10)), np.empty(10)
     for s in range(value.size):

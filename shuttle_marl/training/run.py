@@ -43,7 +43,7 @@ from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import REFERENCE
 from shuttle_marl.training.a2c import A2C
-from shuttle_marl.training.config import SelfPlayConfig, TrainingConfig, TrainingError, missed
+from shuttle_marl.training.config import PPOConfig, SelfPlayConfig, TrainingConfig, TrainingError, missed
 from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Trainer
 from shuttle_marl.training.networks import DivergedError, imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import PPO
@@ -202,7 +202,7 @@ def tempered(config: TrainingConfig, game: Game) -> TrainingConfig:
     """Settings with the temperature of the agent: where perfect play mixes, sharper play than that of rollouts is exploitable."""
     if config.eval_temperature is not None or not config.self_play or game.recovery is None:
         return config
-    return dataclasses.replace(config, eval_temperature=getattr(config, "final_temperature", 1.0))
+    return dataclasses.replace(config, eval_temperature=config.final_temperature if isinstance(config, PPOConfig) else 1.0)
 
 
 @contextlib.contextmanager

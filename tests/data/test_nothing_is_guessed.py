@@ -1,7 +1,5 @@
 """Imports compare every column with those that it repeats, account for every row, and say what they do not understand."""
 
-import csv
-import io
 import json
 import os
 import resource
@@ -23,6 +21,7 @@ from shuttle_marl.data.column_map import COLUMNS, TEMPLATE_CSV
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Cleaned
 from shuttle_marl.game import court
+from tests.data.written_matches import as_csv
 
 MAP = """
 source = "club"
@@ -258,14 +257,6 @@ def whole_table(seed: int, rallies: int) -> list[dict[str, str]]:
     return rows
 
 
-def written(rows: list[dict[str, str]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]))
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
 WHOLE_MAP = 'coordinates = "court"\n[columns]\n' + "".join(f'{name} = "{name}"\n' for name in whole_table(0, 1)[0])
 PLAYERS = ("Ada", "Bea", "Cleo")
 SCORES = ("0", "1", "2", "3", "30")
@@ -281,14 +272,14 @@ OTHERS = {
 def test_one_changed_cell_is_refused_or_told(seed: int, rallies: int, column: str, data: st.DataObject) -> None:
     rows = whole_table(seed, rallies)
     with tempfile.TemporaryDirectory() as folder:
-        fine = read(Path(folder), written(rows), WHOLE_MAP)
+        fine = read(Path(folder), as_csv(rows), WHOLE_MAP)
         assume(not fine.warnings)  # few points may all lie near the net
         assert fine.strokes.num_rows == len(rows)
         row = data.draw(st.integers(0, len(rows) - 1))
         before = rows[row][column]
         rows[row][column] = data.draw(st.sampled_from([value for value in OTHERS[column] if value != before]))
         try:
-            told = read(Path(folder), written(rows), WHOLE_MAP).warnings
+            told = read(Path(folder), as_csv(rows), WHOLE_MAP).warnings
         except DataError as error:
             told = tuple(map(str, error.problems))
     assert told
@@ -310,11 +301,11 @@ def test_import_prints_what_became_of_every_row(tmp_path: Path, capsys: pytest.C
 
 
 def test_a_file_with_the_names_used_here_needs_no_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "own.csv").write_text(written([{**row, "note": "x"} for row in whole_table(1, 3)]))
+    (tmp_path / "own.csv").write_text(as_csv([{**row, "note": "x"} for row in whole_table(1, 3)]))
     assert main(["import", str(tmp_path / "own.csv"), "--json"]) == 1
     assert "are not on the sides" not in capsys.readouterr().err
     rows = [{name: value for name, value in row.items() if name[-2:] not in ("_x", "_y")} for row in whole_table(1, 3)]
-    (tmp_path / "own.csv").write_text(written([{**row, "note": "x"} for row in rows]))
+    (tmp_path / "own.csv").write_text(as_csv([{**row, "note": "x"} for row in rows]))
     assert main(["import", str(tmp_path / "own.csv"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["rows"] == told["kept"] == len(rows)

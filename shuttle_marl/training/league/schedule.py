@@ -210,7 +210,8 @@ class Schedule:
 
     def meta_strategy(self) -> F64:
         """``[N]`` probabilities of the population in psro."""
-        solver, hashes = self.config.meta_solver or "nash", [each.hash for each in self.state.population]
+        solver, hashes = self.config.meta_solver, [each.hash for each in self.state.population]
+        assert solver is not None  # set when the game was known
         values = np.zeros(2 * (len(hashes),)) if solver == "linear" else self.payoffs.values(hashes)
         return meta_strategy(solver, values)
 
