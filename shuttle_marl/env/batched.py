@@ -32,12 +32,20 @@ class _Choices(Categorical):
     They sample from copies of the specification, which share the mask.
     """
 
-    def update_mask(self, mask: torch.Tensor | None) -> None:
-        super().update_mask(torch.ones(*self.shape, self.n, dtype=torch.bool) if mask is None else mask)
+    _shared: list[torch.Tensor | None]
+
+    @property
+    def mask(self) -> torch.Tensor | None:
+        """``[B, n]`` the choices of the present state, in all copies; None: all of them."""
+        return self._shared[0]
+
+    @mask.setter
+    def mask(self, mask: torch.Tensor | None) -> None:
+        self.__dict__.setdefault("_shared", [None])[0] = mask
 
     def clone(self) -> "_Choices":
         copied = super().clone()
-        copied.mask = self.mask
+        copied._shared = self._shared
         return cast(_Choices, copied)
 
     def is_in(self, val: torch.Tensor) -> bool:
@@ -85,6 +93,7 @@ class _BatchedEnv(EnvBase):
         if self._joint:
             self.observation_spec["position_mask"] = Binary(shape=(size, N_POSITIONS), dtype=torch.bool)
             self.full_action_spec["position"] = _Choices(N_POSITIONS, shape=(size,), dtype=torch.int64)
+        self._choices: list[_Choices] = list(self.full_action_spec.values())
         self.reward_spec = Unbounded((size, 1))
         self.full_done_spec = Composite(
             done=Categorical(2, shape=(size, 1), dtype=torch.bool),
@@ -152,8 +161,8 @@ class _BatchedEnv(EnvBase):
     def _tensors(self, seen: Observations) -> dict[str, torch.Tensor]:
         mask, n = torch.from_numpy(seen.mask), self.game.n_strokes
         masks = {"action_mask": mask[:, :n], "position_mask": mask[:, n:]} if self._joint else {"action_mask": mask}
-        for spec, legal in zip(self.full_action_spec.values(), masks.values(), strict=True):
-            spec.mask.copy_(legal)
+        for choices, legal in zip(self._choices, masks.values(), strict=True):
+            choices.mask = legal
         return {"observation": torch.from_numpy(seen.tokens), **masks}
 
 

@@ -105,13 +105,12 @@ class Tables(NamedTuple):
         seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
         recovery: 1 if receivers choose positions, else None, a type of its own: code is compiled for each game, without the
             branches of the other one.
-        wait: ``[base states, 2]`` int32 of each base state its first row by position, and its number of feasible positions, which
-            are the rows from one stroke to the next; ``[0, 2]`` without recovery.
         position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1; ``[0, 9]`` without recovery.
-        place: ``[base states + 1, 9]`` int8 number of each position among the feasible ones, else -1, as in the whole last row;
-            ``[0, 9]`` without recovery.
+        place: ``[base states, 9]`` int8 number of each position among the feasible ones, else -1; ``[0, 9]`` without recovery.
         head: ``[base states, 4]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
-            ``rank`` and ``mask``.
+            ``rank`` and of ``mask`` with its legal strokes. With recovery ``[base states, 8]``: also its first row by position,
+            its number of feasible positions, which are the rows from one stroke to the next, and the rows of ``mask`` with these
+            positions and with both.
         inverse: 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication.
         first: ``[B, 3]`` int32 of each block: first state, first legal pair, index of its first thresholds in ``limits``.
         follows: ``[B, 2]`` int32 first state of the following block, after a stroke that is not an attack and after an attack.
@@ -122,14 +121,12 @@ class Tables(NamedTuple):
         own: ``[E]`` int16 own last stroke of an edge.
         duel: ``[E]`` int8 net shots in a row that end with the incoming stroke.
         rank: ``[2 (n + 1), n]`` int16 position of a stroke among the legal strokes, -1 if it is not legal.
-        mask: ``[2 (n + 1) + 1, m]`` bool legal strokes, none of the last row; m is n (with recovery n + 9) rounded up to a
-            multiple of 32.
+        mask: ``[M, m]`` bool legal actions; m is n (with recovery n + 9) rounded up to a multiple of 32.
     """
 
     limits: U64
     seat: np.int64
     recovery: np.int64 | None
-    wait: I32
     position: I8
     place: I8
     head: I32
@@ -161,26 +158,26 @@ def tables_of(game: Game) -> Tables:
     met = [tables if game.recovery is None else tables.waiting for tables in seats]
     t = np.concatenate([part.limits.reshape(-1, 3) for part in met]).astype(np.uint64)
     hurry = np.concatenate([np.tile(part.hurry, (game.levels, 1)) for part in met]).astype(np.uint64)
-    wait, position, place = np.zeros((0, 2), np.int32), *np.zeros((2, 0, N_POSITIONS), np.int8)
-    if game.recovery is not None:
-        waiting = seats[0].waiting
-        wait, position = np.stack([waiting.start[:-1], waiting.choices], axis=1, dtype=np.int32), waiting.position
-        place = np.pad(waiting.place, ((0, 1), (0, 0)), constant_values=-1)
     shifts = np.array([0, 16, 32, 48, 56], np.uint64)
     base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
     effort = block // game.levels
     row = 2 * game.incoming(base) + game.contact(base)
-    head = np.stack([game.base_pair_start[:-1], np.diff(game.base_pair_start), game.first_reply, row], axis=1, dtype=np.int32)
+    head = [game.base_pair_start[:-1], np.diff(game.base_pair_start), game.first_reply, row]
+    mask, (position, place) = game.reply_mask.reshape(-1, game.n_strokes), np.zeros((2, 0, N_POSITIONS), np.int8)
+    if game.recovery is not None:
+        waiting = seats[0].waiting
+        position, place = waiting.position, waiting.place
+        mask, shown = _masks(mask, place >= 0, row)
+        head += [waiting.start[:-1], waiting.choices, *shown]
     first = np.stack([block * size, block * game.n_base_pairs, effort * len(met[0].hurry)], axis=1, dtype=np.int32)
     width = -(-game.n_actions // _VECTOR) * _VECTOR
     return Tables(
         limits=np.bitwise_or.reduce(np.concatenate([t, hurry], axis=1) << shifts, axis=1),
         seat=np.int64(len(t) // 2 if game.people is not None else 0),
         recovery=None if game.recovery is None else np.int64(1),
-        wait=np.ascontiguousarray(wait),
         position=np.ascontiguousarray(position),
         place=place,
-        head=np.ascontiguousarray(head),
+        head=np.stack(head, axis=1, dtype=np.int32, casting="same_kind"),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),
         follows=np.array([game.block_following(b) for b in block.tolist()], np.int32) * np.int32(size),
@@ -191,8 +188,29 @@ def tables_of(game: Game) -> Tables:
         own=game.edge_own.astype(np.int16),
         duel=game.edge_duel.astype(np.int8),
         rank=np.ascontiguousarray(game.reply_rank.reshape(-1, game.n_strokes)),
-        mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 1), (0, width - game.n_strokes))),
+        mask=np.pad(mask, ((0, 0), (0, width - mask.shape[1]))),
     )
+
+
+def _masks(strokes: Bools, feasible: Bools, row: I32) -> tuple[Bools, tuple[I32, I32]]:
+    """Masks of the game with recovery.
+
+    Args:
+        strokes: ``[R, n]`` legal strokes.
+        feasible: ``[base states, 9]`` feasible positions.
+        row: ``[base states]`` row of ``strokes``.
+
+    Returns:
+        ``[M, n + 9]`` masks, those of strokes alone first, and ``[base states]`` the rows with positions alone and with both.
+    """
+    n = len(strokes)
+    positions, of_base = np.unique(feasible, axis=0, return_inverse=True)
+    pairs, both = np.unique(row * len(positions) + of_base.ravel(), return_inverse=True)
+    mask = np.zeros((n + len(positions) + len(pairs), strokes.shape[1] + N_POSITIONS), np.bool_)
+    mask[:n, :-N_POSITIONS] = strokes
+    mask[n : n + len(positions), -N_POSITIONS:] = positions
+    mask[n + len(positions) :] = np.concatenate([strokes[pairs // len(positions)], positions[pairs % len(positions)]], axis=1)
+    return mask, (n + of_base.ravel(), n + len(positions) + both.ravel())
 
 
 class Legal(NamedTuple):
@@ -250,7 +268,7 @@ def legal_strokes(tables: Tables, s: int) -> Legal:
     pair = tables.head[base, 0]
     row, choices = int64(pair), int64(1)
     if with_recovery(tables):
-        row, choices = int64(tables.wait[base, 0]), int64(tables.wait[base, 1])
+        row, choices = int64(tables.head[base, 4]), int64(tables.head[base, 5])
     first = tables.first[block]
     return Legal(block, tables.head[base, 1], pair + first[1], tables.head[base, 2], row + first[2], choices)
 
@@ -299,7 +317,7 @@ def states_of(tables: Tables) -> int:
 @inlined
 def choices_in(tables: Tables, s: int) -> int:
     """Number of feasible positions of the receiver in a state."""
-    return int64(tables.wait[base_of(tables, s), 1])
+    return int64(tables.head[base_of(tables, s), 5])
 
 
 @inlined

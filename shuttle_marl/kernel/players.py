@@ -150,7 +150,7 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Gam
 
 def _last_places(game: Game) -> Bools:
     """``[S, 9]`` places from the last feasible position on."""
-    choices = tables_of(game).wait[game.base(np.arange(game.n_states)), 1]
+    choices = tables_of(game).head[game.base(np.arange(game.n_states)), 5]
     return np.asarray(np.arange(N_POSITIONS) >= choices[:, None] - 1)
 
 

@@ -244,7 +244,7 @@ class Output(NamedTuple):
 @inlined
 def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first: int, last: int) -> None:
     """Write the observations of rows ``first`` up to ``last``."""
-    n, strokes, recovery = observed.mask.shape[1], tables.rank.shape[1], with_recovery(tables)
+    n = observed.mask.shape[1]
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
         block, position = block_of(tables, rows.state[i]), np.uint64(waits(tables, rows, other, i))
@@ -257,34 +257,25 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
         observed.tokens[i, np.uint64(4) + position] = tables.efforts[block, 0]
         observed.tokens[i, np.uint64(5) - position] = tables.efforts[block, 1]
         observed.tokens[i, 6] = hurried_in(rows.state[i])
-        if recovery:
+        if with_recovery(tables):
             observed.tokens[i, 7] = position
     # Whole vectors are copied; the next row overwrites the padding. The last rows are exact, as no row follows them.
     width = tables.mask.shape[1]
-    exact, nothing = max(first, last - (width + n - 1) // n + 1), np.uint64(tables.mask.shape[0] - 1)
+    exact = max(first, last - (width + n - 1) // n + 1)
     for i in range(first, exact):
-        shown = row_of(tables, rows.state[i])
-        legal = tables.mask[nothing if waits(tables, rows, other, i) else shown]
+        legal = tables.mask[_shown(tables, rows, other, i)]
         row = flat[i * n : i * n + width]
         for j in range(width):
             row[j] = legal[j]
-        if recovery:
-            _show_positions(tables, rows, other, i, flat[i * n + strokes : (i + 1) * n])
     for i in range(exact, last):
-        shown = row_of(tables, rows.state[i])
-        flat[i * n : (i + 1) * n] = tables.mask[nothing if waits(tables, rows, other, i) else shown, :n]
-        if recovery:
-            _show_positions(tables, rows, other, i, flat[i * n + strokes : (i + 1) * n])
+        flat[i * n : (i + 1) * n] = tables.mask[_shown(tables, rows, other, i), :n]
 
 
 @inlined
-def _show_positions(tables: Tables, rows: Rows, other: I8, i: int, mask: Bools) -> None:
-    """Write the feasible positions of row i, none if its learner is to strike."""
-    base, none = base_of(tables, rows.state[i]), np.uint64(tables.place.shape[0] - 1)
-    place = tables.place[base if (other[i] < 0) | waits(tables, rows, other, i) else none]
-    for j in range(N_POSITIONS - 1):  # eight are a vector
-        mask[j] = place[j] >= 0
-    mask[N_POSITIONS - 1] = place[N_POSITIONS - 1] >= 0
+def _shown(tables: Tables, rows: Rows, other: I8, i: int) -> np.uint64:
+    """Row of ``mask`` of row i: the strokes or positions of a learner, or both without learners."""
+    column = with_recovery(tables) * (4 * (other[i] < 0) + 3 * waits(tables, rows, other, i))
+    return np.uint64(tables.head[base_of(tables, rows.state[i]), np.uint64(3 + column)])
 
 
 @compiled
