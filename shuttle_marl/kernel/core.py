@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools
+from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import inlined
 from shuttle_marl.base.errors import OptionError, ShuttleError, whole_number
 from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2, POSITION_SHIFT
@@ -192,7 +192,7 @@ def tables_of(game: Game) -> Tables:
     )
 
 
-def _masks(strokes: Bools, feasible: Bools, row: I32) -> tuple[Bools, tuple[I32, I32]]:
+def _masks(strokes: Bools, feasible: Bools, row: I32) -> tuple[Bools, tuple[Ints, Ints]]:
     """Masks of the game with recovery.
 
     Args:
