@@ -100,6 +100,7 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players) -> tuple
         policies=[ELITE.policy],
         plan=Plan(seed=0, sides=(ELITE, ELITE)),
         recorded=messages.RecordedFacts("", count, 0, []),
+        ladder=[],
     )
     content = {
         "hello": _packed(messages.encode_reply(0, hello)),

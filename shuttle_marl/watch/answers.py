@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from scipy.special import logsumexp
 
 from shuttle_marl import __version__, staging
+from shuttle_marl.analysis.decisions import Rating, rated
 from shuttle_marl.analysis.marks import MARKS
 from shuttle_marl.analysis.rally import Players, match_win_after
 from shuttle_marl.base.errors import ShuttleError
@@ -31,7 +32,7 @@ from shuttle_marl.watch.facts import hall_facts, rally_facts, rounded
 from shuttle_marl.watch.first_rally import FirstRally
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
-from shuttle_marl.watch.plan import Plan, Side
+from shuttle_marl.watch.plan import LADDER, Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 from shuttle_marl.watch.recorded import Recorded
 from shuttle_marl.watch.stager import Stager
@@ -101,6 +102,7 @@ class Answers:
             messages.StylesRequest: self._styles,
             messages.MatchRequest: self.match,
             messages.LikenessRequest: self._likeness,
+            messages.RatingRequest: self._rating,
             messages.OpeningRequest: lambda asked: self.opening(asked.line),
             messages.TagRequest: self._tag,
             messages.SuggestRequest: self._suggest,
@@ -136,17 +138,18 @@ class Answers:
 
     def hello(self) -> messages.Hello:
         """Reply to the first request of a page: the hall, the policies, and the rallies that are shown."""
-        recorded = self._recorded
+        recorded, known = self._recorded, registry.names(self._game.seats[0])
         return messages.Hello(
             version=__version__,
             game=self._game.hash[:12],
             hall=hall_facts(),
-            policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *registry.names(self._game.seats[0])])),
+            policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *known])),
             plan=self._plan,
             recorded=None
             if recorded is None
             else messages.RecordedFacts(recorded.title, recorded.count, self._first_shown, recorded.matches),
             tag=None if self._tags is None else self._tags.facts(),
+            ladder=[name for name in LADDER if name in known],
         )
 
     def rally(self, request: messages.RallyRequest) -> tuple[messages.RallyReply, bytes]:
@@ -156,7 +159,7 @@ class Answers:
         self._shown.set()
         rally = self._played(request)
         motion, begun = self._motion(request, rally)
-        if self._log is not None and request.plan is not None and request.person is not None:
+        if self._log is not None and request.plan is not None and request.person is not None and not request.person.practice:
             self._log.add(request.plan, rally)
         # A page that has the motion up to the branch needs only the frames after it.
         first = begun if request.have else 0
@@ -271,6 +274,12 @@ class Answers:
         order = np.argsort(-posterior, kind="stable").tolist()
         count = sum(len(strokes) for _, strokes in found.values())
         return messages.Likeness([players[i] for i in order], [rounded(posterior[i]) for i in order], count)
+
+    @staticmethod
+    def _rating(asked: messages.RatingRequest) -> messages.RatingReply:
+        before = Rating(points=asked.points, deviation=asked.deviation, volatility=asked.volatility)
+        after = rated(before, asked.scores)
+        return messages.RatingReply(after.points, after.deviation, after.volatility, after.interval)
 
     def _styles(self, query: messages.Query) -> messages.Styles:
         if query.plan is None:

@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.plan import MAX_RALLIES, CatalogueIndex, Chosen, Person, Plan
+from shuttle_marl.watch.plan import DUEL, MAX_RALLIES, CatalogueIndex, Chosen, Person, Plan
 
 Point = tuple[float, float, float]
 Box = tuple[float, float, float, float]
@@ -90,6 +90,20 @@ class MatchRequest(Query, kw_only=True, tag="match", frozen=True):
 
 class LikenessRequest(Query, kw_only=True, tag="likeness", frozen=True):
     """Players whose choices are like those of a person, up to a rally."""
+
+
+class RatingRequest(Request, kw_only=True, tag="rating", frozen=True):
+    """The rating of a person after a match.
+
+    Attributes:
+        points, deviation, volatility: before it, as in :class:`shuttle_marl.analysis.decisions.Rating`.
+        scores: quality of each judged decision of the match.
+    """
+
+    points: Annotated[float, Meta(ge=-10_000, le=10_000)]
+    deviation: Annotated[float, Meta(ge=0, le=1000)]
+    volatility: Annotated[float, Meta(gt=0, le=1)]
+    scores: Annotated[tuple[Annotated[float, Meta(ge=0, le=1)], ...], Meta(max_length=20_000)]
 
 
 class OpeningRequest(Request, tag="opening", frozen=True):
@@ -295,7 +309,13 @@ class TagFacts(Struct):
 
 
 class Hello(Struct):
-    """Reply to :class:`HelloRequest`; ``rallies``: number of rallies of a match in a site, None where a server plays them."""
+    """Reply to :class:`HelloRequest`.
+
+    Attributes:
+        ladder: opponents of duels, the weakest first.
+        rallies: number of rallies of a match in a site, None where a server plays them.
+        duel: points that win a duel.
+    """
 
     version: str
     game: str
@@ -303,8 +323,10 @@ class Hello(Struct):
     policies: list[str]
     plan: Plan
     recorded: RecordedFacts | None
+    ladder: list[str]
     rallies: int | None = None
     tag: TagFacts | None = None
+    duel: int = DUEL
 
 
 class StrokeFacts(Struct, kw_only=True):
@@ -452,9 +474,9 @@ class StrokeValue(Struct, kw_only=True):
     """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
 
     ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
-    (:mod:`shuttle_marl.analysis.marks`); ``change`` is None where too few real strokes stand behind it. ``support``
-    is the number of real strokes behind the rarer of both; None: unknown. ``positions`` are the probabilities with which
-    perfect play waits for the stroke; None: the receiver has no choice.
+    (:mod:`shuttle_marl.analysis.marks`). ``change`` and ``quality`` (:mod:`shuttle_marl.analysis.decisions`) are None where too
+    few real strokes stand behind it. ``support`` is the number of real strokes behind the rarer of both; None: unknown.
+    ``positions`` are the probabilities with which perfect play waits for the stroke; None: the receiver has no choice.
     """
 
     win: float
@@ -462,6 +484,7 @@ class StrokeValue(Struct, kw_only=True):
     match: float
     probability: float
     change: float | None
+    quality: float | None
     loss: float
     mark: str
     better: int
@@ -557,6 +580,15 @@ class Likeness(Struct):
     strokes: int
 
 
+class RatingReply(Struct):
+    """Reply to :class:`RatingRequest`; ``interval``: that of 95 %."""
+
+    points: float
+    deviation: float
+    volatility: float
+    interval: tuple[float, float]
+
+
 class OpeningStroke(ValuedStroke, kw_only=True):
     """A stroke after the first ones of a rally between two average pros.
 
@@ -616,6 +648,7 @@ REPLIES: Final[Mapping[type[Request], type[Struct]]] = {
     StylesRequest: Styles,
     MatchRequest: MatchReply,
     LikenessRequest: Likeness,
+    RatingRequest: RatingReply,
     OpeningRequest: OpeningReply,
     TagRequest: Saved,
     SuggestRequest: Suggestions,

@@ -12,6 +12,10 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.watch import WatchError
 
+DUEL: Final = 5
+"""Points that win a duel: with enough decisions that the better decider is ahead in nine of ten (``experiments.play``)."""
+LADDER: Final = ("defensive", "bc:kento-momota", "bc", "bc:viktor-axelsen", "safe", "attacking", "human:0.05", "minimax")
+"""Opponents of duels, each stronger than the one before: a defender, a left-hander, a net player and an attacker among them."""
 MAX_CHANGES: Final = 200
 """Maximum number of changes of players in a match."""
 MAX_CHOSEN: Final = 20_000
@@ -58,11 +62,13 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Attributes:
         rally: the rally in which they take over.
         stroke: the first stroke of that rally that they may choose, or for which they may wait.
+        practice: whether they play a rally again, which is not recorded.
     """
 
     seat: Seat
     rally: RallyNumber
     stroke: StrokeNumber
+    practice: bool = False
 
     def chooses(self, rally: int, stroke: int, seat: int) -> bool:
         """Whether they choose for a seat: as the striker a stroke, as the receiver a position."""

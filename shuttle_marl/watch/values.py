@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from shuttle_marl.analysis.decisions import quality
 from shuttle_marl.analysis.marks import Judged, basis_of
 from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
 from shuttle_marl.analysis.rally import decision as analyse_decision
@@ -95,6 +96,7 @@ class StrokeValues:
             match=rounded(match_win),
             probability=rounded(choice.probability[rank]),
             change=rounded(judged.change[rank]) if judged.known[rank] else None,
+            quality=rounded(quality(judged)[rank]) if judged.known[rank] else None,
             loss=rounded(loss),
             mark=judged.marks[rank],
             better=int(choice.stroke[better]),

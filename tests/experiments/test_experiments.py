@@ -14,6 +14,7 @@ from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.policy import baselines
+from shuttle_marl.watch.plan import DUEL
 from tests.experiments.commands import result_of, run
 from tests.reduced import reduced_game, reduced_model
 
@@ -144,3 +145,13 @@ def test_self_play_resumes_with_more_variants(tmp_path: Path) -> None:
     result = result_of("experiments.self_play", *flags, "--resume", "--variants", "plain", "pool")
     assert [row["variant"] for row in result["rows"]] == ["plain", "pool"]
     assert result["rows"][0]["each"] == first[0]["each"]
+
+
+def test_better_deciders_are_ahead_and_ratings_are_in_their_order() -> None:
+    result = result_of("experiments.play", "--duels", 60)
+    duel = result["duels"][str(DUEL)]
+    assert duel["ahead_by_decisions"] > 0.8
+    assert duel["accuracy"] == pytest.approx([0.9, 0.7], abs=0.03)
+    points = [rating["points"] for rating in result["ratings"].values()]
+    assert points == sorted(points)
+    assert all(rating["low"] <= rating["points"] <= rating["high"] for rating in result["ratings"].values())

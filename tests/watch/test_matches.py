@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from shuttle_marl.analysis.decisions import Rating, rated
 from shuttle_marl.analysis.marks import basis_of
 from shuttle_marl.analysis.rally import LogPlayers, Players, analyse_rally, legal_states
 from shuttle_marl.commands.options import RallyGameOptions
@@ -22,7 +23,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.court import mirrored as mirror
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.pairs import game_of_people, pair_game
+from shuttle_marl.game.pairs import game_of_people, looks_of, pair_game
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.skill import AVERAGE, Skill
@@ -39,7 +40,7 @@ from shuttle_marl.watch.first_rally import first_key
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
-from shuttle_marl.watch.plan import Person, Plan, Side
+from shuttle_marl.watch.plan import LADDER, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies, People, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
@@ -472,3 +473,37 @@ def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str],
     first, second = (tabulate(resolve(name, tables), tables) for name, tables in zip(names, game.seats, strict=True))
     odds = evaluate(first, second).odds()
     assert found.strokes[0].win == pytest.approx(odds.serving if rally.server == 0 else odds.receiving, abs=1e-6)
+
+
+def test_opponents_of_the_ladder_are_ever_stronger(tables: PolicyTables) -> None:
+    ladder = Answers(tables, Plan.parse(PLAN), STAGER).hello().ladder
+    assert ladder == list(LADDER)
+    strength = [tables.values((Side(policy=name), ELITE)).odds().rally for name in ladder]
+    assert (np.diff(strength) > 0).all(), strength
+    assert "left" in looks_of(tables.game, (ladder[1], "bc")).hands, "a left-hander is among them"
+
+
+def test_decisions_are_rated_by_their_quality(tables: PolicyTables) -> None:
+    answers, plan = Answers(tables, Plan.parse(PLAN), STAGER), Plan.parse(PLAN)
+    values = answers._analysis(messages.AnalysisRequest(id=0, plan=plan, rally=0)).strokes
+    assert all((value.quality is None) == (value.change is None) for value in values)
+    scores = tuple(value.quality for value in values if value.quality is not None)
+    assert scores
+    assert all(0 < score <= 1 for score in scores)
+    found = answers._rating(messages.RatingRequest(id=0, points=1500, deviation=350, volatility=0.06, scores=scores))
+    expected = rated(Rating(), scores)
+    assert (found.points, found.deviation, found.interval) == (expected.points, expected.deviation, expected.interval)
+
+
+def test_practice_is_not_recorded(tables: PolicyTables, tmp_path: Path) -> None:
+    plan = Plan.parse(PLAN)
+    rally = Match(plan, tables).rally(0)
+    mine = {str(i): int(stroke) for i, stroke in enumerate(rally.stroke) if rally.striker[i] == 0}
+    played = Plan.parse({**PLAN, "chosen": {"0": mine}})
+    for practice in (True, False):
+        log = MatchLog(tmp_path, tables)
+        person = Person(seat=0, rally=0, stroke=0, practice=practice)
+        reply, _ = Answers(tables, plan, Stager(), log=log).rally(RallyRequest(id=0, plan=played, rally=0, person=person))
+        log.close()
+        assert reply.rally.winner == rally.winner
+        assert len(list(tmp_path.glob("*.mcap"))) == (not practice)

@@ -18,6 +18,7 @@ from shuttle_marl.pages.languages import LANGUAGES, Language, Texts
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.watch.building import SOURCE
+from shuttle_marl.watch.plan import DUEL, LADDER
 from tests.watch.conftest import serving
 
 pytestmark = pytest.mark.slow
@@ -145,11 +146,12 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         # In words and quickly: no picture is drawn, because every key would wait for it.
         viewer.page.set_viewport_size({"width": 480, "height": 320})
         viewer.open(server.address)
-        viewer.page.get_by_role("button", name="Duel with a strong player").press("Enter")
-        viewer.until(lambda: viewer.state("names") == ["you", "human:0.05"])
-        assert viewer.state("plan")["points"] == 3
+        viewer.page.get_by_label("Opponent of the duel").select_option(str(LADDER.index("minimax")))
+        viewer.page.get_by_role("button", name=f"Duel to {DUEL} points").press("Enter")
+        viewer.until(lambda: viewer.state("names") == ["you", "minimax"])
+        assert viewer.state("plan")["points"] == DUEL
         viewer.press("w", ">", ">")
-        last, chosen, deadline = -1, 0, time.monotonic() + 420
+        last, chosen, deadline = -1, 0, time.monotonic() + 600
         while time.monotonic() < deadline:
             turn, winner, after, rally, duration = viewer.state("turn", "winner", "after", "rally", "duration")
             if turn is not None:
@@ -166,11 +168,21 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
                     break
             viewer.page.wait_for_timeout(20)
         assert after["over"]
-        assert max(after["points"]) == 3
+        assert max(after["points"]) == DUEL
         dialog = viewer.page.get_by_role("dialog", name="Game summary")
         dialog.wait_for()
         text = dialog.inner_text()
         assert f"You chose {chosen} strokes: accuracy " in text
+        mine, theirs = map(
+            int, re.search(r"(?:better: |decisions: )(\d+)\D+(\d+)", text.replace("of 100", ""), re.ASCII).groups()
+        )
+        assert 0 <= mine <= 100, "a score of decisions"
+        assert theirs > 90, "of perfect play"
+        points, low, high = map(int, re.search(r"Rating of your decisions: (\d+) \((\d+) to (\d+)\)", text).groups())
+        assert low < points < high
+        assert viewer.page.evaluate("JSON.parse(localStorage.getItem('shuttle_marl.rating')).points") == pytest.approx(
+            points, abs=1
+        )
         assert (re.search(r"You play .?\d+ % like ", text) is not None) == (chosen >= 30)
         assert viewer.state("rally") == last
         viewer.until(lambda: len(viewer.state("turn_ms")) == chosen)
@@ -181,6 +193,27 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
     assert checked.problems == ()
     assert checked.replayed
     assert checked.rallies == last + 1
+
+
+def test_a_stroke_is_judged_at_once_and_tried_again_for_practice(viewer: Any, served: Any) -> None:
+    viewer.page.set_viewport_size({"width": 480, "height": 700})
+    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=3").enter("play")
+    assert viewer.state("rally", "points", "strokes") in ([0, [0, 0], []], [0, [0, 0], viewer.state("strokes")[:1]]), "at 0-0"
+    stroke = max(viewer.state("turn")["strokes"], key=lambda one: one["p_succ"])
+    choose(viewer, stroke)
+    viewer.press("w", "Enter")
+    viewer.page.locator(".verdict:not(.hidden)").wait_for(state="attached")
+    at = viewer.state("strokes").index(stroke["stroke"])
+    assert re.search(r"there|better|Not judged", viewer.page.locator(".verdict").inner_text())
+    link, played = viewer.state("link", "strokes")
+    viewer.until(lambda: viewer.seek(1e3).state("turn") is not None or viewer.state("winner") is not None)
+    viewer.press("u")
+    viewer.until(lambda: viewer.state("strokes") == played[:at] and viewer.state("turn") is not None)
+    assert viewer.state("person")["practice"] is True
+    viewer.page.get_by_role("button", name="back to the played rally").click()
+    viewer.until(lambda: viewer.state("strokes") == played)
+    assert viewer.state("link") == link
+    assert viewer.state("person")["practice"] is False
 
 
 @pytest.mark.parametrize("hand", ["right", "left"])

@@ -1,8 +1,8 @@
 // Panels that show the values of strokes.
 
-import { h, percent, replaceChildren, s, sideColour, signed } from "./dom";
+import { capitalised, h, percent, replaceChildren, s, sideColour, signed } from "./dom";
 import { hurriedTag, term } from "./glossary";
-import { displayName } from "./names";
+import { nameAt } from "./names";
 import type { Analysis, RallyFacts } from "./wire.gen";
 import { decimal, type Key, listed, say, words } from "./words";
 
@@ -200,7 +200,7 @@ function endLine(rally: RallyFacts): HTMLElement {
   return h(
     "p",
     { class: "end" },
-    h("b", { class: seat ? "b" : "a" }, displayName(rally.names[seat]!)),
+    h("b", { class: seat ? "b" : "a" }, capitalised(nameAt(rally.names, seat))),
     say(rally.names[seat] === "you" ? "page.win_rally" : "page.wins_rally", {
       reason: say(`reason.${rally.reason}` as Key),
       points: rally.after!.points.join(" – "),
@@ -286,7 +286,7 @@ export class OptionTable {
       h(
         "h2",
         {},
-        h("span", {}, say("page.at_stroke", { name: displayName(rally.names[stroke.seat]!), number: index + 1 })),
+        h("span", {}, say("page.at_stroke", { name: nameAt(rally.names, stroke.seat), number: index + 1 })),
         value.loss > 5e-4
           ? term("loss", say("page.loses", { share: points(value.loss) }))
           : h("span", {}, say(value.change === null ? "page.rare" : "page.sound")),

@@ -73,13 +73,20 @@ export class App {
       (pending) => layout.showBusy(pending ? say("page.computing") : null),
     );
     this.values = new StrokeValues(source, this.course, this.rallies, this.screen);
-    this.challenges = new Challenges(this.course, this.screen, source, this.values, {
-      count: this.count,
-      go: (rally, stroke, playing) => this.go(rally, stroke, playing),
-      setMode: (mode) => this.setMode(mode),
-      enter: (mode) => this.enter(mode, mode === "play"),
-      seeFrom: (seat) => this.seeFrom(seat, null),
-    });
+    this.challenges = new Challenges(
+      this.course,
+      this.screen,
+      source,
+      this.values,
+      {
+        count: this.count,
+        go: (rally, stroke, playing) => this.go(rally, stroke, playing),
+        setMode: (mode) => this.setMode(mode),
+        enter: (mode) => this.enter(mode, mode === "play"),
+        seeFrom: (seat) => this.seeFrom(seat, null),
+      },
+      hello,
+    );
     this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, source, () =>
       this.go(this.course.number + 1, null, true),
     );
@@ -92,7 +99,7 @@ export class App {
     );
     this.frames.start(this.listener);
     if (!location.hash && this.live) {
-      openStartCard((choice) => void opened.then(() => this.begin(choice)));
+      openStartCard(hello.ladder, hello.duel, (choice) => void opened.then(() => this.begin(choice)));
     }
   }
 
@@ -147,6 +154,7 @@ export class App {
       isLast: () => this.isLast,
       daily: this.source.opening ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
       opening: this.source.opening,
+      retry: () => void this.retry(),
       playLine: (line, seed) => this.playLine(line, seed),
       hints: () => this.source.options(this.course.wanted(this.course.number)),
       gameOver: (rally) => void this.challenges.summary(rally).catch(failed),
@@ -178,6 +186,11 @@ export class App {
     }
     if (number !== course.number) {
       course.tried = {};
+      if (course.practice) {
+        const { over } = course.practice;
+        course.back();
+        number = over ? number : course.number;
+      }
     }
     const shown = await this.rallies.fetch(course.wanted(number));
     if (shown) {
@@ -221,9 +234,9 @@ export class App {
   // Actions.
 
   private begin(choice: Choice): void {
-    if (choice === "daily" || choice === "duel") {
+    if (choice === "daily" || typeof choice === "number") {
       const failed = (error: Error) => this.screen.layout.say(error.message, true);
-      this.challenges[choice]().catch(failed);
+      (choice === "daily" ? this.challenges.daily() : this.challenges.duel(choice)).catch(failed);
     } else if (choice !== "watch") {
       this.setMode(choice);
     }
@@ -236,8 +249,10 @@ export class App {
       screen.learn.start(null);
     }
     this.enter(mode, mode === "watch" || mode === "play");
-    if (mode === "play" && !course.person) {
-      void this.takeOver(0);
+    if (mode === "play" && !course.person && course.plan) {
+      course.playFromStart();
+      this.values.reset();
+      void this.go(0, null, true).then(() => screen.layout.say(say("page.you_play", { side: "A" })));
       return;
     }
     if (before === "play") {
@@ -294,7 +309,7 @@ export class App {
   private newMatch(): void {
     if (this.live) {
       this.course.newMatch();
-      this.values.played.length = 0;
+      this.values.reset();
       this.screen.learn.start(null);
       void this.go(0, null, true);
     }
@@ -352,7 +367,8 @@ export class App {
     }
     const { stroke, time } = player;
     const undo = course.mark();
-    course.person = { seat, rally: course.number, stroke: stroke < 0 ? 0 : stroke + 2 };
+    course.person = { seat, rally: course.number, stroke: stroke < 0 ? 0 : stroke + 2, practice: false };
+    this.values.reset();
     this.enter("play");
     const taken = await this.rallies.fetch(course.wanted(course.number), null, undo);
     if (taken) {
@@ -361,8 +377,25 @@ export class App {
     }
   }
 
+  /** Plays the rally again from the last stroke of the person that is on the court, for practice. */
+  private async retry(): Promise<void> {
+    const { course, player, shown } = this;
+    const at = shown?.rally.strokes.findLastIndex((stroke, i) => stroke.person && i <= player.stroke) ?? -1;
+    if (!shown || at < 0 || !course.person || !course.plan?.chosen) {
+      return;
+    }
+    const undo = course.mark();
+    course.retry(at, shown.rally.winner !== null);
+    const next = await this.rallies.fetch(course.wanted(course.number), null, undo);
+    if (next) {
+      this.show(next, at ? next.rally.strokes[at - 1]!.time : 0, true);
+    }
+  }
+
   /** Ends the play of the person. */
   private leave(): void {
+    this.course.back();
+    this.screen.decisions.hide();
     this.course.person = null;
     this.seeFrom(0, null);
   }

@@ -1,7 +1,7 @@
 // The court with score, stroke and probability drawn into one picture, for pictures and films.
 
 import { capitalised, percent } from "./dom";
-import { displayName, does } from "./names";
+import { does, nameAt } from "./names";
 import { breakWords, reason } from "./narration";
 import { COLOURS } from "./stage";
 import type { RallyFacts } from "./wire.gen";
@@ -85,7 +85,7 @@ function drawScore(pen: Pen, { rally, stroke, over }: Moment): void {
     }
     pen.font(30, 650);
     const games = rally.finished.map((game) => game[seat]);
-    pen.text(displayName(rally.names[seat]!), left + 56 * unit, y, TEXT, "left", wide - (150 + 50 * games.length) * unit);
+    pen.text(nameAt(rally.names, seat), left + 56 * unit, y, TEXT, "left", wide - (150 + 50 * games.length) * unit);
     pen.font(28);
     games.forEach((game, i) =>
       pen.text(String(game), left + wide - (110 + 50 * (games.length - 1 - i)) * unit, y, DIM, "center"),
@@ -157,7 +157,7 @@ function drawChance(pen: Pen, win: number, width: number, height: number): void 
 
 function drawEnd(pen: Pen, rally: RallyFacts, width: number, height: number): void {
   const { unit } = pen;
-  const winner = does(rally.names[rally.winner!]!, "win", true);
+  const winner = does(rally.names, rally.winner!, "win");
   const [wide, tall, top] = [Math.min(760 * unit, width - 72 * unit), 120 * unit, height - 340 * unit];
   pen.box((width - wide) / 2, top, wide, tall, VEIL);
   pen.font(36, 700);

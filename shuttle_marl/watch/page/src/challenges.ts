@@ -1,19 +1,19 @@
-// Reasons to come back: the puzzles of the day, and a duel with a strong player.
+// Reasons to come back: the puzzles of the day, and duels with a ladder of opponents.
 
 import { Daily, today } from "./daily";
-import { h } from "./dom";
+import { keepRating, keepRung, rating } from "./decisions";
+import { h, replaceChildren } from "./dom";
 import type { Mode } from "./layout";
+import { opponentName } from "./names";
 import type { Source } from "./rallies";
 import type { Screen } from "./screen";
 import type { StrokeValues } from "./strokeValues";
 import { likenessSentence, summary } from "./summary";
 import type { Timeline } from "./timeline";
-import type { RallyFacts, Side } from "./wire.gen";
+import type { Hello, RallyFacts, Side } from "./wire.gen";
 import { say } from "./words";
 
-const POINTS = 3; // of a duel
 const PRO: Side = { policy: "bc", temperature: 1 };
-const STRONG: Side = { policy: "human:0.05", temperature: 1 };
 
 export interface ChallengeHooks {
   /** Number of rallies of the page; null: a server plays others. */
@@ -32,6 +32,7 @@ export class Challenges {
     private readonly source: Source,
     private readonly values: StrokeValues,
     private readonly hooks: ChallengeHooks,
+    private readonly hello: Hello,
   ) {}
 
   /** Starts the puzzles of the day: of a match of its own, or of the rallies of this page. */
@@ -48,20 +49,23 @@ export class Challenges {
     await hooks.go(daily.first, null, false);
   }
 
-  /** Starts a duel with a strong player. */
-  async duel(): Promise<void> {
+  /** Starts a duel with an opponent of the ladder. */
+  async duel(number: number): Promise<void> {
     const { course, screen, hooks } = this;
-    course.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: [PRO, STRONG], points: POINTS });
-    course.person = { seat: 0, rally: 0, stroke: 0 };
-    this.values.played.length = 0;
+    const { duel, ladder } = this.hello;
+    const policy = ladder[number]!;
+    keepRung(number);
+    course.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: [PRO, { policy, temperature: 1 }], points: duel });
+    course.person = { seat: 0, rally: 0, stroke: 0, practice: false };
+    this.values.reset();
     hooks.enter("play");
     hooks.seeFrom(0);
     screen.hear();
     await hooks.go(0, null, true);
-    screen.layout.say(say("duel.begins", { points: POINTS }));
+    screen.layout.say(say("duel.begins", { points: duel, name: opponentName(policy) }));
   }
 
-  /** Shows the costliest decisions of a person in the finished game, and whose choices theirs are like. */
+  /** Shows the score, the rating, and the costliest decisions of a person in the finished game, and whose choices theirs are like. */
   async summary(rally: RallyFacts): Promise<void> {
     const { course, hooks, screen } = this;
     const { person } = course;
@@ -79,20 +83,50 @@ export class Challenges {
       hooks.setMode("analyse");
       void hooks.go(number, stroke, false);
     };
-    const again = () => {
-      leave();
-      void this.duel();
+    const { ladder } = this.hello;
+    const begin = (number: number, words: string) => {
+      const start = () => {
+        leave();
+        void this.duel(number);
+      };
+      return h("button", { onclick: start }, words);
     };
     const [found, likeness] = await Promise.all([
       summary(rally, person.seat, this.values.played, open),
       this.source.likeness(course.wanted(rally.number)),
+      this.values.latest,
     ]);
+    const [mine, theirs] = screen.decisions.scores(person.seat);
+    const ahead = mine !== null && theirs !== null && mine > theirs;
+    const unrated = screen.decisions.unrated(person.seat);
+    const before = rating();
+    const after = unrated.length ? await this.source.rating(before, unrated) : before;
+    keepRating(after);
+    const [points, low, high] = [after.points, ...after.interval].map((one) => String(Math.round(one))) as [
+      string,
+      string,
+      string,
+    ];
+    const at = course.plan?.points ? ladder.indexOf(course.plan.sides[1].policy) : -1;
+    if (ahead && at >= 0) {
+      keepRung(Math.min(at + 1, ladder.length - 1));
+    }
+    const stronger = ahead ? ladder[at + 1] : undefined;
+    const score = { mine: mine ?? "–", theirs: theirs ?? "–" };
     const content = [
+      h("p", {}, h("b", {}, say(ahead ? "decide.ahead" : "decide.behind", score))),
+      h("p", {}, say("decide.rating", { points, low, high })),
       ...found,
       likenessSentence(likeness),
-      course.plan?.points ? h("button", { onclick: again }, say("duel.another")) : "",
+      at >= 0 &&
+        h(
+          "div",
+          { class: "row" },
+          begin(at, say("duel.another")),
+          stronger && begin(at + 1, say("duel.next", { name: opponentName(stronger) })),
+        ),
     ];
-    dialog.querySelector("div")!.replaceChildren(...content);
+    replaceChildren(dialog.querySelector("div")!, ...content);
     dialog.addEventListener("close", next, { once: true });
     dialog.showModal();
   }

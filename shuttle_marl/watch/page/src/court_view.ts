@@ -2,7 +2,7 @@
 
 import { type Child, capitalised, h, percent, replaceChildren, sideColour } from "./dom";
 import { hurriedTag } from "./glossary";
-import { displayName, handTag } from "./names";
+import { handTag, nameAt } from "./names";
 import { breakWords } from "./narration";
 import { positionWords } from "./recover";
 import { CAMERAS, type Camera } from "./stage";
@@ -31,7 +31,7 @@ export class ScoreBug {
           { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${sideColour(seat)}` },
           h("i"),
           h("span", { class: "dot", title: say("page.serves") }),
-          h("span", { class: "name" }, displayName(rally.names[seat]!), handTag(rally.players[seat]!.hand)),
+          h("span", { class: "name" }, capitalised(nameAt(rally.names, seat)), handTag(rally.players[seat]!.hand)),
           h("span", { class: "sets" }, ...rally.finished.map((game) => h("span", {}, String(game[seat])))),
           h("span", { class: "points" }, String(points[seat])),
         ),
@@ -94,7 +94,7 @@ export class Chip {
       stroke?.waited != null &&
         line(
           "ring",
-          say("recover.waits", { name: displayName(rally.names[1 - stroke.seat]!) }),
+          say("recover.waits", { name: capitalised(nameAt(rally.names, 1 - stroke.seat)) }),
           positionWords(this.hall, stroke.waited),
         ),
       perfect && line("spot", say("recover.best"), `${positionWords(this.hall, likeliest)} ${percent(perfect[likeliest]!)}`),

@@ -15,6 +15,7 @@ interface Acts {
   sound(): void;
   newMatch(): void;
   takeOver(seat: number): void;
+  retry(): void;
 }
 
 interface Page {
@@ -53,6 +54,7 @@ export function keyList(match: boolean): { general: [string, string][]; play: [s
       ["1 – 9", say("keys.target")],
       ["q", say("keys.technique")],
       ["i", say("keys.hint")],
+      ["u", say("keys.retry")],
       ["Enter", say("keys.hit")],
     ],
   };
@@ -75,6 +77,7 @@ export function keyTable(
     n: () => acts.newMatch(),
     t: () => acts.takeOver(0),
     T: () => acts.takeOver(1),
+    u: () => acts.retry(),
   };
   return {
     " ": () => acts.toggle(),

@@ -2,9 +2,9 @@
 
 import { accuracy } from "./analysis";
 import { type Daily, PUZZLES } from "./daily";
-import { h, percent, replaceChildren } from "./dom";
+import { capitalised, h, percent, replaceChildren } from "./dom";
 import { term } from "./glossary";
-import { displayName } from "./names";
+import { nameAt } from "./names";
 import type { Analysis, Option, RallyFacts } from "./wire.gen";
 import { decimal, type Key, say, words } from "./words";
 
@@ -168,7 +168,7 @@ export class Learn {
       h(
         "p",
         {},
-        h("b", { class: stroke.seat ? "b" : "a" }, displayName(this.rally!.names[stroke.seat]!)),
+        h("b", { class: stroke.seat ? "b" : "a" }, capitalised(nameAt(this.rally!.names, stroke.seat))),
         say("learn.plays", { number: question.stroke + 1, from: say(`from_net.${stroke.height}` as Key) }),
         ...(stroke.hurried ? [say("language.comma"), term("hurried")] : []),
         say("learn.stop"),
@@ -311,7 +311,7 @@ export class Learn {
       h(
         "p",
         {},
-        h("b", { class: seat ? "b" : "a" }, displayName(rally.names[seat]!)),
+        h("b", { class: seat ? "b" : "a" }, capitalised(nameAt(rally.names, seat))),
         `: ${accuracy([{ rally, analysis }], seat)}`,
       ),
     );

@@ -49,6 +49,8 @@ async function served(): Promise<Opened> {
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
     match: async (wanted) => (await server.ask("match", { ...query(wanted), partial: false })).facts,
     likeness: async (wanted) => (await server.ask("likeness", query(wanted))).facts,
+    rating: async ({ points, deviation, volatility }, scores) =>
+      (await server.ask("rating", { points, deviation, volatility, scores })).facts,
     opening: async (line) => (await server.ask("opening", { line })).facts,
     model: fetchModel,
     share: async (rallies, title, hash, progress) => {
@@ -95,6 +97,7 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
     options: noPlay,
     likeness: noPlay,
+    rating: noPlay,
     styles: async () => (await find<Styles>("styles")).facts,
     match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
     opening: null,

@@ -2,7 +2,7 @@
 
 import { h, percent, replaceChildren, s } from "./dom";
 import { term } from "./glossary";
-import { displayName } from "./names";
+import { nameAt } from "./names";
 import type { MatchReply, Moment } from "./wire.gen";
 import { decimal, say, words } from "./words";
 
@@ -29,7 +29,7 @@ export class MatchPanel {
       return h(
         "p",
         {},
-        h("b", { class: seat ? "b" : "a" }, displayName(names[seat as 0 | 1])),
+        h("b", { class: seat ? "b" : "a" }, nameAt(names, seat)),
         accuracy === null ? "" : h("span", {}, ": ", term("accuracy"), ` ${percent(accuracy)}`),
         h("span", { class: "quiet" }, ` · ${marks}`),
       );

@@ -54,6 +54,20 @@ function plainName(name: string): string {
   return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
 }
 
+const STYLES: Record<string, string> = { "bc:kento-momota": say("names.left_hander"), safe: say("names.net_player") };
+
+/** An opponent of the ladder, with their style. */
+export function opponentName(policy: string): string {
+  const style = STYLES[policy];
+  return style ? `${displayName(policy)} · ${style}` : displayName(policy);
+}
+
+/** Name of a seat; two of one name are told apart by their sides. */
+export function nameAt(names: readonly [string, string], seat: number): string {
+  const name = displayName(names[seat as 0 | 1]);
+  return names[0] === names[1] ? `${name} (${"AB"[seat]})` : name;
+}
+
 /** Marks a left-handed player. */
 export function handTag(hand: string): HTMLElement | null {
   const label = say("page.left_handed");
@@ -62,10 +76,11 @@ export function handTag(hand: string): HTMLElement | null {
     : null;
 }
 
-/** A name with a verb: "Average pro wins", "you win"; `start`: at the start of a sentence. */
-export function does(identifier: string, verb: "win" | "serve", start = false): string {
-  const told = identifier === "you" ? say(`does.you_${verb}`) : say(`does.${verb}`, { name: displayName(identifier) });
-  return identifier === "you" && start ? capitalised(told) : told;
+/** A seat with a verb, at the start of a sentence: "Average pro wins", "You win". */
+export function does(names: readonly [string, string], seat: number, verb: "win" | "serve"): string {
+  return names[seat as 0 | 1] === "you"
+    ? capitalised(say(`does.you_${verb}`))
+    : say(`does.${verb}`, { name: nameAt(names, seat) });
 }
 
 const WIDE = 14; // letters that fit on a shirt

@@ -1,7 +1,7 @@
 // Text description of a rally, for screen readers and text mode.
 
 import { capitalised, percent } from "./dom";
-import { displayName, does } from "./names";
+import { does, nameAt } from "./names";
 import { positionWords } from "./recover";
 import type { HallFacts, RallyFacts } from "./wire.gen";
 import { type Key, say, words } from "./words";
@@ -12,7 +12,7 @@ export function strokeSentence(hall: HallFacts, rally: RallyFacts, i: number): s
   const count = stroke.effort ?? 0;
   return say("stroke.sentence", {
     number: i + 1,
-    name: displayName(rally.names[stroke.seat]!),
+    name: capitalised(nameAt(rally.names, stroke.seat)),
     shot: words(stroke.shot),
     area: words(stroke.area),
     technique: words(stroke.technique),
@@ -25,7 +25,7 @@ export function strokeSentence(hall: HallFacts, rally: RallyFacts, i: number): s
       stroke.waited === null
         ? ""
         : say("stroke.waited", {
-            name: displayName(rally.names[1 - stroke.seat]!),
+            name: nameAt(rally.names, 1 - stroke.seat),
             position: positionWords(hall, stroke.waited),
           }),
   });
@@ -38,7 +38,7 @@ export function endSentence(rally: RallyFacts): string {
   }
   const last = rally.strokes.at(-1)!;
   const [a, b] = rally.after.points;
-  const won = does(rally.names[rally.winner]!, "win", true) + say("won.rally");
+  const won = does(rally.names, rally.winner, "win") + say("won.rally");
   return say("stroke.end", { won, shot: words(last.shot), end: say(`end.${ending(last.end)}`), a, b });
 }
 
@@ -62,7 +62,7 @@ export function breakWords(before: string): string {
 
 export function startSentence(rally: RallyFacts): string {
   const [[a, b], [c, d]] = [rally.points, rally.games];
-  const who = does(rally.names[rally.server]!, "serve", true);
+  const who = does(rally.names, rally.server, "serve");
   const begins = say(rally.from_right ? "stroke.start" : "stroke.start_left", { number: rally.number + 1, a, b, c, d, who });
   return rally.before ? `${capitalised(breakWords(rally.before))}${say("learn.stop")} ${begins}` : begins;
 }

@@ -1,7 +1,18 @@
 // Cache of requested rallies; replies that a later request supersedes are dropped.
 
 import type { Motion } from "./motion";
-import type { Analysis, Likeness, MatchReply, OpeningReply, OptionsReply, Person, Plan, RallyFacts, Styles } from "./wire.gen";
+import type {
+  Analysis,
+  Likeness,
+  MatchReply,
+  OpeningReply,
+  OptionsReply,
+  Person,
+  Plan,
+  RallyFacts,
+  RatingReply,
+  Styles,
+} from "./wire.gen";
 
 /** A requested rally: of a match by its plan, or a recorded one. */
 export interface Wanted {
@@ -27,6 +38,8 @@ export interface Source {
   match(wanted: Wanted): Promise<MatchReply>;
   /** Players whose choices are like those of the person, up to a rally. */
   likeness(wanted: Wanted): Promise<Likeness>;
+  /** The rating of a person after a match. */
+  rating(before: RatingReply, scores: number[]): Promise<RatingReply>;
   /** Strokes after the first strokes of a rally; null: this page has no openings. */
   opening: ((line: number[]) => Promise<OpeningReply>) | null;
   model(athlete: string): Promise<ArrayBuffer>;

@@ -4,6 +4,7 @@ import { Curve, MoveList, OptionTable, winAt } from "./analysis";
 import { Board } from "./board";
 import type { Moment } from "./card";
 import { Chip, cameraButtons, ScoreBug } from "./court_view";
+import { Decisions } from "./decisions";
 import { h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
 import { facing } from "./hall";
@@ -58,6 +59,8 @@ export interface Acts extends Hooks {
   /** Starts a match whose first rally begins with a line of strokes. */
   playLine(line: number[], seed: number): void;
   gameOver(rally: RallyFacts): void;
+  /** Plays the rally again from the last stroke of the person on the court. */
+  retry(): void;
 }
 
 const BEFORE = 0.03; // time before a contact at which a question stops the playback [s]
@@ -72,6 +75,7 @@ export class Screen {
   readonly learn: Learn;
   readonly board: Board;
   readonly match: MatchPanel;
+  readonly decisions: Decisions;
   /** Rallies of a recorded match; null in a match between policies. */
   readonly browser: RallyBrowser | null;
   readonly styles = new StylePanel();
@@ -115,6 +119,7 @@ export class Screen {
     this.cameras = cameraButtons((camera) => acts.camera(camera));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
+    this.decisions = new Decisions(() => acts.retry());
     this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
     this.browser = match ? null : new RallyBrowser((rally) => acts.open(rally, null), live, hello.recorded!.matches);
     this.landing = new LandingMap(hello.hall);
@@ -166,7 +171,14 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.waits, this.chip.count],
+        overlays: [
+          this.bug.element,
+          this.cameras.element,
+          this.chip.element,
+          this.chip.waits,
+          this.chip.count,
+          this.decisions.element,
+        ],
         left: [
           ...(match && live ? this.sides.map((side) => side.element) : []),
           match ? this.styles.element : null,
@@ -402,7 +414,7 @@ export class Screen {
     const won = say(after.over ? "won.match" : after.game_won ? "won.game" : "won.rally");
     replaceChildren(
       this.layout.banner,
-      h("b", { class: rally.winner ? "b" : "a" }, does(rally.names[rally.winner!]!, "win", true)),
+      h("b", { class: rally.winner ? "b" : "a" }, does(rally.names, rally.winner!, "win")),
       won,
       h(
         "small",

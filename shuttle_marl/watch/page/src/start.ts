@@ -1,19 +1,29 @@
-// The card of the first visit: three ways to begin, each one click.
+// The card of the first visit: ways to begin, each one click.
 
+import { rung } from "./decisions";
 import { h } from "./dom";
-import type { Mode } from "./layout";
+import { languageMenu, type Mode } from "./layout";
+import { opponentName } from "./names";
 import { say } from "./words";
 
 const CHOICES = ["watch", "learn", "play"] as const;
 
-export type Choice = Mode | "daily" | "duel";
+/** A mode, the puzzles of the day, or a duel with an opponent of the ladder, by its number. */
+export type Choice = Mode | "daily" | number;
 
-/** Opens the card; closing it watches the rally. */
-export function openStartCard(choose: (choice: Choice) => void): void {
+/**
+ * Opens the card; closing it watches the rally.
+ * @param ladder opponents of duels.
+ * @param points points that win a duel.
+ */
+export function openStartCard(ladder: string[], points: number, choose: (choice: Choice) => void): void {
   const pick = (choice: Choice) => {
     element.close();
     choose(choice);
   };
+  const names = ladder.map((policy, i) => h("option", { value: i }, `${i + 1} ${opponentName(policy)}`));
+  const opponent = h("select", { "aria-label": say("start.opponent") }, ...names);
+  opponent.value = String(rung(ladder.length));
   const element: HTMLDialogElement = h(
     "dialog",
     { class: "start", "aria-label": say("start.welcome") },
@@ -35,7 +45,8 @@ export function openStartCard(choose: (choice: Choice) => void): void {
       "div",
       { class: "row" },
       h("button", { onclick: () => pick("daily") }, say("start.daily")),
-      h("button", { onclick: () => pick("duel") }, say("start.duel")),
+      h("span", {}, opponent, h("button", { onclick: () => pick(Number(opponent.value)) }, say("start.duel", { points }))),
+      languageMenu(),
     ),
   );
   element.addEventListener("close", () => element.remove());

@@ -25,6 +25,13 @@ export class StrokeValues {
     private readonly screen: Screen,
   ) {}
 
+  /** Forgets the decisions of a person; another match begins. */
+  reset(): void {
+    this.played.length = 0;
+    this.screen.decisions.reset();
+    this.screen.decisions.hide();
+  }
+
   /** Requests stroke values and styles; shows them unless another rally was requested meanwhile. */
   request(rally: RallyFacts): Promise<void> {
     this.latest = this.requested(rally);
@@ -56,12 +63,20 @@ export class StrokeValues {
     try {
       if (rally.strokes.length) {
         const asked = source.analysis(wanted);
-        if (course.person && rally.winner !== null && !this.played.some((one) => one.number === rally.number)) {
+        if (
+          course.person &&
+          !course.practice &&
+          rally.winner !== null &&
+          !this.played.some((one) => one.number === rally.number)
+        ) {
           this.played.push({ number: rally.number, rally, analysis: asked });
         }
         const analysis = await asked;
         if (now()) {
           screen.showAnalysis(analysis);
+          if (course.person) {
+            screen.decisions.show(rally, analysis, course.person.seat, course.practice !== null);
+          }
         }
       }
       if (screen.mode === "analyse" || screen.browser) {

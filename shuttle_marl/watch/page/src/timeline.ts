@@ -5,13 +5,18 @@ import type { Wanted } from "./rallies";
 import type { Person, Plan, Side, Turn } from "./wire.gen";
 
 /** Snapshot for undo. */
-type Mark = Pick<Timeline, "plan" | "number" | "tried" | "person" | "original">;
+type Mark = Pick<Timeline, "plan" | "number" | "tried" | "person" | "original" | "practice">;
+
+/** The match to which practice returns; `over`: whether its rally was over. */
+type Practice = { plan: Plan; person: Person; over: boolean };
 
 export class Timeline {
   number = 0;
   person: Person | null = null;
   /** The plan before strokes were tried; null if none was. */
   original: Plan | null = null;
+  /** While a person plays a rally again from one of their strokes; null: they do not. */
+  practice: Practice | null = null;
 
   constructor(
     public plan: Plan | null,
@@ -23,8 +28,8 @@ export class Timeline {
   }
 
   mark(): () => void {
-    const { plan, number, tried, person, original } = this;
-    return () => Object.assign(this, { plan, number, tried, person, original } satisfies Mark);
+    const { plan, number, tried, person, original, practice } = this;
+    return () => Object.assign(this, { plan, number, tried, person, original, practice } satisfies Mark);
   }
 
   /** Players of the rally; null for recorded rallies. */
@@ -34,27 +39,33 @@ export class Timeline {
 
   /** Whether the rally has tried strokes. */
   get isTried(): boolean {
-    return this.original !== null || Object.keys(this.tried).length > 0;
+    return this.original !== null || this.practice !== null || Object.keys(this.tried).length > 0;
   }
 
   /** Opens a match. */
   open(plan: Plan): void {
     this.plan = plan;
-    this.original = null;
+    this.original = this.practice = null;
   }
 
   newMatch(): void {
     this.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: this.sides! });
     if (this.person) {
-      this.person = { ...this.person, rally: 0, stroke: 0 };
+      this.person = { ...this.person, rally: 0, stroke: 0, practice: false };
     }
+  }
+
+  /** A match of the same players after this one, at 0–0, that a person plays. */
+  playFromStart(): void {
+    this.open({ seed: (this.plan!.seed + 1) % 2 ** 31, sides: this.sides! });
+    this.person = { seat: 0, rally: 0, stroke: 0, practice: false };
   }
 
   /** Opens the position of a link; ends the play of a person. */
   visit({ plan, rally, tried }: Place): void {
     if (plan && this.plan) {
       this.plan = plan;
-      this.original = this.person = null;
+      this.original = this.person = this.practice = null;
     }
     this.number = rally;
     this.tried = tried;
@@ -101,7 +112,21 @@ export class Timeline {
     }
   }
 
+  /** Plays the rally again from a stroke of the person, for practice. */
+  retry(at: number, over: boolean): void {
+    const { number, plan, person } = this;
+    this.practice ??= { plan: plan!, person: person!, over };
+    this.try(at, -1);
+    this.original = null;
+    delete this.plan!.chosen![number]![at];
+    this.person = { ...person!, practice: true };
+  }
+
   back(): void {
+    if (this.practice) {
+      ({ plan: this.plan, person: this.person } = this.practice);
+      this.practice = null;
+    }
     this.plan = this.original ?? this.plan;
     this.original = null;
     this.tried = {};

@@ -13,7 +13,7 @@ export const FLIGHT = { terminal: 6.8, gravity: 9.81, steps: 16 };
 /** First request of a page. */
 export type HelloRequest = object;
 
-/** Reply to HelloRequest; ``rallies``: number of rallies of a match in a site, None where a server plays them. */
+/** Reply to HelloRequest. */
 export interface Hello {
   version: string;
   game: string;
@@ -21,8 +21,10 @@ export interface Hello {
   policies: string[];
   plan: Plan;
   recorded: RecordedFacts | null;
+  ladder: string[];
   rallies?: number | null;
   tag?: TagFacts | null;
+  duel: number;
 }
 
 /** Dimensions and vocabulary for drawing. */
@@ -158,6 +160,7 @@ export interface Person {
   seat: number;
   rally: number;
   stroke: number;
+  practice: boolean;
 }
 
 /** Reply to RallyRequest; its body is the packed motion. */
@@ -276,6 +279,7 @@ export interface StrokeValue {
   match: number;
   probability: number;
   change: number | null;
+  quality: number | null;
   loss: number;
   mark: string;
   better: number;
@@ -401,6 +405,22 @@ export interface Likeness {
   strokes: number;
 }
 
+/** The rating of a person after a match. */
+export interface RatingRequest {
+  points: number;
+  deviation: number;
+  volatility: number;
+  scores: number[];
+}
+
+/** Reply to RatingRequest; ``interval``: that of 95 %. */
+export interface RatingReply {
+  points: number;
+  deviation: number;
+  volatility: number;
+  interval: [number, number];
+}
+
 /** Strokes that follow the first strokes of a rally. */
 export interface OpeningRequest {
   line?: number[];
@@ -509,6 +529,7 @@ export interface Requests {
   styles: StylesRequest;
   match: MatchRequest;
   likeness: LikenessRequest;
+  rating: RatingRequest;
   opening: OpeningRequest;
   tag: TagRequest;
   suggest: SuggestRequest;
@@ -523,6 +544,7 @@ export interface Replies {
   styles: Styles;
   match: MatchReply;
   likeness: Likeness;
+  rating: RatingReply;
   opening: OpeningReply;
   tag: Saved;
   suggest: Suggestions;

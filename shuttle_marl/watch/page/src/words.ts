@@ -13,12 +13,13 @@ export type Key = { [Group in keyof Catalogue]: `${Group}.${string & keyof Catal
 const CATALOGUES = { en, id, zh } satisfies Record<string, Catalogue>;
 const STORED = "shuttle_marl.language";
 
-/** Language of the address, else the one chosen before, else that of the page. */
+/** Language of the address, else the one chosen before, else that of the page, if it is not the default, or of the browser. */
 export const language: Language =
   [
     new URLSearchParams(globalThis.location?.search).get("language"),
     stored(),
-    globalThis.document?.documentElement.lang.slice(0, 2),
+    globalThis.document?.documentElement.lang.slice(0, 2).replace("en", ""),
+    ...(globalThis.navigator?.languages ?? []).map((name) => name.slice(0, 2)),
   ].find((name): name is Language => !!name && name in CATALOGUES) ?? "en";
 
 const texts: Catalogue = CATALOGUES[language];

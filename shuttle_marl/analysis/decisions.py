@@ -1,0 +1,101 @@
+"""How good decisions are, by the one basis of marks, and a rating of who decides.
+
+The **quality** of a stroke compares it with the best one, both against what elite players choose there: with the changes c of the
+stroke and b of the best one (:mod:`shuttle_marl.analysis.marks`) it is s(c) / s(b), s(x) = 1 / (1 + exp(-x / SCALE)). The best
+stroke has 1. Strokes that marks do not judge have none.
+
+Ratings are those of Glicko-2 (M. E. Glickman, "Example of the Glicko-2 system", 2022, https://www.glicko.net/glicko/glicko2.pdf).
+Every judged decision is a game against :data:`PAR` whose score is its quality, and those of a match are a rating period.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from scipy import optimize, special
+
+from shuttle_marl.analysis.marks import Judged
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import ShuttleError
+
+SCALE: Final = 0.02
+"""Change at which a stroke has 0.73 of the logistic function, where elite players have a half: what separates players best."""
+_UNIT: Final = 400 / math.log(10)
+"""Points of a unit of the Glicko-2 scale."""
+_CENTRE: Final = 1500.0
+_TAU: Final = 0.5
+"""Constant of the system: how much volatility changes."""
+
+
+def quality(judged: Judged) -> F64:
+    """``[P]`` quality of strokes, at most 1; NaN: they are not judged."""
+    best = judged.change[judged.best[judged.row]]
+    found = special.expit(judged.change / SCALE) / special.expit(best / SCALE)
+    return np.where(judged.known, found, np.nan)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Rating:
+    """A rating; a new player has the default.
+
+    Attributes:
+        points: the rating.
+        deviation: its standard deviation.
+        volatility: how much the player's strength varies.
+    """
+
+    points: float = _CENTRE
+    deviation: float = 350.0
+    volatility: float = 0.06
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.points) and 0 <= self.deviation <= 1000 and 0 < self.volatility <= 1):
+            raise ShuttleError(f"{self}: expected finite points, a deviation from 0 to 1000 and a volatility above 0, at most 1")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval."""
+        return self.points - 1.96 * self.deviation, self.points + 1.96 * self.deviation
+
+
+PAR: Final = Rating(points=1400.0, deviation=0.0)
+"""Opponent of all decisions: against it the average pro, whose mean quality is 0.63, has about 1500."""
+
+
+def rated(rating: Rating, scores: Sequence[float], opponents: Sequence[Rating] | None = None) -> Rating:
+    """The rating after a rating period.
+
+    Args:
+        scores: of its games, from 0 (lost) to 1 (won).
+        opponents: of each game; None: :data:`PAR`.
+    """
+    if not all(0 <= score <= 1 for score in scores):
+        raise ShuttleError(f"scores {list(scores)}: expected numbers from 0 to 1")
+    met = [PAR] * len(scores) if opponents is None else opponents
+    mu, phi = (rating.points - _CENTRE) / _UNIT, rating.deviation / _UNIT
+    g = np.array([1 / math.sqrt(1 + 3 * (one.deviation / _UNIT / math.pi) ** 2) for one in met])
+    expected = special.expit(g * (mu - np.array([(one.points - _CENTRE) / _UNIT for one in met])))
+    information = float((g**2 * expected * (1 - expected)).sum())
+    surplus = float((g * (np.array(scores) - expected)).sum())
+    volatility = _volatility(rating.volatility, phi, information, surplus) if information else rating.volatility
+    phi = 1 / math.sqrt(1 / (phi**2 + volatility**2) + information)
+    return Rating(points=_CENTRE + _UNIT * (mu + phi**2 * surplus), deviation=_UNIT * phi, volatility=volatility)
+
+
+def _volatility(sigma: float, phi: float, information: float, surplus: float) -> float:
+    """Step 5: the root of f in x, the logarithm of the variance."""
+    v, a = 1 / information, math.log(sigma**2)
+    delta = v * surplus
+
+    def f(x: float) -> float:
+        variance = phi**2 + v + math.exp(x)
+        return math.exp(x) * (delta**2 - variance) / (2 * variance**2) - (x - a) / _TAU**2
+
+    low, high = a, a
+    while f(low) < 0:
+        low -= _TAU
+    while f(high) > 0:
+        high += _TAU
+    return math.exp(optimize.brentq(f, low, high) / 2) if low < high else sigma

@@ -1,0 +1,147 @@
+// Decisions of a person: what the last one was worth, the score of both sides, the streak, and the rating that the browser keeps.
+
+import { h, signed } from "./dom";
+import type { Analysis, RallyFacts, RatingReply } from "./wire.gen";
+import { type Key, say, words } from "./words";
+
+const RATING = "shuttle_marl.rating";
+const RUNG = "shuttle_marl.rung";
+
+/** Before the first match, as in shuttle_marl.analysis.decisions. */
+const NEW: RatingReply = { points: 1500, deviation: 350, volatility: 0.06, interval: [814, 2186] };
+
+interface Decision {
+  seat: number;
+  /** null: not judged. */
+  quality: number | null;
+  mistake: boolean;
+}
+
+function kept<T>(name: string, otherwise: T, fits: (found: T) => boolean): T {
+  try {
+    const found = JSON.parse(localStorage.getItem(name) ?? "null") as T | null;
+    return found !== null && fits(found) ? found : otherwise;
+  } catch {
+    return otherwise; // nothing is stored, or not by this page
+  }
+}
+
+function keep(name: string, what: unknown): void {
+  try {
+    localStorage.setItem(name, JSON.stringify(what));
+  } catch {
+    // A browser that stores nothing keeps no rating.
+  }
+}
+
+export function rating(): RatingReply {
+  const whole = ({ points, deviation, volatility }: RatingReply) => [points, deviation, volatility].every(Number.isFinite);
+  return kept(RATING, NEW, whole);
+}
+
+export function keepRating(found: RatingReply): void {
+  keep(RATING, found);
+}
+
+/** Number of the opponent of the next duel. */
+export function rung(count: number): number {
+  return Math.min(
+    kept<number>(RUNG, 0, (found) => Number.isInteger(found) && found >= 0),
+    count - 1,
+  );
+}
+
+export function keepRung(number: number): void {
+  keep(RUNG, number);
+}
+
+/** Mean quality from 0 to 100; null: nothing was judged. */
+function score(decisions: Decision[]): number | null {
+  const known = decisions.flatMap(({ quality }) => quality ?? []);
+  return known.length ? Math.round((100 * known.reduce((sum, one) => sum + one, 0)) / known.length) : null;
+}
+
+export class Decisions {
+  readonly element = h("div", { class: "verdict hidden" });
+  private readonly told = h("p", { role: "status" });
+  private readonly line = h("p", {});
+  private readonly again: HTMLButtonElement;
+  private readonly rallies = new Map<number, Decision[]>();
+  private readonly rated = new Set<number>();
+
+  /** @param retry plays the last stroke of the person that is shown again, for practice. */
+  constructor(retry: () => void) {
+    this.again = h("button", { onclick: retry }, say("decide.retry"), h("kbd", {}, "u"));
+    this.element.append(h("div", {}, this.told, this.line), this.again);
+  }
+
+  /** Starts another match. */
+  reset(): void {
+    this.rallies.clear();
+    this.rated.clear();
+  }
+
+  /** Hides what is said of a person's strokes; they stay counted. */
+  hide(): void {
+    this.element.classList.add("hidden");
+  }
+
+  /**
+   * Shows what the last stroke of the person in a rally is worth.
+   * @param practice whether the rally is played again; then it does not count.
+   */
+  show(rally: RallyFacts, analysis: Analysis, seat: number, practice: boolean): void {
+    const found = analysis.strokes.map(({ quality, mark }, i) => {
+      return { seat: rally.strokes[i]!.seat, quality, mistake: mark.includes("?") };
+    });
+    const first = rally.strokes.findIndex((stroke) => stroke.person);
+    if (!practice) {
+      this.rallies.set(rally.number, first < 0 ? [] : found.slice(Math.max(0, first - 1)));
+    }
+    const last = rally.strokes.findLastIndex((stroke) => stroke.person);
+    const value = analysis.strokes[last];
+    this.element.classList.toggle("hidden", !value);
+    if (!value) {
+      return;
+    }
+    const better = value.options.find((option) => option.stroke === value.better);
+    const [kind, share] =
+      value.change === null ? ["unknown", 0] : value.loss > 0 ? ["worse", -value.loss] : ["good", value.change];
+    const stroke = better && say("stroke.to", { shot: words(better.shot), area: words(better.area) });
+    this.told.className = kind === "good" ? "up" : kind === "worse" ? "down" : "quiet";
+    this.told.textContent = say(`decide.${kind}` as Key, { share: signed(share), stroke: stroke ?? "" });
+    this.line.textContent = practice ? say("decide.practice") : this.summary(seat);
+  }
+
+  /** Score of both sides and the streak, in words. */
+  private summary(seat: number): string {
+    const [mine, theirs] = this.scores(seat);
+    const streak = this.streak(seat);
+    const both = say("decide.score", { mine: mine ?? "–", theirs: theirs ?? "–" });
+    return streak > 1 ? both + say("decide.streak", { count: streak }) : both;
+  }
+
+  /** Scores of the person and of the opponent; null: nothing was judged. */
+  scores(seat: number): [number | null, number | null] {
+    const all = [...this.rallies.values()].flat();
+    return [score(all.filter((one) => one.seat === seat)), score(all.filter((one) => one.seat !== seat))];
+  }
+
+  /** Number of the person's last judged decisions without a mistake. */
+  private streak(seat: number): number {
+    const order = [...this.rallies.keys()].sort((a, b) => a - b);
+    const mine = order
+      .flatMap((number) => this.rallies.get(number)!)
+      .filter((one) => one.seat === seat && one.quality !== null);
+    return mine.length - 1 - mine.findLastIndex(({ mistake }) => mistake);
+  }
+
+  /** Qualities of the person's judged decisions since the last rating. */
+  unrated(seat: number): number[] {
+    const found = [...this.rallies].filter(([number]) => !this.rated.has(number));
+    for (const [number] of found) {
+      this.rated.add(number);
+    }
+    return found.flatMap(([, decisions]) => decisions.flatMap((one) => (one.seat === seat ? (one.quality ?? []) : [])));
+  }
+}
