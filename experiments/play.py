@@ -3,9 +3,9 @@
 ``python -m experiments.play [--json]``
 
 In simulated duels of the live court a better decider meets a worse one. Both choose as elite players do, but for the odds of
-strokes that are marked ``?!``, ``?`` or ``??``: the share of judged strokes without such a mark is given. Players with known policies
-are rated by their first judged decisions. Opponents of the ladder are listed with their exact probability of winning a rally against
-the average pro.
+strokes that are marked ``?!``, ``?`` or ``??``: the share of judged strokes without such a mark is given. Players with known
+policies are rated by their first judged decisions. Opponents of the ladder are listed with their exact probability of winning a
+rally against the average pro.
 """
 
 import sys
