@@ -394,7 +394,9 @@ export class App {
 
   /** Ends the play of the person. */
   private leave(): void {
-    this.course.back();
+    if (this.course.practice) {
+      this.course.back();
+    }
     this.screen.decisions.hide();
     this.course.person = null;
     this.seeFrom(0, null);

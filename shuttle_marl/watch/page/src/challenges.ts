@@ -69,7 +69,7 @@ export class Challenges {
   async summary(rally: RallyFacts): Promise<void> {
     const { course, hooks, screen } = this;
     const { person } = course;
-    if (!person) {
+    if (!person || course.practice) {
       return;
     }
     const dialog = screen.layout.summary;

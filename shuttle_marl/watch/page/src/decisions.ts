@@ -86,18 +86,22 @@ export class Decisions {
     this.element.classList.add("hidden");
   }
 
+  /** Counts the decisions of both sides in a rally, from the first stroke of the person, or the one before it, on. */
+  count(rally: RallyFacts, analysis: Analysis): void {
+    const found = analysis.strokes.map(({ quality, mark }, i) => {
+      return { seat: rally.strokes[i]!.seat, quality, mistake: mark.includes("?") };
+    });
+    const first = rally.strokes.findIndex((stroke) => stroke.person);
+    if (found.length >= (this.rallies.get(rally.number)?.length ?? 0)) {
+      this.rallies.set(rally.number, first < 0 ? [] : found.slice(Math.max(0, first - 1)));
+    }
+  }
+
   /**
    * Shows what the last stroke of the person in a rally is worth.
    * @param practice whether the rally is played again; then it does not count.
    */
   show(rally: RallyFacts, analysis: Analysis, seat: number, practice: boolean): void {
-    const found = analysis.strokes.map(({ quality, mark }, i) => {
-      return { seat: rally.strokes[i]!.seat, quality, mistake: mark.includes("?") };
-    });
-    const first = rally.strokes.findIndex((stroke) => stroke.person);
-    if (!practice) {
-      this.rallies.set(rally.number, first < 0 ? [] : found.slice(Math.max(0, first - 1)));
-    }
     const last = rally.strokes.findLastIndex((stroke) => stroke.person);
     const value = analysis.strokes[last];
     this.element.classList.toggle("hidden", !value);

@@ -17,6 +17,7 @@ export class StrokeValues {
     rallies: null,
   };
   private styled = ""; // sides whose style is shown
+  private matches = 0; // that a person began
 
   constructor(
     private readonly source: Source,
@@ -28,6 +29,7 @@ export class StrokeValues {
   /** Forgets the decisions of a person; another match begins. */
   reset(): void {
     this.played.length = 0;
+    this.matches++;
     this.screen.decisions.reset();
     this.screen.decisions.hide();
   }
@@ -55,7 +57,8 @@ export class StrokeValues {
   }
 
   private async requested(rally: RallyFacts): Promise<void> {
-    const { course, source, screen } = this;
+    const { course, source, screen, matches } = this;
+    const { person, practice } = course;
     const { request } = this.rallies;
     const wanted = course.wanted(course.number);
     const sides = JSON.stringify(course.sides);
@@ -72,10 +75,13 @@ export class StrokeValues {
           this.played.push({ number: rally.number, rally, analysis: asked });
         }
         const analysis = await asked;
+        if (person && !practice && matches === this.matches) {
+          screen.decisions.count(rally, analysis); // also if the next rally is shown already
+        }
         if (now()) {
           screen.showAnalysis(analysis);
-          if (course.person) {
-            screen.decisions.show(rally, analysis, course.person.seat, course.practice !== null);
+          if (person) {
+            screen.decisions.show(rally, analysis, person.seat, practice !== null);
           }
         }
       }

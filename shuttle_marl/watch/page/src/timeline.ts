@@ -125,7 +125,7 @@ export class Timeline {
   back(): void {
     if (this.practice) {
       ({ plan: this.plan, person: this.person } = this.practice);
-      this.practice = null;
+      this.practice = this.original = null;
     }
     this.plan = this.original ?? this.plan;
     this.original = null;
