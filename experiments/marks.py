@@ -26,10 +26,11 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.values import theme_of, usual_of
 
 LEAST_JUDGED: Final = 30
 """Judged strokes from which the accuracy of a player in a match counts."""
-DAYS, PUZZLES = 30, 5
+DAYS, PUZZLES, STRICT = 30, 5, 8
 _RALLIES: Final = 40
 
 
@@ -92,29 +93,37 @@ def puzzles_of(game: Game) -> dict[str, Any]:
     """Right answers of the puzzles of thirty days, chosen as the page does, and how many a rule of thumb solves."""
     basis, tables, elite = basis_of(game), PolicyTables(game), Side(policy="bc")
     shots: Counter[str] = Counter()
+    themes: Counter[str] = Counter()
     solved = 0
     for day in range(DAYS):
-        match, asked = Match(Plan(seed=20260501 + day, sides=(elite, elite)), tables), set[str]()
+        match = Match(Plan(seed=20260501 + day, sides=(elite, elite)), tables)
+        asked, themes_of_day = set[str](), set[str]()
         for number in range(_RALLIES):
             if len(asked) == PUZZLES:
                 break
             rally, best = match.rally(number), None
-            for state, stroke in zip(rally.states(game).astype(np.int64).tolist(), rally.stroke.tolist(), strict=True):
+            states = rally.states(game).astype(np.int64).tolist()
+            for i, (state, stroke) in enumerate(zip(states, rally.stroke.tolist(), strict=True)):
                 judged = basis.judged(np.array([state]))
                 played = int(game.rank(np.array([state]), np.array([stroke]))[0])
                 found = judged.question(played)
-                if found is None or SHOTS[judged.shot[found[0]]] in asked:
+                theme = theme_of(rally, i, above=bool(game.contact(state)))
+                if found is None or (right := SHOTS[judged.shot[found[0]]]) in asked or theme == "serve":
                     continue
-                share = float(judged.share[found[0]])
-                if best is None or share < best[0]:
-                    best = share, SHOTS[judged.shot[found[0]]], int(game.contact(state))
+                again = theme in themes_of_day
+                key = again, usual_of(right), float(judged.share[found[0]])
+                if (number >= STRICT or not again) and (best is None or key < best[0]):
+                    best = key, right, theme, int(game.contact(state))
             if best is not None:
-                _, right, contact = best
+                _, right, theme, contact = best
                 asked.add(right)
+                themes_of_day.add(theme)
                 shots[right] += 1
+                themes[theme] += 1
                 solved += right == ("smash" if contact else "net-shot")
     total = sum(shots.values())
-    return {"puzzles": total, "right": {shot: n / total for shot, n in shots.most_common()}, "rule_of_thumb": solved / total}
+    right_shots, of_themes = ({name: n / total for name, n in found.most_common()} for found in (shots, themes))
+    return {"puzzles": total, "right": right_shots, "themes": of_themes, "rule_of_thumb": solved / total}
 
 
 def marks(*, data: Path, model: str = "default", out: Path | None = None, json_output: Json = False) -> None:

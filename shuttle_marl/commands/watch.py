@@ -16,9 +16,11 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.shipped import origin_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.pages.languages import Language, current
 from shuttle_marl.policy.baselines import imitation
+from shuttle_marl.policy.baselines import players as imitated
 from shuttle_marl.watch import WatchError, building
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 
 
 _APPEARANCE: Final = Appearance()
+FAMOUS: Final = {"men": ("bc:viktor-axelsen", "bc:kento-momota"), "women": ("bc:an-se-young", "bc:chen-yufei")}
+"""Players of the default match; of a model that does not imitate them, an agent and the average pro."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -39,8 +43,8 @@ class MatchOptions:
     """The match that a page shows first.
 
     Attributes:
-        a: policy of the near player; default: ppo, or with --players that player, imitated.
-        b: policy of the far player; default: bc, or with --players that player, imitated.
+        a: policy of the near player; default: Viktor Axelsen, or with --players that player, imitated.
+        b: policy of the far player; default: Kento Momota, or with --players that player, imitated.
         temperature: temperatures of both policies; 1: unchanged, 0: greedy.
         seed: random seed.
         players: near and far player, with their skill: the game of this pair; default: both strike with the same probabilities.
@@ -56,7 +60,10 @@ class MatchOptions:
 
     def policies(self, game: Game) -> tuple[str, str]:
         """Policies of the near and the far player; by default the players of the game of a pair, imitated."""
-        first, second = ("ppo", "bc")
+        origin = origin_of(game)
+        first, second = FAMOUS["women" if origin is not None and origin.variant == "women" else "men"]
+        if not {first, second} <= {f"bc:{player}" for player in imitated(game)}:
+            first, second = ("ppo", "bc")
         if self.players is not None and game.people is not None:
             first, second = map(imitation, game.people.players, game.seats)
         return self.a or first, self.b or second

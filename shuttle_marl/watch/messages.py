@@ -463,11 +463,20 @@ class Option(ValuedStroke, kw_only=True):
 
 
 class Question(Struct):
-    """The right answer and wrong ones, the stroke played first; ``share`` of elite players who choose the right shot type."""
+    """A question about a stroke.
+
+    Attributes:
+        right, wrong: the right answer and wrong ones, the stroke played first.
+        share: share of elite players who choose the right shot type.
+        theme: situation, one of :data:`shuttle_marl.watch.values.THEMES`, or ``serve``.
+        usual: how usual the right shot type is as an answer, 0: the least.
+    """
 
     right: int
     wrong: list[int]
     share: float
+    theme: str
+    usual: int
 
 
 class StrokeValue(Struct, kw_only=True):

@@ -28,6 +28,11 @@ SHOWN: Final = 8
 """Number of strokes listed for each decision."""
 ELITE: Final = Side(policy="bc")
 """The imitated average elite player, the reference of all comparisons."""
+THEMES: Final = ("return", "third", "defence", "attack", "net")
+"""Situations of puzzles: return of serve, third stroke, after a hard stroke, above the net, and all others."""
+_HARD: Final = ("smash", "half-smash", "net-kill", "push", "drive")
+USUAL: Final = ("drive", "lift", "drop", "block", "half-smash", "push", "cross-court-net-shot", "net-shot", "smash")
+"""Right answers of questions, the rarest first."""
 _MAX_STYLES: Final = 64
 _GROUPS: Final = {
     "attack": [SHOTS.index(shot) for shot in ("smash", "half-smash", "net-kill")],
@@ -73,13 +78,13 @@ class StrokeValues:
         return messages.Analysis(
             number=rally.number,
             factor=None if factor is None else (factor.value, factor.low, factor.high),
-            strokes=[self._stroke(rally, choice, rank, match_win) for choice, rank, match_win in strokes],
+            strokes=[self._stroke(rally, i, *about) for i, about in enumerate(strokes)],
             landings=[_landings(rally.aim[choice.seat], choice) for choice in found.decisions],
             win_after=float(found.rally_win[-1]) if over else None,
             match_after=float(found.match_win[-1]) if over else None,
         )
 
-    def _stroke(self, rally: Rally, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
+    def _stroke(self, rally: Rally, number: int, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
         win, chosen = choice.value, float(choice.win[rank])
         judged = self.judged(choice)
         loss, asked = float(judged.loss[rank]), judged.question(rank)
@@ -88,7 +93,13 @@ class StrokeValues:
         if asked is not None:
             right, wrong = asked
             share = rounded(judged.share[right])
-            question = messages.Question(int(choice.stroke[right]), [int(choice.stroke[k]) for k in wrong], share)
+            question = messages.Question(
+                int(choice.stroke[right]),
+                [int(choice.stroke[k]) for k in wrong],
+                share,
+                theme_of(rally, number, above=bool(self.game.contact(choice.state))),
+                usual_of(SHOTS[judged.shot[right]]),
+            )
         always = (rank, better, *(() if asked is None else (asked[0], *asked[1])))
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
@@ -200,6 +211,23 @@ class StrokeValues:
         second = 1 - self.policies.values((ELITE, sides[1])).odds().rally
         shots = [figure(SHOTS[k], mixes[:, k]) for k in order]
         return messages.Styles(figures=figures, shots=shots, strength=(rounded(first), rounded(second)))
+
+
+def theme_of(rally: Rally, number: int, *, above: bool) -> str:
+    """The theme of a stroke of a rally, with the contact above the net or below.
+
+    Args:
+        number: of the stroke, from 0.
+    """
+    if number < 3:
+        return ("serve", *THEMES[:2])[number]
+    came = SHOTS[rally.catalogue.shot[rally.stroke[number - 1]]]
+    return "defence" if came in _HARD else "attack" if above else "net"
+
+
+def usual_of(shot: str) -> int:
+    """Position of a shot type in :data:`USUAL`; all others come last."""
+    return USUAL.index(shot) if shot in USUAL else len(USUAL)
 
 
 def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:

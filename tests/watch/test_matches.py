@@ -17,6 +17,7 @@ from shuttle_marl.analysis.decisions import Rating, rated
 from shuttle_marl.analysis.marks import basis_of
 from shuttle_marl.analysis.rally import LogPlayers, Players, analyse_rally, legal_states
 from shuttle_marl.commands.options import RallyGameOptions
+from shuttle_marl.commands.watch import MatchOptions
 from shuttle_marl.data import load_strokes
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
@@ -25,8 +26,9 @@ from shuttle_marl.game.court import mirrored as mirror
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.pairs import game_of_people, looks_of, pair_game
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.shipped import drawn_game, load_game
 from shuttle_marl.game.skill import AVERAGE, Skill
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
@@ -44,7 +46,7 @@ from shuttle_marl.watch.plan import LADDER, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies, People, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.values import ELITE, StrokeValues
+from shuttle_marl.watch.values import ELITE, USUAL, StrokeValues
 from tests.reduced import reduced_game, reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -395,6 +397,11 @@ def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
             if entry.question is not None and question is not None:
                 answers = [game.legal_strokes(state)[k] for k in (question[0], *question[1])]
                 assert [entry.question.right, *entry.question.wrong] == answers
+                came = SHOTS[game.catalogue.shot[rally.stroke[i - 1]]]
+                hard = came in ("smash", "half-smash", "net-kill", "push", "drive")
+                late = "defence" if hard else "attack" if game.contact(state) else "net"
+                assert entry.question.theme == ("serve", "return", "third", late)[min(i, 3)]
+                assert SHOTS[game.catalogue.shot[answers[0]]] == USUAL[entry.question.usual]
                 asked += 1
     assert asked >= 5
 
@@ -507,3 +514,13 @@ def test_practice_is_not_recorded(tables: PolicyTables, tmp_path: Path) -> None:
         log.close()
         assert reply.rally.winner == rally.winner
         assert len(list(tmp_path.glob("*.mcap"))) == (not practice)
+
+
+@pytest.mark.parametrize("model", ["default", "default:women", "default:recovery"])
+def test_the_default_match_is_one_of_real_players(model: str) -> None:
+    first, second = (side.policy for side in MatchOptions().plan(load_game(model)).sides)
+    expected = ("bc:an-se-young", "bc:chen-yufei") if model.endswith("women") else ("bc:viktor-axelsen", "bc:kento-momota")
+    assert (first, second) == expected
+    alone = drawn_game(reduced_game(), np.random.default_rng(1), 0.1)
+    assert MatchOptions().policies(alone) == ("ppo", "bc"), "no players are known"
+    assert MatchOptions(b="minimax").policies(load_game(model)) == (expected[0], "minimax")

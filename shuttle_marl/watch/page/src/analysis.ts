@@ -35,6 +35,11 @@ export function accuracy(rallies: { rally: RallyFacts; analysis: Analysis }[], s
   return judged.length ? say("page.accuracy", { share: percent(sound.length / judged.length) }) : say("page.no_accuracy");
 }
 
+/** About the width of a small label, with a gap behind it [px]. */
+function textWidth(label: string): number {
+  return [...label].reduce((sum, letter) => sum + (letter > "\u2e80" ? 11 : 6.2), 10);
+}
+
 export class Curve {
   readonly element = h("section", { class: "panel bottom", "aria-label": say("page.timeline") });
   private readonly drawing = s("svg", { class: "curve", viewBox: "0 0 1000 96", preserveAspectRatio: "none", role: "img" });
@@ -81,7 +86,7 @@ export class Curve {
     for (const [i, stroke] of rally.strokes.entries()) {
       const name = `${i + 1} ${words(stroke.shot)}`;
       const end = (rally.strokes[i + 1]?.time ?? duration) / duration;
-      const width = 0.012 * (name.length + 1);
+      const width = textWidth(name) / (this.drawing.clientWidth || 600);
       if (i < named && stroke.time / duration >= free && stroke.time / duration + width < end + 0.01) {
         free = stroke.time / duration + width;
         this.names.append(h("span", { style: `left:${(100 * stroke.time) / duration}%` }, name));

@@ -8,6 +8,8 @@ const GUESS = 1000; // rating of a viewer who guesses
 const STEP = 32; // most points that one answer changes
 const SPREAD = 400; // difference of ratings at which the stronger side is right ten times as often
 
+const STRICT = 8; // rallies in which no theme is asked twice
+
 export const PUZZLES = 5;
 
 interface History {
@@ -40,6 +42,9 @@ export class Daily {
   readonly answers: boolean[] = [];
   /** Shot types of the best strokes so far; puzzles prefer others. */
   readonly shots = new Set<string>();
+  readonly themes = new Set<string>();
+  /** Number of rallies that were looked at. */
+  rallies = 0;
   private readonly history = stored();
   private readonly before = this.history.rating;
   /** Whether this day was played before; then the rating stays. */
@@ -54,6 +59,11 @@ export class Daily {
     private readonly count: number | null,
   ) {
     this.again = date in this.history.days;
+  }
+
+  /** Whether a puzzle is asked: not about serves, of a new shot type and, in the first rallies, of a new theme. */
+  takes(theme: string, shot: string): boolean {
+    return theme !== "serve" && !this.shots.has(shot) && (this.rallies >= STRICT || !this.themes.has(theme));
   }
 
   /** Seed of the match from which the puzzles are taken. */

@@ -109,11 +109,11 @@ export class Decisions {
       return;
     }
     const better = value.options.find((option) => option.stroke === value.better);
-    const [kind, share] =
-      value.change === null ? ["unknown", 0] : value.loss > 0 ? ["worse", -value.loss] : ["good", value.change];
+    const change = value.change ?? 0;
+    const kind = value.change === null ? "unknown" : value.loss > 0 && change < 0 ? "worse" : "good";
     const stroke = better && say("stroke.to", { shot: words(better.shot), area: words(better.area) });
     this.told.className = kind === "good" ? "up" : kind === "worse" ? "down" : "quiet";
-    this.told.textContent = say(`decide.${kind}` as Key, { share: signed(share), stroke: stroke ?? "" });
+    this.told.textContent = say(`decide.${kind}` as Key, { share: signed(change), stroke: stroke ?? "" });
     this.line.textContent = practice ? say("decide.practice") : this.summary(seat);
   }
 

@@ -18,22 +18,29 @@ interface Question {
   wrong: Option[];
   /** Share of elite players who choose the right shot type. */
   share: number;
+  theme: string;
+  /** How usual the right answer is. */
+  usual: number;
 }
 
 /**
- * Decisions to ask for, in order of time: the costliest, or of a puzzle one whose right answer elite players choose least.
- * @param asked right shot types of earlier puzzles, which are not asked for again; null: no puzzle.
+ * Decisions to ask for, in order of time: the costliest, or of a puzzle one with a new theme and a rare right answer.
+ * @param daily puzzles, whose themes and right shot types are not asked for again; null: no puzzle.
  */
-export function questions(analysis: Analysis, asked: ReadonlySet<string> | null = null): Question[] {
+export function questions(analysis: Analysis, daily: Daily | null = null): Question[] {
   const found = analysis.strokes.flatMap(({ question, options }, stroke): Question[] => {
     const pick = (wanted: number) => options.find((option) => option.stroke === wanted)!;
     const best = question && pick(question.right);
-    return best && !asked?.has(best.shot) ? [{ stroke, best, wrong: question.wrong.map(pick), share: question.share }] : [];
+    const { share, theme, usual } = question ?? { share: 0, theme: "", usual: 0 };
+    return best && (daily?.takes(theme, best.shot) ?? true)
+      ? [{ stroke, best, wrong: question.wrong.map(pick), share, theme, usual }]
+      : [];
   });
   const loss = ({ best, wrong }: Question) => best.best - wrong[0]!.best;
+  const again = ({ theme }: Question) => Number(daily!.themes.has(theme));
   return found
-    .sort((a, b) => (asked ? a.share - b.share : loss(b) - loss(a)))
-    .slice(0, asked ? 1 : QUESTIONS)
+    .sort((a, b) => (daily ? again(a) - again(b) || a.usual - b.usual || a.share - b.share : loss(b) - loss(a)))
+    .slice(0, daily ? 1 : QUESTIONS)
     .sort((a, b) => a.stroke - b.stroke);
 }
 
@@ -104,7 +111,10 @@ export class Learn {
       return;
     }
     const { daily } = this;
-    this.left = questions(analysis, daily?.shots);
+    this.left = questions(analysis, daily);
+    if (daily) {
+      daily.rallies++;
+    }
     this.element.classList.remove("hidden");
     const another = daily
       ? daily.after(rally.number) !== null
@@ -164,7 +174,16 @@ export class Learn {
     const stroke = this.rally!.strokes[question.stroke]!;
     replaceChildren(
       this.element,
-      h("h2", {}, term("better stroke", this.title), h("span", {}, this.place)),
+      h(
+        "h2",
+        {},
+        term("better stroke", this.title),
+        h(
+          "span",
+          {},
+          this.daily ? say("learn.theme", { theme: say(`theme.${question.theme}` as Key), place: this.place }) : this.place,
+        ),
+      ),
       h(
         "p",
         {},
@@ -240,6 +259,7 @@ export class Learn {
     this.answered = true;
     if (this.daily) {
       this.daily.shots.add(best.shot);
+      this.daily.themes.add(this.question!.theme);
       this.daily.add(right, this.options.length);
     }
     this.buttons.forEach((button, i) => {

@@ -289,11 +289,13 @@ export interface StrokeValue {
   positions: number[] | null;
 }
 
-/** The right answer and wrong ones, the stroke played first; ``share`` of elite players who choose the right shot type. */
+/** A question about a stroke. */
 export interface Question {
   right: number;
   wrong: number[];
   share: number;
+  theme: string;
+  usual: number;
 }
 
 /** A stroke of a decision. */
