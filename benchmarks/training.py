@@ -1,6 +1,6 @@
 """Speed of PPO training in strokes per second, and the overhead of recording all rallies.
 
-    python -m benchmarks.training [--strokes N] [--repeats N] [--device cuda] [--sampler kernel|torch] [--json]
+    python -m benchmarks.training [--strokes N] [--repeats N] [--device cuda] [--json]
 
 Measured with one PyTorch thread, or on `--device`, over late iterations of the default schedule, without evaluations: rollouts,
 updates, and for the overhead recording of all rallies. `strokes_trained_per_s` is per second of wall-clock time;
@@ -27,7 +27,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
-from shuttle_marl.training.config import Sampler
 from shuttle_marl.training.learner import RallyCollector
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.rally_log import RunLog, open_log
@@ -110,7 +109,6 @@ def main(
     strokes: int = 20_000_000,
     repeats: int = 3,
     device: str = "cpu",
-    sampler: Sampler = "auto",
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Measure and print.
@@ -119,7 +117,6 @@ def main(
         strokes: strokes of the run whose last iteration is measured.
         repeats: number of measurements; the median is reported.
         device: PyTorch device, such as cuda.
-        sampler: sampler of the rallies, as in training.
         as_json: print JSON instead of a table.
     """
     try:
@@ -127,7 +124,7 @@ def main(
     except TrainingError as error:
         sys.exit(f"error: {error}")
     torch.set_num_threads(1)
-    config = PPOConfig(strokes=strokes, record="all", device=device, sampler=sampler)
+    config = PPOConfig(strokes=strokes, record="all", device=device)
     found = rows(config, repeats)
     if as_json:
         against = found[0]
