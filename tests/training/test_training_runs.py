@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.numpy import load
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean
@@ -56,7 +57,6 @@ CONFIGS: dict[str, TrainingConfig] = {
     "sac": SACConfig(**SMALL, strokes=256 * 8, warm_up=300, minibatch=64, buffer=700),
     "self-play": PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",)),
     "pool": PPOConfig(**SMALL, strokes=256 * 8, opponent=("bc", "random", "safe")),
-    "torch": PPOConfig(**SMALL, strokes=256 * 8, sampler="torch", cache_iterations=3),
     **{
         variant: PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",), variant=variant, update_interval=2, pool_size=2)
         for variant in VARIANTS
@@ -235,6 +235,8 @@ def test_the_target_stops_the_run_and_it_stays_stopped(tmp_path: Path) -> None:
     resumed = train(dataclasses.replace(config, resume=True))
     assert resumed.iterations == 4
     assert weights(resumed.folder) == weights(done.folder)
+    board = EventAccumulator(str(done.folder / "tensorboard")).Reload()
+    assert [event.step for event in board.Scalars("rally_win")] == [line["strokes"] for line in metrics(done.folder)]
 
 
 @pytest.mark.slow
@@ -410,3 +412,10 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
     every, some = read_rallies(tmp_path / "all" / LOG), read_rallies(tmp_path / "sample:3" / LOG)
     assert math.isclose(len(some) / len(every), 1 / 3, rel_tol=0.25)
     assert set(zip(some.pairing, some.match, strict=True)) < set(zip(every.pairing, every.match, strict=True))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no CUDA device on this machine")
+@pytest.mark.parametrize("name", ["ppo", "a2c", "sac", "pool"])
+def test_a_run_on_a_gpu_mixes_no_devices_and_is_resumed(name: str, tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS[name], device="cuda", out=tmp_path / "run")
+    assert train(config).iterations == train(dataclasses.replace(config, resume=True)).iterations
