@@ -205,14 +205,14 @@ def test_a_stroke_is_judged_at_once_and_tried_again_for_practice(viewer: Any, se
     viewer.page.locator(".verdict:not(.hidden)").wait_for(state="attached")
     at = viewer.state("strokes").index(stroke["stroke"])
     assert re.search(r"there|better|Not judged", viewer.page.locator(".verdict").inner_text())
-    link, played = viewer.state("link", "strokes")
+    plan, played = viewer.state("plan", "strokes")
     viewer.until(lambda: viewer.seek(1e3).state("turn") is not None or viewer.state("winner") is not None)
     viewer.press("u")
     viewer.until(lambda: viewer.state("strokes") == played[:at] and viewer.state("turn") is not None)
     assert viewer.state("person")["practice"] is True
     viewer.page.get_by_role("button", name="back to the played rally").click()
     viewer.until(lambda: viewer.state("strokes") == played)
-    assert viewer.state("link") == link
+    assert viewer.state("plan") == plan
     assert viewer.state("person")["practice"] is False
 
 
