@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from scipy import stats
 
+from shuttle_marl.analysis.decisions import theme_of, usual_of
 from shuttle_marl.analysis.marks import MARKS, basis_of, judged_strokes
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands import cli
@@ -26,7 +27,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.values import theme_of, usual_of
 
 LEAST_JUDGED: Final = 30
 """Judged strokes from which the accuracy of a player in a match counts."""

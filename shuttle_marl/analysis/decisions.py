@@ -19,6 +19,8 @@ from scipy import optimize, special
 from shuttle_marl.analysis.marks import Judged
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.stroke import SHOTS
 
 SCALE: Final = 0.02
 """Change at which a stroke has 0.73 of the logistic function, where elite players have a half: what separates players best."""
@@ -28,12 +30,35 @@ _CENTRE: Final = 1500.0
 _TAU: Final = 0.5
 """Constant of the system: how much volatility changes."""
 
+THEMES: Final = ("return", "third", "defence", "attack", "net")
+"""Situations of puzzles: return of serve, third stroke, after a hard stroke, above the net, and all others."""
+_HARD: Final = ("smash", "half-smash", "net-kill", "push", "drive")
+USUAL: Final = ("drive", "lift", "drop", "block", "half-smash", "push", "cross-court-net-shot", "net-shot", "smash")
+"""Right answers of questions, the rarest first."""
+
 
 def quality(judged: Judged) -> F64:
     """``[P]`` quality of strokes, at most 1; NaN: they are not judged."""
     best = judged.change[judged.best[judged.row]]
     found = special.expit(judged.change / SCALE) / special.expit(best / SCALE)
     return np.where(judged.known, found, np.nan)
+
+
+def theme_of(rally: Rally, number: int, *, above: bool) -> str:
+    """The theme of a stroke of a rally, with the contact above the net or below.
+
+    Args:
+        number: of the stroke, from 0.
+    """
+    if number < 3:
+        return ("serve", *THEMES[:2])[number]
+    came = SHOTS[rally.catalogue.shot[rally.stroke[number - 1]]]
+    return "defence" if came in _HARD else "attack" if above else "net"
+
+
+def usual_of(shot: str) -> int:
+    """Position of a shot type in :data:`USUAL`; all others come last."""
+    return USUAL.index(shot) if shot in USUAL else len(USUAL)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

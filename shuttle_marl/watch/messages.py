@@ -468,7 +468,7 @@ class Question(Struct):
     Attributes:
         right, wrong: the right answer and wrong ones, the stroke played first.
         share: share of elite players who choose the right shot type.
-        theme: situation, one of :data:`shuttle_marl.watch.values.THEMES`, or ``serve``.
+        theme: situation, one of :data:`shuttle_marl.analysis.decisions.THEMES`, or ``serve``.
         usual: how usual the right shot type is as an answer, 0: the least.
     """
 

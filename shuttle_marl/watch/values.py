@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.analysis.decisions import quality
+from shuttle_marl.analysis.decisions import quality, theme_of, usual_of
 from shuttle_marl.analysis.marks import Judged, basis_of
 from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
 from shuttle_marl.analysis.rally import decision as analyse_decision
@@ -28,11 +28,6 @@ SHOWN: Final = 8
 """Number of strokes listed for each decision."""
 ELITE: Final = Side(policy="bc")
 """The imitated average elite player, the reference of all comparisons."""
-THEMES: Final = ("return", "third", "defence", "attack", "net")
-"""Situations of puzzles: return of serve, third stroke, after a hard stroke, above the net, and all others."""
-_HARD: Final = ("smash", "half-smash", "net-kill", "push", "drive")
-USUAL: Final = ("drive", "lift", "drop", "block", "half-smash", "push", "cross-court-net-shot", "net-shot", "smash")
-"""Right answers of questions, the rarest first."""
 _MAX_STYLES: Final = 64
 _GROUPS: Final = {
     "attack": [SHOTS.index(shot) for shot in ("smash", "half-smash", "net-kill")],
@@ -211,23 +206,6 @@ class StrokeValues:
         second = 1 - self.policies.values((ELITE, sides[1])).odds().rally
         shots = [figure(SHOTS[k], mixes[:, k]) for k in order]
         return messages.Styles(figures=figures, shots=shots, strength=(rounded(first), rounded(second)))
-
-
-def theme_of(rally: Rally, number: int, *, above: bool) -> str:
-    """The theme of a stroke of a rally, with the contact above the net or below.
-
-    Args:
-        number: of the stroke, from 0.
-    """
-    if number < 3:
-        return ("serve", *THEMES[:2])[number]
-    came = SHOTS[rally.catalogue.shot[rally.stroke[number - 1]]]
-    return "defence" if came in _HARD else "attack" if above else "net"
-
-
-def usual_of(shot: str) -> int:
-    """Position of a shot type in :data:`USUAL`; all others come last."""
-    return USUAL.index(shot) if shot in USUAL else len(USUAL)
 
 
 def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:

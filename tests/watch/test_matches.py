@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from shuttle_marl.analysis.decisions import Rating, rated
+from shuttle_marl.analysis.decisions import USUAL, Rating, rated
 from shuttle_marl.analysis.marks import basis_of
 from shuttle_marl.analysis.rally import LogPlayers, Players, analyse_rally, legal_states
 from shuttle_marl.commands.options import RallyGameOptions
@@ -46,7 +46,7 @@ from shuttle_marl.watch.plan import LADDER, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies, People, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.values import ELITE, USUAL, StrokeValues
+from shuttle_marl.watch.values import ELITE, StrokeValues
 from tests.reduced import reduced_game, reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
