@@ -55,7 +55,7 @@ def _moved(odds: Odds, by: float) -> Odds:
 
 EARNED: Final = 0.4
 """Share of the log-odds of a rally that a forecast keeps: the lower end of the 95 % interval of their slope on cross fits, .43,
-rounded down (``calibration`` of ``python -m experiments.pairs --cross 4``). On the validation matches it is no worse than a coin."""
+rounded down (``calibration`` of ``python -m experiments.pairs --cross 4``)."""
 
 
 def earned(rally: F64) -> F64:
