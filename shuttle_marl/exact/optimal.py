@@ -35,8 +35,7 @@ from shuttle_marl.exact.profile import (
     induced,
     moved,
 )
-from shuttle_marl.exact.recovery import Saddle
-from shuttle_marl.exact.soft_recovery import SoftSaddle
+from shuttle_marl.exact.saddles import Saddle, SoftSaddle
 from shuttle_marl.exact.solver import BlockLinear, Player, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
 from shuttle_marl.game.draws import CHOICE_ONE
