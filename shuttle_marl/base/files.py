@@ -24,8 +24,8 @@ MAX_JSON: Final = 1 << 24
 MAX_LINES: Final = 1 << 25
 """Limit of files of JSON lines, and of tables of text [bytes]."""
 T = TypeVar("T")
-Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 62)]
-"""A number of things in a JSON file."""
+StoredCount = Annotated[int, msgspec.Meta(ge=0, le=1 << 62)]
+"""A number of things that is stored, such as in a JSON file."""
 Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
 """A probability in a JSON file."""
 Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]

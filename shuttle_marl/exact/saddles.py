@@ -164,7 +164,7 @@ def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, ta
         if k == 0:
             y[s, rows.position[s, 0]] = 1.0
             continue
-        played, before = x[first : first + k], prior.strokes[first : first + k] * prior.unit
+        played, before = x[first : first + k], prior.strokes[first : first + k].astype(np.float64) * prior.unit
         _write_matrix(rows, replies, following, s, False, entries, picked)
         matrix = entries[: k * m].reshape(k, m)
         usual, waits = np.empty(m), np.empty(m)
@@ -355,7 +355,7 @@ class Saddle:
         return _saddles(rows, replies(self.game), following, fixed, self.against, found)
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
-        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Player`."""
+        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Striker`."""
         found, fixed = self.strategies(block, plain, after_attack), self._fixed(block)
         if fixed.share and fixed.strokes.size:
             found = found._replace(strokes=(1 - fixed.share) * found.strokes + fixed.share * fixed.unit * fixed.strokes)
