@@ -1,4 +1,4 @@
-"""How good a stroke is: the one definition that values, marks, advice, reports, pictures and the page read.
+"""How good a stroke is: the one definition that values, marks, advice, reports, pictures, the page and the suite read.
 
 A stroke is worth the probability with which its striker wins the rally, if both players then go on as two policies do. Its
 **advantage** is that minus the probability before the choice, the mean over what the striker's own policy plays there. A figure
@@ -12,7 +12,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, Bools, Ints
 from shuttle_marl.exact.profile import StatePolicy, met_by
-from shuttle_marl.game.layout import Indices
+from shuttle_marl.game.layout import ALL, Indices
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.tables import Game
 
@@ -40,8 +40,8 @@ class Worth:
         """``[...]`` probability of winning the rally before the choice in some states."""
         return np.asarray((1 + self._before[states]) / 2)
 
-    def win(self, pairs: slice | Indices) -> F64:
-        """``[...]`` probability of winning the rally with legal pairs."""
+    def win(self, pairs: slice | Indices = ALL) -> F64:
+        """``[...]`` probability of winning the rally with legal pairs, all by default."""
         return np.asarray((1 + self._tables.stroke_values(self._after, pairs)) / 2)
 
     def advantage(self, pairs: slice | Indices, states: Ints) -> F64:

@@ -13,6 +13,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from shuttle_marl.analysis.worth import Worth
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.programs import Program
 from shuttle_marl.env.words import Position, position, prompt, read_answer
@@ -108,10 +109,10 @@ def _answered(arena: Arena, outcome: Outcome) -> I64:
 def regrets(game: Game) -> F64:
     """``[P]`` probability of winning the rally that each legal stroke loses against the best one, under perfect play."""
     solution = solve(game)
-    q = game.stroke_values(solution.value[1])
+    win = Worth(game, solution.value, opponent=solution.policy[1]).win()
     best = np.zeros(game.n_states)
-    best[game.playable] = np.maximum.reduceat(q, game.first_pairs)
-    return np.asarray((game.of_pairs(best) - q) / 2)
+    best[game.playable] = np.maximum.reduceat(win, game.first_pairs)
+    return np.asarray(game.of_pairs(best) - win)
 
 
 @functools.lru_cache(maxsize=2)
