@@ -8,7 +8,6 @@
 
 import dataclasses
 import datetime as dt
-import hashlib
 import re
 import shutil
 import tempfile
@@ -19,7 +18,7 @@ from typing import Annotated, Final
 import msgspec
 from rich.console import Console
 
-from shuttle_marl.base.files import Sha256, replace_sealed
+from shuttle_marl.base.files import Sha256, content_hash, replace_sealed
 from shuttle_marl.suite import apart, store
 from shuttle_marl.suite.boundary import find_boundary
 from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, SuiteRun
@@ -62,7 +61,7 @@ class Commitment:
     def hash(self) -> str:
         """SHA-256 of the task, the method and the files; not of the author and the date, so that copies are found."""
         words = [self.task, self.method, *(f"{digest} {path}" for path, digest in sorted(self.files.items()))]
-        return hashlib.sha256("\n".join(words).encode()).hexdigest()
+        return content_hash("\n".join(words).encode())
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -133,7 +132,7 @@ def _files(folder: Path) -> dict[str, str]:
             size += path.stat().st_size
             if len(found) == _FILES or size > _BYTES:
                 raise SuiteError(f"{folder}: more than {_FILES} files or {_BYTES:,} bytes")
-            found[name.as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
+            found[name.as_posix()] = content_hash(path.read_bytes())
     return found
 
 
@@ -210,7 +209,7 @@ def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, c
             hash=entry.hash,
             method=RemoteMethod(entry.method, code, boundary),
             card=Card(method=entry.method, authors=asked.author, access="samples"),
-            rerun=store.Rerun(by=asked.by, boundary=boundary.name, round=hashlib.sha256(path.read_bytes()).hexdigest()),
+            rerun=store.Rerun(by=asked.by, boundary=boundary.name, round=content_hash(path.read_bytes())),
         )
         options = SuiteRun(
             **dataclasses.asdict(resources), task=asked.task, method=entry.method, split="round", beacon=found.randomness

@@ -26,7 +26,7 @@ from typing import Final, Literal, get_args
 import requests
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import content_hash, replace_file
 
 REPOSITORY: Final = "wywyWang/CoachAI-Projects"
 COMMIT: Final = "39bbf3fd99b0b709ff6d1647383959b6fa5f5b74"
@@ -67,7 +67,7 @@ def sha256_of(path: Path) -> str:
 
 def is_published(content: bytes) -> bool:
     """Whether the content is that of a published file."""
-    return hashlib.sha256(content).hexdigest() in manifest().values()
+    return content_hash(content) in manifest().values()
 
 
 def match_of(path: str) -> str | None:
@@ -214,7 +214,7 @@ def _fetched(url: str, digest: str) -> tuple[bytes, str]:
         raise DownloadError(f"{url}: {error}; is --base-url right? {_RESUME}") from error
     except requests.RequestException as error:
         return b"", f"{url}: no answer ({_cause(error)}); is this machine online?"
-    got = hashlib.sha256(content).hexdigest()
+    got = content_hash(content)
     return content, "" if got == digest else f"{url}: SHA-256 is {got}, expected {digest}: the file was altered in transit"
 
 
