@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from shuttle_marl import __version__
 from shuttle_marl.base import table_files
 from shuttle_marl.base.errors import command
-from shuttle_marl.base.files import content_hash, problem
+from shuttle_marl.base.files import content_hash, hash_of, problem
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.copies import copies
@@ -168,14 +168,12 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
 
 def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
     """Provenance of a cleaned table as a JSON object; equal inputs give equal values."""
-    hashed = (
-        f"{path.relative_to(root).as_posix()}\n".encode() + bytes.fromhex(upstream.sha256_of(path)) for path in cleaned.files
-    )
+    hashes = ((path.relative_to(root).as_posix(), upstream.sha256_of(path)) for path in cleaned.files)
     return {
         "repository": upstream.REPOSITORY,
         "commit": upstream.COMMIT,
         "files": len(cleaned.files),
-        "sha256": content_hash(*hashed),
+        "sha256": hash_of(f"{name}\n".encode() + bytes.fromhex(known) for name, known in hashes),
         "cleaned_by": f"shuttle_marl {__version__}",
         "licence": upstream.LICENCE_NOTE,
         "citations": list(upstream.CITATIONS),
