@@ -1,6 +1,6 @@
 """Speed of PPO training in strokes per second, and the overhead of recording all rallies.
 
-    python -m benchmarks.training [--strokes N] [--repeats N] [--device cuda] [--sampler kernel|torch] [--json]
+    python -m benchmarks.training [--strokes N] [--repeats N] [--device cuda] [--json]
 
 Measured with one PyTorch thread, or on `--device`, over late iterations of the default schedule, without evaluations: rollouts,
 updates, and for the overhead recording of all rallies. `strokes_trained_per_s` is per second of wall-clock time;
@@ -25,7 +25,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
-from shuttle_marl.training.config import Sampler
 from shuttle_marl.training.learner import RallyCollector
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.rally_log import RunLog, open_log
@@ -108,7 +107,6 @@ def main(
     strokes: int = 20_000_000,
     repeats: int = 3,
     device: str = "cpu",
-    sampler: Sampler = "auto",
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Measure and print.
@@ -117,7 +115,6 @@ def main(
         strokes: strokes of the run whose last iteration is measured.
         repeats: number of measurements; the median is reported.
         device: PyTorch device, such as cuda.
-        sampler: sampler of the rallies, as in training.
         as_json: print JSON instead of a table.
     """
     try:
@@ -125,7 +122,7 @@ def main(
     except TrainingError as error:
         sys.exit(f"error: {error}")
     torch.set_num_threads(1)
-    config = PPOConfig(strokes=strokes, record="all", device=device, sampler=sampler)
+    config = PPOConfig(strokes=strokes, record="all", device=device)
     against, self_play = rows(config, repeats)
     result = {**this_machine(), "device": _name(device), "strokes": strokes, **against, "self_play": self_play}
     show(result, "training_speed", as_json=as_json)

@@ -47,7 +47,7 @@ AGENTS: Final[dict[str, TrainingConfig]] = {
     "a2c": A2CConfig(),
     "ppo": PPOConfig(),
     "sac": SACConfig(),
-    "ppo, self-play": PPOConfig(opponent=("self",)),
+    "ppo, self-play": PPOConfig(opponent=("self",), variant="best-response", strokes=200_000_000),
 }
 FIXED: Final = {"bc": "bc@1", "best response": "best-response:{opponent}", "minimax": "minimax"}
 """Rows without training; `bc@1` is `bc` under a second name, so that it can play against itself. It then wins exactly half:

@@ -63,7 +63,7 @@ def listed() -> Iterator[tuple[str, str, str, str, str, str]]:
 
     for name, result in RESULTS.items():
         duration, found, game = times(name, result.estimate)
-        command = f"python -m {result.command}{result.ended and f', at commit {result.ended}'}"
+        command = f"python -m {result.command}"
         tolerance = f"{result.tolerance:g}" if result.compared else "not compared"
         for table in result.tables or (name,):
             yield table, command, duration, tolerance, found, game
@@ -189,9 +189,8 @@ def check(table: str, *, save: bool = False) -> list[str]:
     begun = time.perf_counter()
     name = next((name for name, result in RESULTS.items() if table in (name, *result.tables)), table)
     greatest = 0.0
-    if name in RESULTS and (RESULTS[name].ended or not RESULTS[name].compared):
-        at = RESULTS[name].ended and f" at commit {RESULTS[name].ended}"
-        raise ReproduceError(f"{name} is not compared; run python -m {RESULTS[name].command}{at}")
+    if name in RESULTS and not RESULTS[name].compared:
+        raise ReproduceError(f"{name} is not compared; run python -m {RESULTS[name].command}")
     if name in RESULTS:
         result = RESULTS[name]
         new = remake(name, result)

@@ -37,7 +37,6 @@ class Result:
     speeds: tuple[str, ...] = ()
     earlier: str = ""
     compared: bool = True
-    ended: str = ""
 
 
 _HERE: Final = Path(__file__).parent

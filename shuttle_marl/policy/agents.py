@@ -5,7 +5,6 @@ of the weights. A table takes tens of megabytes, so it is computed when an agent
 folder; :mod:`shuttle_marl.policy.network` computes the same table on every machine.
 """
 
-import contextlib
 import dataclasses
 from pathlib import Path
 from typing import Any, Final
@@ -106,13 +105,18 @@ def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
 
 
 def installed(key: str, game: Game) -> list[str]:
-    """Names of the shipped agents of an algorithm that were trained on a game."""
-    found = []
-    for name, folder in _shipped(key, game).items():
-        with contextlib.suppress(PolicyError):
-            trained = trained_game(game)
-            found += [name] if read_card(folder).get("game") in (trained.hash, without_recovery(trained).hash) else []
-    return found
+    """Names of the shipped agents of an algorithm that were trained on a game, and of damaged ones, which raise when they load."""
+    folders = _shipped(key, game)
+    trained = trained_game(game) if folders else game
+    return [name for name, folder in folders.items() if _game_of(folder) in (None, trained.hash, without_recovery(trained).hash)]
+
+
+def _game_of(folder: Path) -> str | None:
+    """Hash of the game of an agent; None if its card is damaged."""
+    try:
+        return str(read_card(folder).get("game"))
+    except PolicyError:
+        return None
 
 
 def about(name: str) -> str:

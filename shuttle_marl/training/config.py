@@ -27,8 +27,6 @@ from shuttle_marl.base.errors import ShuttleError, did_you_mean, suggesting
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
-Sampler = Literal["auto", "kernel", "torch"]
-
 SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet", "nash"]
 
 SELF: Final = "self"
@@ -130,9 +128,6 @@ class TrainingConfig:
     self-play in the game with recovery, where perfect play mixes, that of the last rollouts."""
     device: str = "cpu"
     """PyTorch device of the networks, such as cuda."""
-    sampler: Sampler = "auto"
-    """Sampler of the rallies: the compiled kernel on the CPU, or torch on --device (not in the game with recovery); auto: torch
-    on CUDA devices, where it can."""
     threads: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = 1
     """PyTorch threads of this process; changes the result, because it changes the order of sums."""
 

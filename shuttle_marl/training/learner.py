@@ -1,7 +1,7 @@
 """The training loop: a :class:`RallyCollector` gives the strokes of an iteration, a :class:`Learner` learns from them.
 
 The network is evaluated once for each visited state, not for each stroke; rallies are then played from the table of its outputs,
-by the kernel (:mod:`shuttle_marl.kernel.sampling`) or on a GPU (:mod:`shuttle_marl.training.torch_sampler`). The sampler also
+by the kernel (:mod:`shuttle_marl.kernel.sampling`). The sampler also
 computes the generalised advantages (Schulman et al. 2016, arXiv 1506.02438) of every rally, backwards from its last stroke:
 
     delta_t = r_t + gamma V(s_{t+1}) - V(s_t),    A_t = delta_t + gamma lambda A_{t+1}.
@@ -40,7 +40,6 @@ from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.training.config import A2CConfig, PPOConfig, TrainingConfig
 from shuttle_marl.training.networks import DivergedError, decision_observations, logit_network, make_actor, make_critic
-from shuttle_marl.training.torch_sampler import TorchSampler
 
 
 def fault_penalty(cost: float, aversion: float) -> float:
@@ -350,15 +349,12 @@ class RallyCollector(BaseCollector):
     ) -> None:
         super().__init__()
         self._config, self._predict, self._distinct = config, predict, distinct
-        options: dict[str, Any] = {
-            "gae_lambda": config.gae_lambda,
-            "cache_iterations": config.cache_iterations,
-            "shaping": added_rewards(config, game) if config.shapes_rewards else None,
-        }
-        device = torch.device(config.device)
-        on_device = config.sampler == "torch" or (config.sampler == "auto" and device.type == "cuda" and game.recovery is None)
-        self.sampler = (
-            TorchSampler(game, opponents, device=device, **options) if on_device else RallySampler(game, opponents, **options)
+        self.sampler = RallySampler(
+            game,
+            opponents,
+            gae_lambda=config.gae_lambda,
+            cache_iterations=config.cache_iterations,
+            shaping=added_rewards(config, game) if config.shapes_rewards else None,
         )
         self._observer = Observer(game, config.device)
         self.generator = torch.Generator()

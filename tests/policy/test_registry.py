@@ -1,5 +1,6 @@
 """Policies by name."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.game import default_game
+from shuttle_marl.game import default_game, load_game
 from shuttle_marl.game.policy import Policy, PolicyError, States, TemperedPolicy, checked_probabilities
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
@@ -16,7 +17,7 @@ from shuttle_marl.policy import agents, baselines, registry
 from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
 from tests import golden
-from tests.reduced import reduced_game
+from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
 STATES = States(game=GAME, state=np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states)))[::97].astype(np.int32))
@@ -247,3 +248,14 @@ def test_faults_of_the_base_are_not_hidden() -> None:
 def test_impossible_temperatures(temperature: float) -> None:
     with pytest.raises(PolicyError, match="expected a finite number"):
         TemperedPolicy(resolve("random", SHIPPED), temperature)
+
+
+def test_a_damaged_agent_is_listed_and_says_so_when_it_is_played(tmp_path: Path) -> None:
+    shutil.copytree(reduced_model(), tmp_path / "model")
+    card = agents.shipped_folder("ppo", tmp_path / "model") / agents.CARD
+    card.parent.mkdir(parents=True)
+    card.write_text("{}\n", encoding="utf-8")
+    game = load_game(str(tmp_path / "model"))
+    assert agents.installed("ppo", game) == ["ppo"]
+    with pytest.raises(PolicyError, match="no trained agent"):
+        resolve("ppo", game)

@@ -56,7 +56,6 @@ CONFIGS: dict[str, TrainingConfig] = {
     "sac": SACConfig(**SMALL, strokes=256 * 8, warm_up=300, minibatch=64, buffer=700),
     "self-play": PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",)),
     "pool": PPOConfig(**SMALL, strokes=256 * 8, opponent=("bc", "random", "safe")),
-    "torch": PPOConfig(**SMALL, strokes=256 * 8, sampler="torch", cache_iterations=3),
     **{
         variant: PPOConfig(**SMALL, strokes=256 * 8, opponent=("self",), variant=variant, update_interval=2, pool_size=2)
         for variant in VARIANTS
@@ -410,3 +409,10 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
     every, some = read_rallies(tmp_path / "all" / LOG), read_rallies(tmp_path / "sample:3" / LOG)
     assert math.isclose(len(some) / len(every), 1 / 3, rel_tol=0.25)
     assert set(zip(some.pairing, some.match, strict=True)) < set(zip(every.pairing, every.match, strict=True))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no CUDA device on this machine")
+@pytest.mark.parametrize("name", ["ppo", "a2c", "sac", "pool"])
+def test_a_run_on_a_gpu_mixes_no_devices_and_is_resumed(name: str, tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS[name], device="cuda", out=tmp_path / "run")
+    assert train(config).iterations == train(dataclasses.replace(config, resume=True)).iterations
