@@ -105,7 +105,7 @@ def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
 
 
 def installed(key: str, game: Game) -> list[str]:
-    """Names of the shipped agents of an algorithm that were trained on a game, and of damaged ones, which raise when they load."""
+    """Names of the shipped agents of an algorithm that were trained on a game, and of damaged ones, which cannot be loaded."""
     folders = _shipped(key, game)
     trained = trained_game(game) if folders else game
     return [name for name, folder in folders.items() if _game_of(folder) in (None, trained.hash, without_recovery(trained).hash)]
