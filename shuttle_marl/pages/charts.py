@@ -261,6 +261,7 @@ def curves(
             colour = _COLOURS[i % len(_COLOURS)]
             # A name that begins with an underscore has no legend in matplotlib, unless its label is set afterwards.
             (line,) = chart.axes.plot(*zip(*points, strict=True), color=colour, linewidth=1.8, gid=chart.tooltips(name))
+            line.set_marker("o" if len(points) == 1 else "")  # a line of one point is invisible
             line.set_label(f"\N{ZERO WIDTH SPACE}{label(name)}")
     chart.axes.set(xlabel=across, ylabel=up, yscale="log" if logarithmic else "linear")
     chart.axes.xaxis.set_major_formatter("{x:,.10g}")

@@ -18,7 +18,8 @@ import msgspec
 import numpy as np
 import torch
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column
 from rich.text import Text
 from safetensors import SafetensorError
 from safetensors import numpy as weights_file
@@ -366,7 +367,7 @@ class _Run:
             self._warm_start(config.warm_start)
         self.begun = time.monotonic() - self.at.seconds
         with (
-            SummaryWriter(str(self.folder / "tensorboard"), purge_step=trainer.iteration) as board,
+            SummaryWriter(str(self.folder / "tensorboard"), purge_step=trainer.strokes + 1 if resumed else None) as board,
             _progress(self.console) as bar,
         ):
             total = config.iterations if config.seconds is None else round(config.seconds)
@@ -435,10 +436,9 @@ class _Run:
         if trainer.iteration % config.evaluate_every == 0 or trainer.iteration == config.iterations or at.stopped:
             evaluation = self._evaluate(losses, board)
             self.evaluating = time.monotonic() - self.begun - at.seconds
-            speed = trainer.strokes / max(at.seconds, 1e-9)
+            speed = f"{trainer.strokes / max(at.seconds, 1e-9) / 1e3:.0f} k strokes/s"
             won = f"wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of matches"
-            figures = f"{won} · {evaluation.score_text} · {evaluation.exploitability_text}"
-            bar.update(task.id, status=f"{speed / 1e3:.0f} k strokes/s · {figures}")
+            bar.update(task.id, status=f"{won} · {evaluation.exploitability_text} · {evaluation.score_text} · {speed}")
 
     @contextlib.contextmanager
     def _diverging(self) -> Iterator[None]:
@@ -558,10 +558,9 @@ class _Run:
 def _progress(console: Console) -> Progress:
     columns = (
         TextColumn("{task.description}"),
-        BarColumn(bar_width=20),
-        MofNCompleteColumn(),
+        BarColumn(bar_width=10),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[status]}"),
+        TextColumn("{task.fields[status]}", table_column=Column(no_wrap=True, overflow="ellipsis")),
     )
     return Progress(*columns, console=console, transient=True, disable=not (console.is_terminal or console.is_jupyter))

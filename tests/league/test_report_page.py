@@ -108,6 +108,11 @@ def test_text_in_charts_is_text() -> None:
     assert charts.curves({"a": [(1.0, 0.0)], "b": []}, "across", "up", logarithmic=True) is None
 
 
+def test_a_curve_of_one_point_is_a_point() -> None:
+    one, two = (charts.curves({"a": [(1.0, 2.0), (2.0, 3.0)][:n]}, "across", "up") for n in (1, 2))
+    assert str(one).count("<use") > str(two).count("<use")
+
+
 def test_the_middle_half_and_the_probability_of_improvement() -> None:
     found = interquartile_mean([[1.0, 2.0, 3.0, 100.0], [2.0, 2.0, 3.0, -50.0]])
     assert found.value == pytest.approx(2.25)

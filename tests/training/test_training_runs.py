@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.numpy import load
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean
@@ -234,6 +235,8 @@ def test_the_target_stops_the_run_and_it_stays_stopped(tmp_path: Path) -> None:
     resumed = train(dataclasses.replace(config, resume=True))
     assert resumed.iterations == 4
     assert weights(resumed.folder) == weights(done.folder)
+    board = EventAccumulator(str(done.folder / "tensorboard")).Reload()
+    assert [event.step for event in board.Scalars("rally_win")] == [line["strokes"] for line in metrics(done.folder)]
 
 
 @pytest.mark.slow
