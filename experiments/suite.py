@@ -32,7 +32,7 @@ from shuttle_marl.suite.board import boards
 from shuttle_marl.suite.exploit import opponent_of
 from shuttle_marl.suite.frontier import Point, frontier
 from shuttle_marl.suite.method import BASELINES, baseline_of, kind_of
-from shuttle_marl.suite.options import Split
+from shuttle_marl.suite.options import Split, VerifyOptions
 from shuttle_marl.suite.registry import arena_of
 from shuttle_marl.suite.results import Row
 
@@ -182,7 +182,7 @@ def run_job(job: Job) -> tuple[Job, float]:
     begun, options = time.monotonic(), job.options
     assert options.out is not None
     run_method(dataclasses.replace(options, resume=(options.out / runs.CONFIG).exists()))
-    same = not verify_run(options.out, game=options.game, data=options.data).refused if job.verify else None
+    same = not verify_run(options.out, VerifyOptions(game=options.game, data=options.data)).refused if job.verify else None
     runs.write_json(options.out / ROW, {**summarise(options.out, game=options.game), "recomputed": same})
     return job, time.monotonic() - begun
 

@@ -1,24 +1,21 @@
 """Advice against an opponent: strokes that win more rallies than what a player usually plays, where the opponent leaves them.
 
-The advantage of a stroke a in a state s is A(s, a) = (Q(s, a) - V(s)) / 2: the change of the probability of winning the rally
-if the player plays a there once, and both players go on as they are imitated. States that a coach does not tell apart form a
-**situation**: the shot type and the area of the incoming stroke, and the contact. The **gain** of a stroke in a situation is
-the sum of its advantages over the states, each weighted by the expected visits in a rally: rallies won more if the stroke is
-always played there.
+Both players go on as they are imitated. States that a coach does not tell apart form a **situation**: the shot type and the area
+of the incoming stroke, and the contact. The **gain** of a stroke in a situation is the sum of its advantages
+(:mod:`shuttle_marl.analysis.worth`) over the states, each weighted by the expected visits in a rally: rallies won more if the
+stroke is always played there.
 
 Advice is given only where it can be trusted: enough real strokes behind the stroke and behind the situation, and a positive
 gain in most of the refits of the game on resampled matches. It keeps the technique that the player uses most in a state, because
-where the shuttle is met decides that. The best of many gains is an overestimate, so the gain that is
-reported is the mean over the refits, times the share of predicted advantages that real matches realise
-(:func:`~shuttle_marl.game.shipped.factor_of`).
+where the shuttle is met decides that. The best of many gains is an overestimate, so the gain that is reported is calibrated.
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from shuttle_marl.analysis.worth import LEAST_REFITS, Worth, calibrated
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, ProfileValue, Visits, moved, visits
@@ -33,12 +30,8 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 
 TOLERANCE: Final = 1e-6
-NORMAL: Final = 1.6448536
-"""95 % quantile of the normal distribution: intervals of the reports contain the truth in 90 % of cases."""
 LEAST_STEADY: Final = 0.8
 """Least share of the refits in which the gain of an advised stroke is positive."""
-LEAST_REFITS: Final = 5
-"""Number of refits below which nothing is advised."""
 LEAST_GAIN: Final = 0.0003
 """Least gain in rallies won per rally, in the mean over the refits."""
 _ALIKE: Final = 2
@@ -107,11 +100,10 @@ class Meeting:
     def advantages(self, seat: int) -> F64:
         """``[base pairs]`` advantage of each stroke times the visits to its state, over all efforts."""
         game, total = self.policies[seat].game, np.zeros(self.policies[seat].game.n_base_pairs)
-        striking, following = self.value.striking[seat], self.value.striking[1 - seat]
+        worth = Worth(game, self.value.striking, seat)
         for block in range(game.n_blocks):
-            states, of_pair = game.block_states(block), game.base_pair_state
-            change = game.stroke_values(following, game.block_pairs(block)) - striking[states][of_pair]
-            total += self.seen.states[seat][states][of_pair] * change / 2
+            states = game.block_states(block).start + game.base_pair_state
+            total += self.seen.states[seat][states] * worth.advantage(game.block_pairs(block), states)
         return total
 
 
@@ -156,24 +148,6 @@ def refitted(pair: Game) -> Refitted:
 
     first, *others = in_threads(solved, (pair, *people_of(pair).refits()))
     return Refitted(pair=pair, home=first, refits=tuple(others), factor=factor_of(pair.seats[0]))
-
-
-def error_of(values: F64 | Sequence[float]) -> float:
-    """Standard deviation of a figure in one more refit."""
-    return float(np.std(values, ddof=1) * np.sqrt(1 + 1 / len(values))) if len(values) > 1 else float("nan")
-
-
-def calibrated(values: F64, factor: Estimate | None) -> Estimate:
-    """Calibrated gain: mean over the refits times the factor, with a 90 % interval.
-
-    Args:
-        values: gain in each refit.
-        factor: share of gains that real matches realise, with its 95 % interval; None: unknown, taken as 1.
-    """
-    factor = factor or Estimate(1.0, 1.0, 1.0)
-    mean, off = float(np.mean(values)), (factor.high - factor.low) / (2 * 1.959964)
-    error = NORMAL * float(np.hypot(factor.value * error_of(values), mean * off))
-    return Estimate(factor.value * mean, factor.value * mean - error, factor.value * mean + error)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,9 +1,8 @@
 """One basis for what page and reports say about choices: marks, changes, better strokes, costly decisions and puzzles.
 
 Both players go on like strong human players (``human:0.05``: perfect play that pays for leaving what people do, see
-:func:`shuttle_marl.policy.computed.human_policy`). The **change** of a stroke is its probability of winning the rally minus the
-mean over the strokes that elite players choose there: the mean over the refits of the game, times the share of predicted
-advantages that real matches realise (:func:`~shuttle_marl.game.shipped.factor_of`).
+:func:`shuttle_marl.policy.computed.human_policy`). The **change** of a stroke is its worth (:mod:`shuttle_marl.analysis.worth`)
+minus the mean over the strokes that elite players choose there, calibrated.
 
 A stroke is judged only if at least :data:`~shuttle_marl.game.shipped.RELIABLE` real strokes stand behind it and behind the best
 one. It is marked if its change is larger than the disagreement of the refits, and if elite players play its shot type there in
@@ -18,9 +17,10 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.analysis.advice import LEAST_REFITS, NORMAL, TOLERANCE, calibrated
+from shuttle_marl.analysis.advice import TOLERANCE
 from shuttle_marl.analysis.course import rally_numbers
 from shuttle_marl.analysis.values import placed
+from shuttle_marl.analysis.worth import Worth, agree, calibrated
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.data.schema import Outcome
@@ -42,14 +42,6 @@ _MASTERED: Final = 0.03
 _WRONG: Final = 0.02
 """Least difference between the right answer and the other ones."""
 _ANSWERS: Final = 4
-
-
-def agree(changes: F64) -> Bools:
-    """Whether ``[R, ...]`` values in the refits have a mean that is larger than their disagreement; False of too few refits."""
-    if len(changes) < LEAST_REFITS:
-        return np.zeros(changes.shape[1:], np.bool_)
-    error = NORMAL * changes.std(axis=0, ddof=1) * np.sqrt(1 + 1 / len(changes))
-    return np.asarray(np.abs(changes.mean(axis=0)) > error)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,9 +139,12 @@ class Basis:
         self._usual, self._real = baselines.load(None, game), real_strokes(game)
         strong, refits = human_policy(TYPICAL_TAU, None, game), refits_of(game)
         self.refits = len(refits)
-        self._worlds = (game, *refits)
-        policies = (strong, *(moved(strong, refit) for refit in refits))
-        self._values = list(in_threads(lambda policy: evaluate(policy, policy, tolerance=TOLERANCE).striking[0], policies))
+
+        def worth(world: Game) -> Worth:
+            policy = moved(strong, world)
+            return Worth(world, evaluate(policy, policy, tolerance=TOLERANCE).striking)
+
+        self._worlds = list(in_threads(worth, (game, *refits)))
 
     def judged(self, states: I64) -> Judged:
         """The legal strokes of ``[N]`` states."""
@@ -160,7 +155,7 @@ class Basis:
         reliable = chance * (behind >= RELIABLE)
         weight = np.where((np.bincount(row, reliable, len(states)) > 0)[row], reliable, chance)
         total = np.bincount(row, weight, len(states))
-        worth = np.stack([world.stroke_values(v, pairs) / 2 for world, v in zip(self._worlds, self._values, strict=True)])
+        worth = np.stack([world.win(pairs) for world in self._worlds])
         usual = np.stack([np.bincount(row, weight * each, len(states)) / total for each in worth])
         refits = (worth - usual[:, row])[min(1, self.refits) :]
         change = (Estimate(1.0, 1.0, 1.0) if self.factor is None else self.factor).value * refits.mean(axis=0)
@@ -176,7 +171,7 @@ class Basis:
             share=np.bincount(kind, chance, len(states) * N_SHOTS)[kind],
             refits=refits,
             change=change,
-            win=np.clip(0.5 + usual[0][row] + change, 0.0, 1.0),
+            win=np.clip(usual[0][row] + change, 0.0, 1.0),
         )
 
 
@@ -249,20 +244,17 @@ class JudgedStrokes:
 def judged_strokes(strokes: pa.Table, basis: Basis) -> JudgedStrokes:
     """Strokes of schema :data:`~shuttle_marl.data.schema.STROKES` with all that could be played instead."""
     game = basis.game
-    rows, nearest, incoming, state = placed(strokes, game)
-    shot, area, technique = (rows.game_codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
-    stroke = np.where((area >= 0) & (state >= 0), nearest[shot, area, rows.codes["contact"], technique], -1)
-    known = np.flatnonzero((stroke >= 0) & (rows.outcome != Outcome.FAULT))
-    rank = game.rank(state[known], stroke[known])
-    known, rank = known[rank >= 0], rank[rank >= 0].astype(np.int64)
-    judged = basis.judged(state[known])
+    found = placed(strokes, game)
+    known = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
+    state = found.state[known]
+    judged = basis.judged(state)
     return JudgedStrokes(
         row=known,
-        incoming=incoming[known].astype(np.int64),
-        contact=game.contact(state[known]).astype(np.int64),
-        stroke=stroke[known],
+        incoming=found.incoming[known],
+        contact=game.contact(state).astype(np.int64),
+        stroke=found.stroke[known],
         judged=judged,
-        position=judged.start + rank,
+        position=judged.start + found.rank[known],
     )
 
 

@@ -12,7 +12,6 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from shuttle_marl.analysis.advice import NORMAL
 from shuttle_marl.analysis.brief import Brief, brief, won_or_lost
 from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
 from shuttle_marl.analysis.habits import Habit, discoveries, habits, interval, with_discoveries
@@ -21,6 +20,7 @@ from shuttle_marl.analysis.scouting import hand_of, plain, with_hands_of_model
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.values import add_values
 from shuttle_marl.analysis.waits import Wait, waits
+from shuttle_marl.analysis.worth import NORMAL
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from shuttle_marl.analysis.summary import LONGEST, AnalysisError, Summary
+from shuttle_marl.analysis.worth import Worth
 from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.exact.fixed_point import ExactError
@@ -221,17 +222,18 @@ class Aim:
     """The best replies to an incoming stroke from one contact, by target area.
 
     Attributes:
-        value: ``[9]`` value of the best reply aimed at each area, named as in the game; NaN where no reply is legal.
+        win: ``[9]`` probability of winning with the best reply aimed at each area, named as in the game; NaN where no reply is
+            legal.
         stroke: ``[9]`` catalogue index of that reply; -1 where no reply is legal.
         support: ``[9]`` real strokes behind that reply (:func:`shuttle_marl.game.shipped.real_strokes`); NaN where no reply is
             legal, and in games that belong to no model.
-        state_value: value of the best reply of all areas.
+        best: the largest of them.
     """
 
-    value: F64
+    win: F64
     stroke: Intp
     support: F64
-    state_value: float
+    best: float
 
 
 def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim, Aim]:
@@ -247,7 +249,8 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
     game = solution.games[0]
     edges = edges_of(game, incoming, own)
     # Rested players, none of them hurried: states of the first block.
-    below, above = (_aim(game, solution.value[1], 4 * edges + contact) for contact in (0, 1))
+    worth = Worth(game, solution.value, 0, solution.policy[1])
+    below, above = (_aim(game, worth, 4 * edges + contact) for contact in (0, 1))
     return below, above
 
 
@@ -266,18 +269,18 @@ def edges_of(game: Game, incoming: int, own: int | None = None) -> Intp:
     return edges
 
 
-def _aim(game: Game, following: F64, states: Intp) -> Aim:
+def _aim(game: Game, worth: Worth, states: Intp) -> Aim:
     # Legal replies and their order depend on the incoming stroke and the contact alone, so the first state has them all.
     strokes = game.legal_strokes(int(states[0]))
-    mean = np.mean([game.stroke_values(following, game.pairs_of(s)) for s in states.tolist()], axis=0)
-    best, chosen, behind = np.full(N_AREAS, np.nan), np.full(N_AREAS, -1, dtype=np.intp), np.full(N_AREAS, np.nan)
+    mean = np.mean([worth.win(game.pairs_of(s)) for s in states.tolist()], axis=0)
+    win, chosen, behind = np.full(N_AREAS, np.nan), np.full(N_AREAS, -1, dtype=np.intp), np.full(N_AREAS, np.nan)
     real = real_strokes(game)
     support = np.full(len(strokes), np.nan) if real is None else real[game.base_pair_edge[game.pairs_of(int(states[0]))]]
     for stroke, value, count in zip(strokes, mean, support, strict=True):
         area = game.catalogue.area[stroke]
-        if not value <= best[area]:
-            best[area], chosen[area], behind[area] = value, stroke, count
-    return Aim(value=best, stroke=chosen, support=behind, state_value=float(mean.max()))
+        if not value <= win[area]:
+            win[area], chosen[area], behind[area] = value, stroke, count
+    return Aim(win=win, stroke=chosen, support=behind, best=float(mean.max()))
 
 
 def stroke_index(game: Game, name: str) -> int:
@@ -295,7 +298,7 @@ def stroke_index(game: Game, name: str) -> int:
 
 
 def best_replies(solution: Solution, incoming: int, own: int | None = None) -> Any:
-    """Value of the best reply to a stroke at each target area (:func:`aims`), with the striker's half at the bottom.
+    """Probability of winning with the best reply to each target area (:func:`aims`), with the striker's half at the bottom.
 
     The players of the game of a pair have their own hands.
 
@@ -317,7 +320,7 @@ def best_replies(solution: Solution, incoming: int, own: int | None = None) -> A
         axes.text(**place, s=f"incoming\n{met}", fontsize=7.5, color=INK, zorder=5)
         for area in range(N_AREAS):
             _draw_area(axes, game, aim, area, of_hand(area, hands[1]), colours)
-        axes.set_title(f"shuttle {contact} the net: wins {_percent(aim.state_value)}", fontsize=11)
+        axes.set_title(f"shuttle {contact} the net: wins {_percent(aim.best)}", fontsize=11)
     names = game.catalogue.names
     if own is not None:
         before = f" after one's own {names[own]}"
@@ -328,8 +331,8 @@ def best_replies(solution: Solution, incoming: int, own: int | None = None) -> A
     return drawn
 
 
-def _percent(value: float) -> str:
-    return f"{100 * (1 + value) / 2:.1f} %"
+def _percent(win: float) -> str:
+    return f"{100 * win:.1f} %"
 
 
 def _draw_area(axes: Any, game: Game, aim: Aim, area: int, place: int, colours: Any) -> None:
@@ -339,18 +342,18 @@ def _draw_area(axes: Any, game: Game, aim: Aim, area: int, place: int, colours: 
     if aim.stroke[area] < 0:
         axes.fill(*box, facecolor="none", edgecolor=LINE, hatch="//", alpha=0.5, zorder=3.5)
         return
-    value = float(aim.value[area])
-    best = value >= aim.state_value
+    win = float(aim.win[area])
+    best = win >= aim.best
     axes.fill(
         *box,
-        facecolor=colours(np.clip(0.5 + value / 2 / _SPREAD / 2, 0, 1)),
+        facecolor=colours(np.clip(0.5 + (win - 0.5) / _SPREAD / 2, 0, 1)),
         edgecolor=INK if best else LINE,
         linewidth=3 if best else 0.8,
         zorder=3.6 if best else 3.5,
     )
     stroke = aim.stroke[area]
     shot = SHOTS[game.catalogue.shot[stroke]].replace("cross-court-net-shot", "cross-court\nnet-shot")
-    text = f"{_percent(value)}\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
+    text = f"{_percent(win)}\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
     if np.isfinite(aim.support[area]):
         text += f"\nn = {aim.support[area]:.0f}"
     axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=INK, weight="bold" if best else None, zorder=5)

@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
+from shuttle_marl.analysis.worth import Worth
 from shuttle_marl.base.arrays import F64, I32, I64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
-from shuttle_marl.exact.profile import met_by
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally.record import Rally
@@ -97,13 +97,9 @@ def decision(game: Game, state: int, seat: int, players: Players, solution: Solu
     pair = game.pair_at(state, np.arange(len(stroke)))
     good, returned, _ = game.stroke_probabilities(pair)
     unknown = np.full(len(stroke), _UNKNOWN)
-    table, value, real = players.tables[seat], players.value, real_strokes(game)
-
-    def win(following: F64, opponent: TabulatedPolicy | None) -> F64:
-        # In the game with recovery, strokes are worth what they are against the positions of the opponent.
-        met = game if game.recovery is None or opponent is None else met_by(game, opponent)
-        return np.asarray((1 + met.stroke_values(following, pair)) / 2)
-
+    table, real = players.tables[seat], real_strokes(game)
+    played = None if players.value is None else Worth(game, players.value.striking, seat, players.tables[1 - seat])
+    perfect = None if solution is None else Worth(game, solution.value, seat, solution.policy[1 - seat])
     return Decision(
         state=state,
         seat=seat,
@@ -113,9 +109,9 @@ def decision(game: Game, state: int, seat: int, players: Players, solution: Solu
         p_ret=returned,
         support=unknown if real is None else real[game.base_pair_edge[pair % game.n_base_pairs]],
         probability=unknown if table is None else table.probability_of(pair),
-        value=_UNKNOWN if value is None else (1 + float(value.striking[seat][state])) / 2,
-        win=unknown if value is None else win(value.striking[1 - seat], players.tables[1 - seat]),
-        optimal=unknown if solution is None else win(solution.value[1 - seat], solution.policy[1 - seat]),
+        value=_UNKNOWN if played is None else float(played.before(state)),
+        win=unknown if played is None else played.win(pair),
+        optimal=unknown if perfect is None else perfect.win(pair),
     )
 
 

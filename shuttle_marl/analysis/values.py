@@ -1,18 +1,19 @@
 """Value added: the probability of winning the rally before and after every stroke, and players ranked by it.
 
 After Decroos, Bransen, Van Haaren & Davis, "Actions Speak Louder than Goals: Valuing Player Actions in Soccer", KDD 2019, with
-state values computed exactly from the game instead of learned.
+probabilities of winning from the game (:mod:`shuttle_marl.analysis.worth`) instead of learned ones.
 """
 
 import dataclasses
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from scipy import stats
 
 from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.analysis.worth import Worth
 from shuttle_marl.base.arrays import F64, I64, Intp
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
@@ -69,16 +70,18 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: Tabulate
     second = np.zeros(len(strokes), dtype=bool)
     if opponent is not None:
         second = strokes["player"].to_numpy(zero_copy_only=False) == people_of(opponent.game).players[1]
-    rows, nearest, incoming, state = placed(strokes, reference.game)
+    found = placed(strokes, reference.game)
+    rows, incoming, state = found.rows, found.incoming, found.state
     striking = evaluate(reference, sides[-1]).striking
     before, decision = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
     for seat, policy in enumerate(sides):
         mine = second == bool(seat)
         theirs = sides[1 - seat] if opponent is not None else policy
         # The mean over possible own last strokes, where the recorded one is unknown or impossible.
-        mean = _means_over_own(policy, theirs, striking[seat])[incoming, rows.codes["hurried"], rows.codes["contact"]]
-        before[mine] = np.where(state >= 0, (1 + striking[seat][state]) / 2, (1 + mean) / 2)[mine]
-        decision[mine] = _decisions(policy, rows, state, nearest, striking[seat], striking[1 - seat])[mine]
+        worth = Worth(policy.game, striking, seat, theirs)
+        mean = _means_over_own(policy, theirs, worth)[incoming, rows.codes["hurried"], rows.codes["contact"]]
+        before[mine] = np.where(state >= 0, worth.before(state), mean)[mine]
+        decision[mine] = _decisions(policy, found, worth)[mine]
     before[incoming == _UNKNOWN] = np.nan
     after = np.full(len(rows), np.nan)
     after[rows.outcome == Outcome.FAULT], after[rows.outcome == Outcome.WINNER] = 0.0, 1.0
@@ -136,16 +139,33 @@ def _game_of_people(strokes: pa.Table, game: Game) -> Game:
     return game if found is None else found
 
 
-def placed(strokes: pa.Table, game: Game) -> tuple[Rows, I64, I64, I64]:
+class Placed(NamedTuple):
     """N strokes of a table in a game.
 
-    Returns:
-        The strokes in context; :func:`nearest_strokes`; ``[N]`` catalogue index of the incoming stroke
-        (:func:`~shuttle_marl.dynamics.features.strokes_before`) and ``[N]`` state, -1: unknown.
+    Attributes:
+        rows: the strokes in context.
+        incoming: ``[N]`` catalogue index of the incoming stroke (:func:`~shuttle_marl.dynamics.features.strokes_before`).
+        state: ``[N]`` state; -1: unknown.
+        stroke: ``[N]`` catalogue index of the stroke, or of the nearest one to it; -1: unknown.
+        rank: ``[N]`` its position among the legal strokes of the state; -1: unknown or not legal.
     """
+
+    rows: Rows
+    incoming: I64
+    state: I64
+    stroke: I64
+    rank: I64
+
+
+def placed(strokes: pa.Table, game: Game) -> Placed:
+    """The strokes of a table of schema :data:`shuttle_marl.data.schema.STROKES` in a game."""
     rows, nearest = marked_rows(strokes, hurry_of(game)), nearest_strokes(game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
-    return rows, nearest, incoming, states_of(game, rows, own, incoming)
+    state = states_of(game, rows, own, incoming)
+    shot, area, technique = (rows.game_codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
+    stroke = np.where((area >= 0) & (state >= 0), nearest[shot, area, game.contact(state), technique], _UNKNOWN)
+    rank = np.where(stroke >= 0, game.rank(state, stroke), _UNKNOWN).astype(np.int64)
+    return Placed(rows, incoming, state, stroke, rank)
 
 
 def nearest_strokes(catalogue: Catalogue) -> I64:
@@ -165,8 +185,8 @@ def nearest_strokes(catalogue: Catalogue) -> I64:
     return nearest
 
 
-def _means_over_own(policy: TabulatedPolicy, opponent: TabulatedPolicy, value: F64) -> F64:
-    """``[n + 1, 2, 2]`` mean value by incoming stroke, hurried and contact, with states weighted by their visits."""
+def _means_over_own(policy: TabulatedPolicy, opponent: TabulatedPolicy, worth: Worth) -> F64:
+    """``[n + 1, 2, 2]`` mean probability of winning by incoming stroke, hurried and contact, weighted by visits."""
     game = policy.game
     weight = visits(policy, opponent).states[0] + 1e-12
     state = np.arange(game.n_states)
@@ -174,37 +194,27 @@ def _means_over_own(policy: TabulatedPolicy, opponent: TabulatedPolicy, value: F
     size = 4 * (game.n_strokes + 1)
     total = np.bincount(group, weight, size)
     with np.errstate(invalid="ignore"):
-        return np.asarray((np.bincount(group, weight * value, size) / total).reshape(-1, 2, 2))
+        return np.asarray((np.bincount(group, weight * worth.before(state), size) / total).reshape(-1, 2, 2))
 
 
-def _decisions(reference: TabulatedPolicy, rows: Rows, state: I64, nearest: I64, value: F64, opponent: F64) -> F64:
-    """``[N]`` gain in the probability of winning over the reference's choice; NaN where unknown.
-
-    Args:
-        reference: policy of the striker.
-        rows: N strokes.
-        state: ``[N]`` states; -1: unknown.
-        nearest: as in :func:`nearest_strokes`.
-        value, opponent: ``[states]`` values of the striker and of the opponent, each before a stroke of its own.
-    """
-    game = reference.game
-    shot, area, technique = (rows.game_codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
-    stroke = np.where(area >= 0, nearest[shot, area, game.contact(state), technique], _UNKNOWN)
-    pair = np.where((state >= 0) & (stroke >= 0), game.pair(state, stroke), -1)
-    legal = (pair >= 0) & (rows.outcome != Outcome.FAULT)
-    expected = np.full(len(rows), np.nan)
-    expected[legal] = game.stroke_values(opponent, pair[legal])
+def _decisions(reference: TabulatedPolicy, found: Placed, worth: Worth) -> F64:
+    """``[N]`` advantage of each stroke over the choice of the reference, the policy of the striker; NaN where unknown."""
+    game, rows, state = reference.game, found.rows, found.state
+    legal = (found.rank >= 0) & (rows.outcome != Outcome.FAULT)
+    decision = np.full(len(rows), np.nan)
+    decision[legal] = worth.advantage(game.pair_at(state[legal], found.rank[legal]), state[legal])
     # Where a fault lands says little about its target: take the mean over the targets.
     fault = np.flatnonzero((state >= 0) & (rows.outcome == Outcome.FAULT))
     row, pairs = game.pairs(state[fault])
     aimed = game.base_pair_stroke[pairs % game.n_base_pairs]
-    alike = (game.catalogue.shot[aimed] == shot[fault][row]) & (game.catalogue.technique[aimed] == technique[fault][row])
+    shot, technique = (rows.game_codes[part][fault][row] for part in ("shot", "technique"))
+    alike = (game.catalogue.shot[aimed] == shot) & (game.catalogue.technique[aimed] == technique)
     row, pairs = row[alike], pairs[alike]
     weight = reference.probability_of(pairs) * game.outcome_probabilities(pairs)[:, rules.FAULT]
     total = np.bincount(row, weight, len(fault))
     with np.errstate(invalid="ignore"):
-        expected[fault] = np.bincount(row, weight * game.stroke_values(opponent, pairs), len(fault)) / total
-    return np.asarray((expected - value[state]) / 2)
+        decision[fault] = np.bincount(row, weight * worth.advantage(pairs, state[fault][row]), len(fault)) / total
+    return decision
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -9,12 +9,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.files import cache_folder
+from shuttle_marl.base.files import cache_folder, content_hash, verify
 
 NAME: Final = "computed.sqlite"
 _WAIT_S: Final = 20.0
 """Timeout while another process writes [s]."""
-_HASH: Final = hashlib.sha256().digest_size
+_HASH: Final = 64
+"""Length of the hash before each content [bytes]."""
 _LOG: Final = logging.getLogger(__name__)
 
 
@@ -49,9 +50,10 @@ class Cache:
                 with self._opened(path) as database:
                     for key in keys:
                         row = database.execute(f"SELECT content FROM {self._kind} WHERE key = ?", (key,)).fetchone()
-                        content = row[0] if row and isinstance(row[0], bytes) else b""
-                        if content[:_HASH] == _hash(key, content[_HASH:]):
-                            found[key] = content[_HASH:]
+                        if row and isinstance(row[0], bytes):
+                            with contextlib.suppress(ValueError):  # damaged: computed again
+                                verify(row[0][:_HASH].decode(), [key, row[0][_HASH:]])
+                                found[key] = row[0][_HASH:]
         except (sqlite3.OperationalError, OSError) as error:
             _warn_once(f"{path}: {error}. Results are recomputed")
         except sqlite3.DatabaseError:  # damaged: created again
@@ -69,7 +71,7 @@ class Cache:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with self._opened(path) as database, database:
-                rows = [(key, _hash(key, content) + content) for key, content in results.items()]
+                rows = [(key, content_hash(key, content).encode() + content) for key, content in results.items()]
                 database.executemany(f"INSERT OR REPLACE INTO {self._kind} VALUES (?, ?)", rows)
                 last = f"(SELECT MAX(rowid) FROM {self._kind})"
                 database.execute(f"DELETE FROM {self._kind} WHERE rowid <= {last} - ?", (self._most,))
@@ -81,10 +83,6 @@ class Cache:
         with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S)) as database:
             database.execute(f"CREATE TABLE IF NOT EXISTS {self._kind} (key BLOB PRIMARY KEY, content BLOB NOT NULL)")
             yield database
-
-
-def _hash(key: bytes, content: bytes) -> bytes:
-    return hashlib.sha256(key + content).digest()
 
 
 @functools.cache

@@ -8,7 +8,7 @@ import json
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Final, TypeVar
 
@@ -24,8 +24,8 @@ MAX_JSON: Final = 1 << 24
 MAX_LINES: Final = 1 << 25
 """Limit of files of JSON lines, and of tables of text [bytes]."""
 T = TypeVar("T")
-Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 62)]
-"""A number of things in a JSON file."""
+StoredCount = Annotated[int, msgspec.Meta(ge=0, le=1 << 62)]
+"""A number of things that is stored, such as in a JSON file."""
 Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
 """A probability in a JSON file."""
 Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
@@ -137,14 +137,32 @@ class FileReadError(ShuttleError):
     """A file cannot be read, or was changed."""
 
 
-def content_hash(content: bytes) -> str:
-    """The SHA-256 by which content is known to be unchanged, hexadecimal."""
-    return hashlib.sha256(content).hexdigest()
+def content_hash(*parts: bytes) -> str:
+    """The SHA-256 by which content, in one part or several, is known to be unchanged; hexadecimal."""
+    return hash_of(parts)
+
+
+def hash_of(parts: Iterable[bytes]) -> str:
+    """:func:`content_hash` of parts that are not all in memory."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def verify(known: object, parts: Iterable[bytes]) -> None:
+    """Check that content is unchanged: the one check of all that this package wrote, but for the checksums of MCAP.
+
+    Raises:
+        ValueError: its :func:`content_hash` is not the known one.
+    """
+    if hash_of(parts) != known:
+        raise ValueError("it was changed after it was written: its checksum does not match")
 
 
 def seal(fields: dict[str, Any], indent: int | None = 2) -> bytes:
     """A JSON object with the hash of its other entries, which :func:`unsealed` verifies."""
-    content = json.dumps({**fields, _SEAL: _digest(fields)}, indent=indent, ensure_ascii=False)
+    content = json.dumps({**fields, _SEAL: content_hash(_canonical(fields))}, indent=indent, ensure_ascii=False)
     return (content + "\n").encode(errors="backslashreplace")
 
 
@@ -157,8 +175,7 @@ def unsealed(content: bytes) -> dict[str, Any]:
     fields = parsed(content.decode())
     if not isinstance(fields, dict):
         raise ValueError("not a JSON object")
-    if fields.pop(_SEAL, None) != _digest(fields):
-        raise ValueError("it was changed after it was written: its checksum does not match")
+    verify(fields.pop(_SEAL, None), [_canonical(fields)])
     return fields
 
 
@@ -211,8 +228,7 @@ def read_hashed(path: Path, known: str, limit: int | None = None) -> bytes:
         ValueError: it has another hash.
     """
     content = read_file(path, limit)
-    if content_hash(content) != known:
-        raise ValueError("it was changed after it was written: its checksum does not match")
+    verify(known, [content])
     return content
 
 
@@ -273,5 +289,5 @@ def read_sealed(path: Path) -> dict[str, Any]:
     return read_json(path, dict[str, Any], sealed=True)
 
 
-def _digest(fields: dict[str, Any]) -> str:
-    return content_hash(json.dumps(fields, sort_keys=True).encode())
+def _canonical(fields: dict[str, Any]) -> bytes:
+    return json.dumps(fields, sort_keys=True).encode()

@@ -4,8 +4,8 @@ Parquet supports checksums of page data, but not of page headers and the footer.
 the file, is stored between the last page and the footer, which readers of Parquet ignore. :func:`open_parquet` verifies it.
 """
 
-import hashlib
 import io
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -15,12 +15,12 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from shuttle_marl.base.files import open_file, replace_file
+from shuttle_marl.base.files import hash_of, open_file, replace_file, verify
 
 PARQUET: Final[dict[str, Any]] = {"compression": "zstd", "write_page_checksum": True}
 """Options of all Parquet files."""
 _MARK: Final = b"shuttle_marl.sha256="
-_SEAL: Final = len(_MARK) + 32
+_SEAL: Final = len(_MARK) + 64
 _END: Final = 8
 """Length of the footer (4 bytes) and the magic ``PAR1`` [bytes]."""
 _BLOCK: Final = 1 << 20
@@ -71,9 +71,9 @@ def seal_parquet(file: BinaryIO) -> None:
     start, size = _footer(file)
     file.seek(start)
     footer = file.read()
-    digest = _digest(file, (0, start), (start, size))
+    digest = hash_of(_blocks(file, (0, size)))
     file.seek(start)
-    file.write(_MARK + digest + footer)
+    file.write(_MARK + digest.encode() + footer)
 
 
 def open_parquet(path: Path) -> pq.ParquetFile:
@@ -87,8 +87,11 @@ def open_parquet(path: Path) -> pq.ParquetFile:
         start, size = _footer(file)
         file.seek(max(0, start - _SEAL))
         seal = file.read(min(start, _SEAL))
-        if seal.startswith(_MARK) and seal[len(_MARK) :] != _digest(file, (0, start - _SEAL), (start, size)):
-            raise pa.ArrowInvalid("it was changed after it was written: its checksum does not match")
+        if seal.startswith(_MARK):
+            try:
+                verify(seal[len(_MARK) :].decode(), _blocks(file, (0, start - _SEAL), (start, size)))
+            except ValueError as error:
+                raise pa.ArrowInvalid(str(error)) from error
     file = pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False)
     about = file.metadata
     with open_file(path) as pages:
@@ -228,12 +231,10 @@ def _footer(file: BinaryIO) -> tuple[int, int]:
     raise pa.ArrowInvalid("not a Parquet file, or truncated")
 
 
-def _digest(file: BinaryIO, *ranges: tuple[int, int]) -> bytes:
-    digest = hashlib.sha256()
+def _blocks(file: BinaryIO, *ranges: tuple[int, int]) -> Iterator[bytes]:
     for begin, end in ranges:
         file.seek(begin)
         remaining = end - begin
         while remaining and (block := file.read(min(_BLOCK, remaining))):
-            digest.update(block)
+            yield block
             remaining -= len(block)
-    return digest.digest()

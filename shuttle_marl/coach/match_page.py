@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from shuttle_marl.analysis import Players
-from shuttle_marl.analysis.advice import LEAST_REFITS
 from shuttle_marl.analysis.match import MatchReport, ShotValue
 from shuttle_marl.analysis.outlook import Met
+from shuttle_marl.analysis.worth import LEAST_REFITS
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.examples import shared, viewer
 from shuttle_marl.coach.rendering import Drill, drills, page

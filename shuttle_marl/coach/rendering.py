@@ -1,14 +1,15 @@
-"""Pages from templates, which hold the prose and the order of the reports."""
+"""Pages from templates, which hold the prose and the order of the reports, and the figures that only templates ask for."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+import numpy as np
 from markupsafe import Markup
 
-from shuttle_marl.analysis.waits import LEAST_METRES
-from shuttle_marl.coach import charts, waits
+from shuttle_marl.analysis.waits import LEAST_METRES, Wait
+from shuttle_marl.coach import charts
 from shuttle_marl.coach.words import between, metres, of_100, parts, ranged, signed, words
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.recovery import ACROSS, DEPTHS
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import SHOTS
@@ -39,6 +40,48 @@ def drills(asked: Iterable[Drill]) -> list[Drill]:
     return list({drill.kind: drill for drill in [*asked][::-1]}.values())[::-1][:DRILLS]
 
 
+class Difference(NamedTuple):
+    """A difference of a player from others that the data support: where they wait, and its size and interval [m]."""
+
+    wait: Wait
+    kind: str
+    value: float
+    low: float
+    high: float
+
+
+def differences(found: Sequence[Wait], *, match: bool) -> list[Difference]:
+    """The largest first. ``match``: the players are each other's only opponents, so a difference is named for one of them."""
+    first = {wait.shot for wait in found if wait.player == 0}
+    named = [each for wait in found if not (match and wait.player and wait.shot in first) for each in _named(wait)]
+    return sorted(named, key=lambda each: -each.value)
+
+
+def _named(wait: Wait) -> Iterator[Difference]:
+    for place, kinds in ((wait.depth, ("closer", "farther")), (wait.side, ("backhand", "forehand"))):
+        if place.clear:
+            value, *interval = place.difference
+            yield Difference(wait, kinds[value > 0], abs(value), *sorted(map(abs, interval)))
+
+
+def shown_differences(wait: Wait) -> str:
+    """What the data support, as short texts with commas between them."""
+    say = words()
+    parts = [say(f"waits.shown_{each.kind}", metres=metres(each.value)) for each in _named(wait)]
+    return say.listed(parts) or say("waits.same")
+
+
+def distance(wait: Wait) -> str:
+    """The mean distance from the net with its interval, if it is known."""
+    value, low, high = map(metres, wait.depth.mean)
+    return value if np.isnan(wait.depth.mean.low) else words()("report.interval", value=value, low=low, high=high)
+
+
+def shares(wait: Wait, axis: int) -> str:
+    """Shares by depth (``axis`` 1) or by side (0)."""
+    return " / ".join(of_100(share) for share in np.reshape(wait.positions, (-1, N_SIDES)).sum(axis=axis).tolist())
+
+
 def page(template: str, content: Mapping[str, Any], *, rallies: str = "", viewer: Viewer | None = None) -> bytes:
     """The page of a report.
 
@@ -49,7 +92,7 @@ def page(template: str, content: Mapping[str, Any], *, rallies: str = "", viewer
         viewer: program that plays them.
     """
     say = words()
-    figures = (between, metres, of_100, parts, ranged, signed, waits.differences, waits.distance, waits.shares)
+    figures = (between, metres, of_100, parts, ranged, signed, differences, distance, shares, shown_differences)
     return render(
         __package__ or "",
         template,
@@ -64,6 +107,6 @@ def page(template: str, content: Mapping[str, Any], *, rallies: str = "", viewer
         AREAS=AREAS,
         SHOTS=SHOTS,
         constants={"RELIABLE": RELIABLE, "LEAST_METRES": LEAST_METRES, "DEPTHS": DEPTHS, "ACROSS": ACROSS},
-        **{function.__name__: function for function in (*figures, waits.shown_differences)},
+        **{function.__name__: function for function in figures},
         **content,
     )

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from shuttle_marl.analysis import Players
-from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY
+from shuttle_marl.analysis.advice import LEAST_STEADY
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.scouting import ScoutingReport
+from shuttle_marl.analysis.worth import LEAST_REFITS
 from shuttle_marl.base.errors import printable
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.examples import shared, staged_advice, viewer

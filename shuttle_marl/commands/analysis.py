@@ -17,13 +17,14 @@ from shuttle_marl import analysis as play
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import MAX_JSON, read_file, replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import HandsTold, RallyGameOptions, hands_told
+from shuttle_marl.commands.options import PlayerOptions, RallyGameOptions, hands_told
 from shuttle_marl.game.stroke import SHOTS
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 _MODEL: Final = RallyGameOptions()
+_PLAYERS: Final = PlayerOptions()
 _SHOWN: Final = 12
 _PICTURED: Final = 3
 
@@ -88,8 +89,7 @@ def analysis(
     reference: str = "bc",
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
     rallies: tyro.conf.OmitArgPrefixes[RallyFilter] = RallyFilter(),
-    hand: HandsTold = (),
-    anonymous: bool = False,
+    players: tyro.conf.OmitArgPrefixes[PlayerOptions] = _PLAYERS,
     json: bool = False,
 ) -> None:
     """Summarise the play of every player of a rally log or of annotated matches, with the value of their strokes.
@@ -101,8 +101,7 @@ def analysis(
         reference: policy whose play the values assume.
         model: game on which values are computed.
         rallies: the rallies that count.
-        hand: hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
-        anonymous: replace the names of players and matches by pseudonyms.
+        players: whose strokes they are.
         json: print JSON.
     """
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415  these keep --help quick
@@ -113,13 +112,13 @@ def analysis(
         written = (out / f"{kind}.{suffix}" for kind in ("strokes", "rallies") for suffix in ("parquet", "csv"))
         cli.check_apart(written, [path] if against is None else [path, against])
     tables = model.load_for(path).seats[0].average
-    with hands_told(hand):
+    with hands_told(players.hand):
         strokes = play.strokes_of(path, rallies=rallies.rallies)
     valued = rallies.of(play.add_values_of_pairs(strokes, reference, tables))
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
-    if anonymous:
+    if players.anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
-    other = "others" if anonymous or against is None else against.resolve().name
+    other = "others" if players.anonymous or against is None else against.resolve().name
     summaries = {name: play.summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
         others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies.rallies), reference, tables)

@@ -68,7 +68,7 @@ def solve(
         json_output: print JSON.
     """
     from shuttle_marl.exact.away import of_solution, over  # noqa: PLC0415
-    from shuttle_marl.exact.recovery import Saddle  # noqa: PLC0415
+    from shuttle_marl.exact.saddles import Saddle  # noqa: PLC0415
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
 
     tables = model.load()

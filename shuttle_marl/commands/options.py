@@ -40,6 +40,16 @@ def hands_told(hands: HandsTold) -> Iterator[None]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class PlayerOptions:
+    """The players of strokes."""
+
+    hand: HandsTold = ()
+    """Hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it."""
+    anonymous: bool = False
+    """Replace the names of players and matches."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class GameOptions:
     """The game that is solved or played."""
 

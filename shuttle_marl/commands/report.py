@@ -8,52 +8,41 @@ import tyro
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import HandsTold, Json, RallyGameOptions, hands_told
-from shuttle_marl.commands.reports import write_figures, write_report
-from shuttle_marl.pages.languages import Language, speaking
+from shuttle_marl.commands.options import RallyGameOptions, hands_told
+from shuttle_marl.commands.reports import ReportOptions
+from shuttle_marl.pages.languages import speaking
 
 _MODEL: Final = RallyGameOptions()
+_OPTIONS: Final = ReportOptions()
 
 
 def report(
     path: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MATCH")],
     *,
-    out: Path = Path("report.html"),
     match: str | None = None,
     pairing: int = 0,
     columns: Path | None = None,
-    hand: HandsTold = (),
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
     video: str | None = None,
-    anonymous: bool = False,
-    pdf: Path | None = None,
-    figures: Path | None = None,
-    language: Language = "en",
-    json_output: Json = False,
+    options: tyro.conf.OmitArgPrefixes[ReportOptions] = _OPTIONS,
 ) -> None:
     """Write a report of a match: its course, key moments, the value of shots, costly decisions, and habits that changed.
 
     Args:
         path: annotated matches (a stroke table, a folder with the raw files, or a CSV file with --columns), or a rally log.
-        out: HTML file.
         match: name of the match, or words of it; of a rally log the number of the match, from 0. Default: the only one.
         pairing: of a rally log, number of the pairing.
         columns: column map of a CSV file.
-        hand: hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
         model: game in which strokes are valued.
         video: address of the video with {seconds} where the time goes, such as https://example.org/watch?t={seconds}.
-        anonymous: replace the names of the players and of the match.
-        pdf: PDF file, written by Chromium; its first page is one side for the player.
-        figures: CSV or Parquet file for a table of all figures.
-        language: language of the page: English, Chinese (simplified) or Indonesian.
-        json_output: print the figures as JSON, and write no page.
+        options: what is written.
     """
     from shuttle_marl.coach import sources  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
     from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
     game = model.load_for(path)
-    with hands_told(hand), cli.working("analysing the match"), speaking(language):
+    with hands_told(options.hand), cli.working("analysing the match"), speaking(options.language):
         if is_log(path):
             if columns is not None:
                 raise ShuttleError(f"--columns {columns}: {path} is a rally log, which has no columns to map; omit it")
@@ -66,18 +55,10 @@ def report(
             found, footage = sources.of_strokes(path, game, match, columns)
     if video is not None:
         footage = dataclasses.replace(footage, video=sources.video_of(video))
-    with speaking(language):
-        if anonymous:
+    if options.anonymous:
+        with speaking(options.language):
             found, footage = sources.anonymous(found, footage)
-    if figures is not None:
-        write_figures(found.as_json(), figures)
-    if json_output:
-        cli.print_json(found.as_json())
-        if pdf is None:
-            return
-    with speaking(language):
-        page = match_page(found, footage)
-    write_report(page, out, pdf, quiet=json_output)
+    options.write(found.as_json(), lambda: match_page(found, footage), "report.html")
 
 
 COMMANDS: Final = report

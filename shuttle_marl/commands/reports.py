@@ -1,7 +1,8 @@
 """Files of reports: HTML pages, tables of figures, and PDF files where there is Chromium."""
 
+import dataclasses
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,41 @@ from shuttle_marl.base.errors import OptionError, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import File, Json, PlayerOptions
+from shuttle_marl.pages.languages import Language, speaking
 from shuttle_marl.watch import WatchError
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReportOptions(PlayerOptions):
+    """What is written of a report."""
+
+    out: File = None
+    """HTML file; default: the name of the command."""
+    pdf: File = None
+    """PDF file, written by Chromium; its first page is one side for the player."""
+    figures: File = None
+    """CSV or Parquet file for a table of all figures."""
+    language: Language = "en"
+    """Language of the page: English, Chinese (simplified) or Indonesian."""
+    json_output: Json = False
+    """Print the figures as JSON, and write no page unless --out or --pdf is given."""
+
+    def write(self, figures: Mapping[str, Any], page: Callable[[], bytes], name: str) -> None:
+        """Write what is asked for.
+
+        Args:
+            page: makes the page, in the language.
+            name: of its file by default.
+        """
+        if self.figures is not None:
+            write_figures(figures, self.figures)
+        if self.json_output:
+            cli.print_json(figures)
+        if not self.json_output or self.out is not None or self.pdf is not None:
+            with speaking(self.language):
+                content = page()
+            write_report(content, self.out or Path(name), self.pdf, quiet=self.json_output)
 
 
 def write_report(page: bytes, out: Path, pdf: Path | None, *, quiet: bool = False) -> None:

@@ -8,9 +8,11 @@ import tyro
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import HandsTold, Json, hands_told
-from shuttle_marl.commands.reports import write_figures, write_report
-from shuttle_marl.pages.languages import Language, speaking
+from shuttle_marl.commands.options import hands_told
+from shuttle_marl.commands.reports import ReportOptions
+from shuttle_marl.pages.languages import speaking
+
+_OPTIONS: Final = ReportOptions()
 
 
 def scout(
@@ -18,17 +20,11 @@ def scout(
     opponent: Annotated[str | None, tyro.conf.Positional] = None,
     *,
     beside: str | None = None,
-    out: Path | None = None,
     data: Path | None = None,
-    hand: HandsTold = (),
     game: str = "default",
     date: str | None = None,
-    anonymous: bool = False,
-    pdf: Path | None = None,
-    figures: Path | None = None,
-    language: Language = "en",
     list_players: Annotated[bool, tyro.conf.arg(name="list")] = False,
-    json_output: Json = False,
+    options: tyro.conf.OmitArgPrefixes[ReportOptions] = _OPTIONS,
 ) -> None:
     """Write a scouting report: a page for the player, how the opponent plays, and where the opponent can be hurt.
 
@@ -36,17 +32,11 @@ def scout(
         player: who is to win; alone: whose profile is written.
         opponent: who is described.
         beside: another opponent, whose habits are shown beside those of the first one.
-        out: HTML file; default: scout.html.
         data: annotated matches, for counted habits: a stroke table, or a folder with the raw files.
-        hand: hand of a player of the data, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
         game: model of the game: a shipped one or a folder.
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
-        anonymous: replace the names of the players.
-        pdf: PDF file, written by Chromium; its first page is one side for the player.
-        figures: CSV or Parquet file for a table of all figures.
-        language: language of the page: English, Chinese (simplified) or Indonesian.
         list_players: list the players of the model instead.
-        json_output: print the figures as JSON, and write no page unless --out or --pdf is given.
+        options: what is written.
     """
     from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
@@ -58,7 +48,7 @@ def scout(
 
     if list_players:
         listed = players_of(game)
-        if json_output:
+        if options.json_output:
             cli.print_json({"players": [plain(each) for each in listed]})
         else:
             cli.console().print(cli.scouted_rows(listed))
@@ -66,12 +56,12 @@ def scout(
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
     names = (player,) if opponent is None else (opponent, player)
-    with hands_told(hand), cli.working("analysing the match-up"):
+    with hands_told(options.hand), cli.working("analysing the match-up"):
         strokes = None if data is None else load_strokes(data)
         report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
-    if anonymous:
+    if options.anonymous:
         names = (report.opponent.name,) if report.player is None else (report.opponent.name, report.player.name)
-        with speaking(language):
+        with speaking(options.language):
             letters = [words()(f"report.player_{letter}") for letter in "abc"]
         hidden = dict(zip(names[::-1], letters, strict=False))
         pair, other = report.pair, report.beside
@@ -80,14 +70,8 @@ def scout(
             pair = dataclasses.replace(pair, people=people)
         other = None if other is None else (letters[2], other[1])
         report = dataclasses.replace(report.renamed(lambda name: hidden.get(name, letters[2])), pair=pair, beside=other)
-    if figures is not None:
-        write_figures(report.as_json(), figures)
-    if json_output:
-        cli.print_json(report.as_json())
-    if not json_output or out is not None or pdf is not None:
-        with speaking(language):
-            page = scouting_page(report, () if strokes is None else gaps(strokes))
-        write_report(page, out or Path("scout.html"), pdf, quiet=json_output)
+    missing = () if strokes is None else gaps(strokes)
+    options.write(report.as_json(), lambda: scouting_page(report, missing), "scout.html")
 
 
 COMMANDS: Final = scout

@@ -14,12 +14,13 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.suite.options import Beacon, Split, SuiteError, SuiteRun
+from shuttle_marl.suite.options import NOTHING_GIVEN, Beacon, RerunOptions, Resources, Split, SuiteError, SuiteRun, VerifyOptions
 
 Task = Annotated[str, tyro.conf.Positional]
 Folder = Annotated[Path, tyro.conf.Positional]
 Folders = Annotated[tuple[Path, ...], tyro.conf.Positional]
 _FRONTIER: Final[tuple[Literal["score", "exploitability", "gain"], ...]] = ("score", "exploitability", "gain")
+_RESOURCES: Final = Resources()
 _SHOWN: Final = 20
 """Refused units that are printed."""
 
@@ -110,21 +111,17 @@ def run(options: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fal
     _print_summary(folder, options.beacon, options.game, json_output=json_output)
 
 
-def verify(
-    folder: Folder, *, game: str | None = None, beacon: Beacon = None, data: Path | None = None, json_output: Json = False
-) -> None:
+def verify(folder: Folder, *, given: tyro.conf.OmitArgPrefixes[VerifyOptions] = NOTHING_GIVEN, json_output: Json = False) -> None:
     """Recompute every score of a run from its policies and answers; exits with 1 if one is refused.
 
     Args:
         folder: of the run.
-        game: model of the game; default: the shipped one that the run names. Folders that a run names are not opened.
-        beacon: randomness of the beacon of a round, for the split round.
-        data: annotated matches, for imitate.
+        given: what it reads beside.
         json_output: print JSON.
     """
     from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415  numba
 
-    found = verify_run(folder, game=game, beacon=beacon, data=data, progress=_progress)
+    found = verify_run(folder, given, progress=_progress)
     remarks = [] if found.summary is None else found.summary["remarks"]
     if json_output:
         cli.print_json(
@@ -155,9 +152,7 @@ def board(
     reran: tuple[Path, ...] = (),
     results: File = None,
     check: bool = True,
-    game: str | None = None,
-    beacon: Beacon = None,
-    data: Path | None = None,
+    given: tyro.conf.OmitArgPrefixes[VerifyOptions] = NOTHING_GIVEN,
     out: File = None,
     html: bool = False,
 ) -> None:
@@ -170,9 +165,7 @@ def board(
         reran: folders of `suite rerun` that you trust, such as your own.
         results: a file of `python -m experiments.suite`, whose rows are added as they are.
         check: verify the folders; entries that are not verified are marked.
-        game: model of the game; default: the shipped one that a run names.
-        beacon: randomness of the beacon of a round, for the split round.
-        data: annotated matches, for imitate.
+        given: what the verification reads beside.
         out: write the board here; default: print it.
         html: write HTML instead of Markdown.
     """
@@ -181,8 +174,7 @@ def board(
     if not (folders or reran) and results is None:
         raise SuiteError("nothing to show: name run folders, or a file of results with --results")
     left: list[str] = []
-    options = {"check": check, "game": game, "beacon": beacon, "data": data, "progress": _progress}
-    rows = rows_of(folders, results, reran=reran, failed=left.append, **options)  # type: ignore[arg-type]
+    rows = rows_of(folders, results, reran=reran, check=check, given=given, progress=_progress, failed=left.append)
     text = render(rows, "html" if html else "md")
     if out is None:
         print(text, end="")  # noqa: T201
@@ -308,19 +300,8 @@ def rerun(
     round_file: Annotated[Path, tyro.conf.Positional],
     folder: Folder,
     *,
-    task: str,
-    author: str,
-    randomness: str,
-    by: str,
-    image: str | None = None,
-    budget: int | None = None,
-    seeds: int | None = None,
-    quick: bool = False,
-    workers: int = 1,
-    game: str = "default",
-    out: Path | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
+    asked: tyro.conf.OmitArgPrefixes[RerunOptions],
+    resources: tyro.conf.OmitArgPrefixes[Resources] = _RESOURCES,
     json_output: Json = False,
 ) -> None:
     """Rerun committed code on a round: apart from this package, without a network, as another user, in a container or namespaces.
@@ -328,38 +309,14 @@ def rerun(
     Args:
         round_file: of `suite round`.
         folder: of the code.
-        task: name of the task.
-        author: whose entry.
-        randomness: that of the beacon, as you have read it there.
-        by: your name.
-        image: of a container with Python and NumPy, for podman or docker; default: namespaces of Linux.
-        budget: in strokes; default: the smallest one of the task.
-        seeds: number of seeds, from 0; default: that of the task.
-        quick: the smallest cases and budgets only.
-        workers: parallel processes.
-        game: model of the game.
-        out: run folder.
-        resume: continue the run in --out.
-        overwrite: replace the run in --out.
+        asked: the entry.
+        resources: of the run.
         json_output: print JSON.
     """
     from shuttle_marl.suite.rounds import rerun as again  # noqa: PLC0415  numba
 
-    options = SuiteRun(
-        task=task,
-        method=author,
-        budget=budget,
-        seeds=seeds,
-        quick=quick,
-        workers=workers,
-        game=game,
-        out=out,
-        resume=resume,
-        overwrite=overwrite,
-    )
-    names = {"task": task, "author": author, "randomness": randomness, "by": by, "image": image}
-    made = again(round_file, folder, **names, options=options, console=cli.console(stderr=True))  # type: ignore[arg-type]
-    _print_summary(made, randomness, game, json_output=json_output)
+    made = again(round_file, folder, asked, resources, cli.console(stderr=True))
+    _print_summary(made, asked.randomness, resources.game, json_output=json_output)
 
 
 def _print_summary(folder: Path, beacon: str | None, game: str | None, *, json_output: bool) -> None:

@@ -5,7 +5,6 @@ warning (:mod:`shuttle_marl.data.inference`). What the file lacks is inferred wh
 """
 
 import dataclasses
-import hashlib
 import itertools
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +15,7 @@ import pyarrow.compute as pc
 
 from shuttle_marl import __version__
 from shuttle_marl.base.arrays import I64
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.data import inference, readers
 from shuttle_marl.data.column_map import ColumnMap
 from shuttle_marl.data.columns import Columns
@@ -118,7 +118,7 @@ def _imported(path: Path, map_file: Path | None, given: ColumnMap, reading: read
             "source": mapped.source,
             "format": reading.format,
             "file": path.name,
-            "sha256": hashlib.sha256(sheet.content).hexdigest(),
+            "sha256": content_hash(sheet.content),
             "inferred": [*reading.inferred, *_inferred(columns, strokes), *hands],
             "lost": [*reading.lost, *lost, *unknown_hands(strokes)],
             "imported_by": f"shuttle_marl {__version__}",

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I64, Bools, Floats, Ints
-from shuttle_marl.base.files import Count, Fraction
+from shuttle_marl.base.files import Fraction, StoredCount
 from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 
@@ -203,12 +203,12 @@ class Account:
             coordinates; None without labels.
     """
 
-    matches: Count
-    rallies: Count
-    rallies_kept: Count
-    strokes: Count
-    strokes_kept: Count
-    dropped: dict[str, Count]
+    matches: StoredCount
+    rallies: StoredCount
+    rallies_kept: StoredCount
+    strokes: StoredCount
+    strokes_kept: StoredCount
+    dropped: dict[str, StoredCount]
     area_agreement: Fraction | None
 
     @classmethod

@@ -2,7 +2,6 @@
 
 import collections
 import dataclasses
-import hashlib
 import json
 import re
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ import pyarrow.compute as pc
 from shuttle_marl import __version__
 from shuttle_marl.base import table_files
 from shuttle_marl.base.errors import command
-from shuttle_marl.base.files import problem
+from shuttle_marl.base.files import content_hash, hash_of, problem
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.copies import copies
@@ -169,14 +168,12 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
 
 def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
     """Provenance of a cleaned table as a JSON object; equal inputs give equal values."""
-    digest = hashlib.sha256()
-    for path in cleaned.files:
-        digest.update(f"{path.relative_to(root).as_posix()}\n".encode() + bytes.fromhex(upstream.sha256_of(path)))
+    hashes = ((path.relative_to(root).as_posix(), upstream.sha256_of(path)) for path in cleaned.files)
     return {
         "repository": upstream.REPOSITORY,
         "commit": upstream.COMMIT,
         "files": len(cleaned.files),
-        "sha256": digest.hexdigest(),
+        "sha256": hash_of(f"{name}\n".encode() + bytes.fromhex(known) for name, known in hashes),
         "cleaned_by": f"shuttle_marl {__version__}",
         "licence": upstream.LICENCE_NOTE,
         "citations": list(upstream.CITATIONS),
@@ -192,7 +189,7 @@ def anonymised(strokes: pa.Table) -> pa.Table:
     for columns, form in ((("player", "opponent"), "player-{:02d}"), (("match",), "match-{:03d}")):
         names = sorted(
             {name for column in columns for name in pc.unique(strokes[column]).to_pylist() if name is not None},
-            key=lambda name: hashlib.sha256(name.encode()).digest(),
+            key=lambda name: content_hash(name.encode()),
         )
         pseudonym = {name: form.format(number) for number, name in enumerate(names, 1)}
         for column in columns:

@@ -1,7 +1,6 @@
 """The fitted models: predictions, and their file (safetensors, never pickle)."""
 
 import dataclasses
-import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,7 @@ import torch
 
 from shuttle_marl.base.arrays import F64, I16, I64, Ints
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.models import (
@@ -189,7 +188,7 @@ class FittedModels:
         }
         content = tensor_bytes(tensors, {"model": json.dumps(described, sort_keys=True)}, pack=True)
         replace_file(folder / NETWORKS, content)
-        return hashlib.sha256(content).hexdigest()
+        return content_hash(content)
 
     @classmethod
     def load(cls, folder: Path) -> "FittedModels":

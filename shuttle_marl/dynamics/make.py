@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import functools
-import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,7 @@ from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F32, F64, I16
 from shuttle_marl.base.cluster import WorkerPool, check_processes
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data import load_strokes
@@ -351,7 +350,7 @@ def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
         ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split.
     """
     names = [rows.matches[i] for i in np.unique(rows.match)]
-    own = sorted((name for name in names if split_of(name) is None), key=lambda name: hashlib.sha256(name.encode()).hexdigest())
+    own = sorted((name for name in names if split_of(name) is None), key=lambda name: content_hash(name.encode()))
     if share is None:
         if own:
             raise ShuttleError(

@@ -35,9 +35,8 @@ from shuttle_marl.exact.profile import (
     induced,
     moved,
 )
-from shuttle_marl.exact.recovery import Saddle
-from shuttle_marl.exact.soft_recovery import SoftSaddle
-from shuttle_marl.exact.solver import BlockLinear, Player, ProfileValue, solve_players, successors
+from shuttle_marl.exact.saddles import Saddle, SoftSaddle
+from shuttle_marl.exact.solver import BlockLinear, ProfileValue, Striker, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.shipped import supported
@@ -286,7 +285,7 @@ class Response:
 
     game: Game
     player: "_BestStrokes | Saddle"
-    opponent: Player
+    opponent: Striker
     value: ProfileValue
     sweeps: int
 
@@ -342,7 +341,7 @@ def best_response(
 def _response(tables: Game, policy: StatePolicy | InducedChain, p: float, at_least: float, tolerance: float) -> Response:
     """The best response to an opponent who follows a policy with probability ``p`` at each choice, and else chooses best."""
     own: _BestStrokes | Saddle
-    opponent: Player
+    opponent: Striker
     game = limited(tables, at_least)
     if game.recovery is not None:
         if isinstance(policy, InducedChain):

@@ -107,7 +107,7 @@ class InducedChain:
     contraction: float
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
-        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Player`."""
+        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Striker`."""
 
         def linear(plain: F64, after_attack: F64) -> F64:
             return -block_mean(self.game, block, self.chance[block], plain, after_attack)

@@ -22,8 +22,8 @@ BlockLinear = Callable[[F64, F64], F64]
 attack."""
 
 
-class Player(Protocol):
-    """One side of a rally."""
+class Striker(Protocol):
+    """A player in the states in which it strikes."""
 
     @property
     def game(self) -> Game:
@@ -76,7 +76,7 @@ def successors(game: Game, values: F64, block: int) -> tuple[F64, F64]:
     return plain, attack
 
 
-def sweep(player: Player, following: F64) -> tuple[F64, Linear]:
+def sweep(player: Striker, following: F64) -> tuple[F64, Linear]:
     """``[S]`` values of all states to the striker, from those of the next states to the receiver, and the linear part."""
     game = player.game
     blocks = [player.block_sweep(block, *successors(game, following, block)) for block in range(game.n_blocks)]
@@ -88,7 +88,7 @@ def sweep(player: Player, following: F64) -> tuple[F64, Linear]:
 
 
 def solve_players(
-    first: Player, second: Player | None, tolerance: float, *, start: F64 | None = None, affine: bool = False
+    first: Striker, second: Striker | None, tolerance: float, *, start: F64 | None = None, affine: bool = False
 ) -> tuple[ProfileValue, int]:
     """Values of player 0 and player 1, and the number of sweeps over all legal pairs of one of them.
 
@@ -116,7 +116,7 @@ def solve_players(
     return value, swept + sweeps + 1
 
 
-def by_blocks(first: Player, second: Player | None, tolerance: float, *, affine: bool = False) -> tuple[F64, int]:
+def by_blocks(first: Striker, second: Striker | None, tolerance: float, *, affine: bool = False) -> tuple[F64, int]:
     """Approximate values of the states in which the first player strikes; arguments as for :func:`solve_players`.
 
     Returns:

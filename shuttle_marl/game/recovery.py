@@ -16,13 +16,13 @@ factors are computed by additions, products and quotients in a fixed order, so t
 
 import dataclasses
 import functools
-import hashlib
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I8, I16, I32, I64, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.tensor_files import Tensors, checked
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, N_SIDES
 from shuttle_marl.game.draws import CHOICE_ONE
@@ -124,7 +124,7 @@ class Recovery:
     @functools.cached_property
     def hash(self) -> str:
         """SHA-256 of the tables, hexadecimal."""
-        return hashlib.sha256(self.people.tobytes() + self.effect.tobytes()).hexdigest()
+        return content_hash(self.people.tobytes() + self.effect.tobytes())
 
     @property
     def arrays(self) -> dict[str, U16 | I16]:

@@ -237,30 +237,6 @@ class Score:
         )
 
 
-def game_win_probability(
-    p_serving: npt.ArrayLike,
-    p_receiving: npt.ArrayLike,
-    *,
-    points: tuple[int, int] = (0, 0),
-    server: int | None = None,
-    rules: Rules = BWF,
-) -> F64:
-    """Exact probability that player 0 wins the current game.
-
-    Args:
-        p_serving: probability that player 0 wins a rally in which player 0 serves; any shape.
-        p_receiving: probability that player 0 wins a rally in which player 1 serves; broadcasts against ``p_serving``.
-        points: points of players 0 and 1.
-        server: who serves next; None: drawn at random, the mean of both.
-
-    Raises:
-        ScoringError: a probability outside [0, 1], or a score that the rules do not allow.
-    """
-    serving, receiving = _probabilities(p_serving, p_receiving)
-    _check_server(server)
-    return _by_server(_game(serving, receiving, points, rules), server)
-
-
 def match_win_probability(
     p_serving: npt.ArrayLike,
     p_receiving: npt.ArrayLike,

@@ -7,7 +7,6 @@ of every environment is an index into it, and every stroke has a readable name s
 
 import dataclasses
 import functools
-import hashlib
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, TypeVar
 
@@ -16,6 +15,7 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import I8, I16, Bools
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.game.court import AREAS, mirrored
 
 A = TypeVar("A", bound=np.generic)
@@ -137,7 +137,7 @@ class Catalogue:
     @functools.cached_property
     def version(self) -> str:
         """First 12 hex digits of the SHA-256 of the names."""
-        return hashlib.sha256("\n".join(self.names).encode()).hexdigest()[:12]
+        return content_hash("\n".join(self.names).encode())[:12]
 
     def index(self, name: str) -> int:
         """Index of a stroke by name.

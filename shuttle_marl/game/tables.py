@@ -17,7 +17,6 @@ receiver's changes nothing until the roles swap.
 import dataclasses
 import datetime
 import functools
-import hashlib
 import json
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
@@ -27,7 +26,7 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
 from shuttle_marl.game.court import Hands
 from shuttle_marl.game.draws import CHOICE_ONE
@@ -357,14 +356,13 @@ class Game(Layout):
     def hash(self) -> str:
         """SHA-256 over the names of the strokes and all tables, hexadecimal: the version of the game."""
         if self.people is not None:
-            return hashlib.sha256(f"pair {self.seats[0].hash} {self.seats[1].hash}".encode()).hexdigest()
-        digest = hashlib.sha256(self.catalogue.version.encode())
+            return content_hash(f"pair {self.seats[0].hash} {self.seats[1].hash}".encode())
+        parts = [self.catalogue.version.encode()]
         for name, array in self._arrays().items():
-            digest.update(f"{name}{array.dtype.str}{array.shape}".encode())
-            digest.update(np.ascontiguousarray(array).tobytes())
+            parts += f"{name}{array.dtype.str}{array.shape}".encode(), np.ascontiguousarray(array).tobytes()
         if self.recovery is not None:
-            digest.update(f"recovery {self.recovery.hash}".encode())
-        return digest.hexdigest()
+            parts.append(f"recovery {self.recovery.hash}".encode())
+        return content_hash(*parts)
 
     def _check_layout(self) -> None:
         """Check that all indices are in range: compiled code reads the tables without bounds checks.

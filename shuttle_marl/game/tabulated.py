@@ -5,7 +5,6 @@ A policy is one 16-bit cumulative probability for each legal pair of a state and
 
 import dataclasses
 import functools
-import hashlib
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +14,7 @@ import zstandard
 from numpy.random import Generator
 
 from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Floats, Intp, Ints
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import read_tensors, tensor_bytes
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.layout import LONGEST_DUEL
@@ -152,7 +151,7 @@ class TabulatedPolicy:
     def hash(self) -> str:
         """SHA-256 of the tables, hexadecimal."""
         positions = b"" if self.waits is None else self.waits.tobytes()
-        return hashlib.sha256(self.cumulative.tobytes() + positions).hexdigest()
+        return content_hash(self.cumulative.tobytes() + positions)
 
     def pair_probabilities(self) -> F64:
         """``[P]`` probability of each legal pair given its state, exactly as it is played from the table."""
@@ -374,7 +373,7 @@ def hash_of(first: TabulatedPolicy, second: TabulatedPolicy) -> str:
     """Hash of a policy from its tables at seats 0 and 1: that of the table if they are the same, else of both."""
     if first.hash == second.hash:
         return first.hash
-    return hashlib.sha256(f"seats {first.hash} {second.hash}".encode()).hexdigest()
+    return content_hash(f"seats {first.hash} {second.hash}".encode())
 
 
 def from_pair_probabilities(game: Game, p: Floats) -> TabulatedPolicy:

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.cluster import Cluster, Shared, Task
-from shuttle_marl.base.files import Count
+from shuttle_marl.base.files import StoredCount
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.scoring import BWF, Rules
@@ -81,8 +81,8 @@ class PairResult:
 
     pairing: int
     names: tuple[str, str]
-    seats: tuple[dict[str, Count], dict[str, Count]]
-    cells: tuple[Count, Count, Count] = (0, 0, 0)
+    seats: tuple[dict[str, StoredCount], dict[str, StoredCount]]
+    cells: tuple[StoredCount, StoredCount, StoredCount] = (0, 0, 0)
     forfeit: tuple[str, ...] = ()
     reason: str = ""
 
@@ -122,7 +122,7 @@ def forfeited(pairing: Pairing, by: Sequence[str], reason: str) -> PairResult:
 
 
 def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
-    """Count the rallies of matches of a pairing; the winner of a match won its last rally.
+    """StoredCount the rallies of matches of a pairing; the winner of a match won its last rally.
 
     Args:
         rallies: of complete cells in order, as they were played or as they were read from a rally log.
@@ -256,7 +256,7 @@ BOUND: Final = math.log((1 - ERROR) / ERROR)
 """Log-likelihood ratio at which a test ends."""
 _CELL_SCORES: Final = np.array([0.0, 0.5, 1.0])
 _LEAST_COUNT: Final = 1e-3
-"""Count of a result that never occurred, as in fishtest."""
+"""StoredCount of a result that never occurred, as in fishtest."""
 Progress = Callable[[int], None]
 """Called now and then with the number of strokes since the last call."""
 Block = tuple[PairResult, list[Rallies]]

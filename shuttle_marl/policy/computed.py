@@ -6,13 +6,13 @@ solved.
 
 import contextlib
 import functools
-import hashlib
 from collections.abc import Callable
 from typing import Final
 
 import zstandard
 
 from shuttle_marl.base.cache import Cache, key_of
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import is_refit, origin_of, refits_of, variants
@@ -90,7 +90,7 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     average = PairPolicy(game=game.opposite, probability=baselines.probabilities(None, game.opposite))
     same = player is None and game.opposite is game
     own = average if same else PairPolicy(game=game, probability=baselines.probabilities(player, game))
-    priors = hashlib.sha256(own.probability.tobytes() + average.probability.tobytes()).hexdigest()
+    priors = content_hash(own.probability.tobytes() + average.probability.tobytes())
     return cached_table(
         game,
         f"human {tau!r} {game.opposite.hash} {priors} {solvers_hash()}",

@@ -1,7 +1,6 @@
 """Header of a rally log: game, policies, sampling of the rallies, and seed."""
 
 import dataclasses
-import hashlib
 import json
 import re
 from typing import Final, Literal, get_args
@@ -12,6 +11,7 @@ import numpy as np
 from shuttle_marl import __version__
 from shuttle_marl.base.arrays import U64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import seal, unsealed
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.pairs import Looks, looks_of, pair_game
 from shuttle_marl.game.rally.record import OPTIONAL, Rallies
@@ -19,7 +19,7 @@ from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import shipped_game
 from shuttle_marl.game.tables import Game
 
-VERSION: Final = 3
+VERSION: Final = 4
 """Version of the columns and the header of a log."""
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
 """Rules of logs of single rallies: each is a match of one point."""
@@ -224,12 +224,11 @@ class LogHeader:
         raise RecordingError("the draws of this log are unknown")
 
     def to_metadata(self) -> dict[str, str]:
-        """The MCAP metadata record: the header as canonical JSON, its SHA-256 and the version of the schema."""
+        """The MCAP metadata record: the header as sealed JSON, and the version of the schema."""
         fields = dataclasses.asdict(self)
         if self.pair is None:
             del fields["pair"]
-        text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-        return {"header": text, "sha256": hashlib.sha256(text.encode()).hexdigest(), "version": str(VERSION)}
+        return {"header": seal(fields, indent=None).decode(), "version": str(VERSION)}
 
     @classmethod
     def from_metadata(cls, metadata: dict[str, str]) -> "LogHeader":
@@ -244,11 +243,11 @@ class LogHeader:
             raise RecordingError(
                 f"schema version {version}, this program reads version {VERSION}; install a version of shuttle_marl that reads it"
             )
-        text = metadata.get("header", "")
-        if hashlib.sha256(text.encode()).hexdigest() != metadata.get("sha256"):
-            raise DamagedLogError("the header, which names policies, strokes and seed")
         try:
-            fields = json.loads(text)
+            fields = unsealed(metadata.get("header", "").encode())
+        except ValueError as error:
+            raise DamagedLogError("the header, which names policies, strokes and seed") from error
+        try:
             # JSON can hold unpaired surrogates, which UTF-8 and terminals cannot.
             json.dumps(fields, ensure_ascii=False).encode()
             header = msgspec.convert(fields, cls)

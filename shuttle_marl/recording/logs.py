@@ -6,13 +6,13 @@ those.
 
 import dataclasses
 import functools
-import hashlib
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.base.arrays import F32, I8, I32, I64, Bools
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -56,10 +56,8 @@ class Log:
     @functools.cached_property
     def hash(self) -> str:
         """SHA-256 of the columns, hexadecimal."""
-        digest = hashlib.sha256()
-        for column in (self.state, self.stroke, self.own, self.outcome, self.rally, self.won):
-            digest.update(column.tobytes())
-        return digest.hexdigest()
+        columns = (self.state, self.stroke, self.own, self.outcome, self.rally, self.won)
+        return content_hash(*(column.tobytes() for column in columns))
 
     @functools.cached_property
     def transitions(self) -> "Transitions":

@@ -7,7 +7,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm, prepare
+from shuttle_marl.staging.body import PlayerMotion, Prepared, bones, course, free_palm, prepare
 from shuttle_marl.staging.draw import TrajectoryBuilder
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.idle import Habits, habits
@@ -142,7 +142,7 @@ def _staged(
         skeleton, sign = players[seat].skeleton, players[seat].signs
         prepared, shift = ready[seat]
         found = course(skeleton, prepared, shuttle * sign, branch.course(seat) if branch else None)
-        states.append(Player(found, prepared, shift, rhythm))
+        states.append(PlayerMotion(found, prepared, shift, rhythm))
         rows = slice(done, None)
         new = found.part(rows)
         turn, place = bones(skeleton, new)

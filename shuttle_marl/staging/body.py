@@ -104,7 +104,7 @@ class Course:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Player:
+class PlayerMotion:
     """Motion of a player over F frames: inputs of the bones, and the state needed to continue the motion.
 
     Attributes:

@@ -15,7 +15,7 @@ from shuttle_marl.game.court import HANDS, Hands
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
-from shuttle_marl.staging.body import Course, Player
+from shuttle_marl.staging.body import Course, PlayerMotion
 from shuttle_marl.staging.flight import Flights, fall
 from shuttle_marl.staging.motions import MOTIONS, Stance
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
@@ -224,7 +224,7 @@ class Motion:
     contact_frame: I64
     skeletons: tuple[Skeleton, Skeleton]
     trajectory: Trajectory
-    players: tuple[Player, Player] | None = dataclasses.field(default=None, repr=False)
+    players: tuple[PlayerMotion, PlayerMotion] | None = dataclasses.field(default=None, repr=False)
 
     @property
     def hands(self) -> Hands:
@@ -313,7 +313,7 @@ class Branch:
     strokes: int
     frame: int
 
-    def player(self, seat: int) -> Player:
+    def player(self, seat: int) -> PlayerMotion:
         """A player of the motion."""
         assert self.motion.players is not None
         return self.motion.players[seat]

@@ -57,15 +57,6 @@ def from_yaw_pitch_roll(yaw: F64, pitch: F64, roll: F64) -> F64:
     return _about(_TURN, yaw) @ _about(_BOW, pitch) @ _about(_LEAN, roll)
 
 
-def to_yaw_pitch_roll(m: F64) -> tuple[F64, F64, F64]:
-    """Yaw, pitch and roll ``[...]`` [rad] of rotations ``[..., 3, 3]``; the inverse of :func:`from_yaw_pitch_roll`."""
-    return (
-        np.arctan2(-m[..., 0, 1], m[..., 1, 1]),
-        -np.arcsin(np.clip(m[..., 2, 1], -1, 1)),
-        np.arctan2(-m[..., 2, 0], m[..., 2, 2]),
-    )
-
-
 def apply(rotation: F64, v: F64) -> F64:
     """Rotate vectors ``[..., 3]`` by matrices ``[..., 3, 3]``."""
     out: F64 = np.matmul(rotation, v[..., None])[..., 0]

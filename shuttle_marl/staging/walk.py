@@ -12,7 +12,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.court import NET_DEPTH, NET_HEIGHT
 from shuttle_marl.staging.assemble import onto_court, players_of
-from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm, prepare
+from shuttle_marl.staging.body import PlayerMotion, Prepared, bones, course, free_palm, prepare
 from shuttle_marl.staging.curves import smooth
 from shuttle_marl.staging.feet import Plant
 from shuttle_marl.staging.flight import shoot
@@ -303,7 +303,7 @@ def _nearest(yaw: float, keys: dict[int, F64]) -> float:
     return now + (yaw - now + np.pi) % (2 * np.pi) - np.pi
 
 
-def _standing(player: Player, which: int, begin: int, end: int) -> Stand:
+def _standing(player: PlayerMotion, which: int, begin: int, end: int) -> Stand:
     """Stand on the first (0) or last (-1) places of the feet of a player."""
     plants = [player.prepared.plants[foot][which] for foot in (LEFT, RIGHT)]
     place, yaw = (np.array([getattr(plant, name) for plant in plants]) for name in ("place", "yaw"))

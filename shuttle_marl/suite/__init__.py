@@ -9,7 +9,7 @@ from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.suite.exploit import PlayerSetting, Trained
-    from shuttle_marl.suite.options import SuiteError, SuiteRun
+    from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, SuiteRun, VerifyOptions
     from shuttle_marl.suite.registry import TASKS, find_task
     from shuttle_marl.suite.results import difference, summarise
     from shuttle_marl.suite.rounds import commit, draw_round, rerun
@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 __all__ = [
     "TASKS",
     "PlayerSetting",
+    "RerunOptions",
+    "Resources",
     "SuiteError",
     "SuiteRun",
     "Task",
     "Trained",
+    "VerifyOptions",
     "commit",
     "difference",
     "draw_round",

@@ -15,7 +15,7 @@ import jinja2
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.pages import escaped
 from shuttle_marl.suite import store
-from shuttle_marl.suite.options import ACCESS, Split, SuiteError
+from shuttle_marl.suite.options import ACCESS, NOTHING_GIVEN, Split, SuiteError, VerifyOptions
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import Bounds, Row, summarise
 from shuttle_marl.suite.task import Task
@@ -74,9 +74,7 @@ def rows_of(
     *,
     reran: Sequence[Path] = (),
     check: bool = True,
-    game: str | None = None,
-    beacon: str | None = None,
-    data: Path | None = None,
+    given: VerifyOptions = NOTHING_GIVEN,
     progress: Callable[[Any], Any] = lambda units: units,
     failed: Callable[[str], object],
 ) -> list[Row]:
@@ -86,9 +84,6 @@ def rows_of(
         folders: run folders, which may be those of strangers.
         results: JSON file with ``rows`` of this package, which are taken as they are; None: none.
         reran: run folders of ``suite rerun`` whose makers the user trusts, such as the user's own.
-        game: model of the game; None: the shipped model that a run names.
-        beacon: randomness of the beacon of a round.
-        data: annotated matches, for ``imitate``.
         failed: receives the reason why a folder is left out: it is refused, is no finished run, stands there twice, or differs
             from a rerun.
 
@@ -99,12 +94,12 @@ def rows_of(
     for folder in (*reran, *folders):
         try:
             if check:
-                found = verify_run(folder, game=game, beacon=beacon, data=data, progress=progress)
+                found = verify_run(folder, given, progress=progress)
                 if found.summary is None:
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
                 row = found.summary
             else:
-                row = summarise(folder, beacon, game)
+                row = summarise(folder, given.beacon, given.game)
             row["recomputed"] = True if check else None
             row["reran_by"] = []
             if folder in reran:

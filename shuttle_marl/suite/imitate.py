@@ -5,7 +5,6 @@ The matches are not part of the package: ``--data`` names a folder of the downlo
 
 import dataclasses
 import functools
-import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar
@@ -14,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.data.schema import Outcome as Ending
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import pair_odds
@@ -88,7 +88,7 @@ class Imitate(Task):
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
         """The strokes of both parts."""
-        return [hashlib.sha256(part.pair.tobytes()).hexdigest() for part in parts(arena)]
+        return [content_hash(part.pair.tobytes()) for part in parts(arena)]
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
         """Log-loss, top-1 and top-3, rallies lost to perfect play and exploitability in points."""
@@ -139,7 +139,7 @@ def parts(arena: Arena) -> tuple[HumanStrokes, HumanStrokes]:
     train = np.isin(match, list(matches_of("train")))
     unseen = np.isin(match, list(matches_of("validation")))
     if arena.split == "dev":
-        names = sorted(matches_of("train"), key=lambda name: hashlib.sha256(name.encode()).hexdigest())
+        names = sorted(matches_of("train"), key=lambda name: content_hash(name.encode()))
         unseen = np.isin(match, names[::_FOLDS])
         train &= ~unseen
     if not (train.any() and unseen.any()):

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -12,7 +11,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from shuttle_marl.analysis import tabular
-from shuttle_marl.base.files import Fraction
+from shuttle_marl.base.files import Fraction, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.version import solvers_hash
@@ -259,4 +258,4 @@ def _sources() -> str:
     here = Path(__file__).parent
     files = [*here.glob("*.py"), *(here / "methods").glob("*.py"), Path(logs.__file__), Path(tabular.__file__)]
     content = b"".join(path.read_bytes() for path in sorted(files))
-    return hashlib.sha256(content + solvers_hash().encode()).hexdigest()
+    return content_hash(content + solvers_hash().encode())

@@ -26,15 +26,9 @@ class SuiteError(ShuttleError):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SuiteRun:
-    """Options of a run of a method on a task."""
+class Resources:
+    """How much a run plays, and where it is written."""
 
-    task: tyro.conf.Positional[str]
-    """Name of the task."""
-    method: str
-    """Baseline of the task, program:COMMAND, or MODULE:ATTRIBUTE."""
-    split: Split = "dev"
-    """Part of the task: dev for tuning, test for scores that are reported, round for one round (`suite rerun`)."""
     budget: int | None = None
     """Budget, in strokes; default: the smallest one of the task."""
     seeds: Count | None = None
@@ -43,14 +37,8 @@ class SuiteRun:
     """The smallest cases and budgets only, to test a method; not a score."""
     workers: Annotated[int, Within(low=1, high=_MOST_WORKERS, text=f"1 to {_MOST_WORKERS}")] = 1
     """Parallel processes; results do not depend on it."""
-    ray: str | None = None
-    """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
-    beacon: Beacon = None
-    """Randomness of the beacon of a round, for the split round."""
-    data: Path | None = None
-    """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
     out: Path | None = None
     """Run folder; default runs/TASK-METHOD-SPLIT, with a number appended if that exists."""
     resume: bool = False
@@ -62,3 +50,52 @@ class SuiteRun:
         check_bounds(self, SuiteError)
         if self.resume and self.overwrite:
             raise SuiteError("--resume continues a run and --overwrite replaces it; give one of them")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SuiteRun(Resources):
+    """Options of a run of a method on a task."""
+
+    task: tyro.conf.Positional[str]
+    """Name of the task."""
+    method: str
+    """Baseline of the task, program:COMMAND, or MODULE:ATTRIBUTE."""
+    split: Split = "dev"
+    """Part of the task: dev for tuning, test for scores that are reported, round for one round (`suite rerun`)."""
+    ray: str | None = None
+    """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
+    beacon: Beacon = None
+    """Randomness of the beacon of a round, for the split round."""
+    data: Path | None = None
+    """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RerunOptions:
+    """Whose entry of a round is rerun, by whom and in what."""
+
+    task: str
+    """Name of the task."""
+    author: str
+    """Whose entry."""
+    randomness: str
+    """That of the beacon, as you have read it there."""
+    by: str
+    """Your name."""
+    image: str | None = None
+    """Of a container with Python and NumPy, for podman or docker; default: namespaces of Linux."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VerifyOptions:
+    """What the verification of a run reads beside its folder."""
+
+    game: str | None = None
+    """Model of the game; default: the shipped one that the run names. Folders that a run names are not opened."""
+    beacon: Beacon = None
+    """Randomness of the beacon of a round, for the split round."""
+    data: Path | None = None
+    """Annotated matches, for imitate."""
+
+
+NOTHING_GIVEN: Final = VerifyOptions()

@@ -1,6 +1,5 @@
 """Aggregates of runs: mean over cases of interquartile means over seeds, worst case, and differences."""
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import NotRequired, TypedDict
 
 import numpy as np
 
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.intervals import combined, estimate
 from shuttle_marl.suite import store
 from shuttle_marl.suite.method import baseline_of
@@ -120,7 +120,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "task": task.name,
         "author": author_of(config, card),
         "method": config.method,
-        "cases": hashlib.sha256("".join(entry.fingerprint for entry in units).encode()).hexdigest(),
+        "cases": content_hash("".join(entry.fingerprint for entry in units).encode()),
         "split": config.split,
         "quick": config.quick,
         "budget": config.budget,
@@ -148,7 +148,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
             for stratum in dict.fromkeys(case.stratum for case in cases)
         },
         "units": by_unit,
-        "outputs": hashlib.sha256(repr(sorted(map(_output, units))).encode()).hexdigest(),
+        "outputs": content_hash(repr(sorted(map(_output, units))).encode()),
         "remarks": remarks,
     }
 

@@ -8,7 +8,6 @@
 
 import dataclasses
 import datetime as dt
-import hashlib
 import re
 import shutil
 import tempfile
@@ -19,10 +18,10 @@ from typing import Annotated, Final
 import msgspec
 from rich.console import Console
 
-from shuttle_marl.base.files import Sha256, replace_sealed
+from shuttle_marl.base.files import Sha256, content_hash, replace_sealed
 from shuttle_marl.suite import apart, store
 from shuttle_marl.suite.boundary import find_boundary
-from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, SuiteRun
 from shuttle_marl.suite.population import checked_beacon
 from shuttle_marl.suite.registry import find_task
 from shuttle_marl.suite.remote import RemoteMethod
@@ -62,7 +61,7 @@ class Commitment:
     def hash(self) -> str:
         """SHA-256 of the task, the method and the files; not of the author and the date, so that copies are found."""
         words = [self.task, self.method, *(f"{digest} {path}" for path, digest in sorted(self.files.items()))]
-        return hashlib.sha256("\n".join(words).encode()).hexdigest()
+        return content_hash("\n".join(words).encode())
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -133,7 +132,7 @@ def _files(folder: Path) -> dict[str, str]:
             size += path.stat().st_size
             if len(found) == _FILES or size > _BYTES:
                 raise SuiteError(f"{folder}: more than {_FILES} files or {_BYTES:,} bytes")
-            found[name.as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
+            found[name.as_posix()] = content_hash(path.read_bytes())
     return found
 
 
@@ -181,35 +180,20 @@ def write_round(path: Path, found: Round) -> None:
     replace_sealed(path, msgspec.to_builtins(found))
 
 
-def rerun(
-    path: Path,
-    folder: Path,
-    *,
-    task: str,
-    author: str,
-    randomness: str,
-    by: str,
-    options: SuiteRun,
-    image: str | None = None,
-    console: Console | None = None,
-) -> Path:
+def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, console: Console | None = None) -> Path:
     """Run committed code on a round, behind a boundary; returns the run folder.
 
     Args:
         path: file of the round.
         folder: code of the author.
-        randomness: that of the beacon, as who reruns has read it there.
-        by: name of who reruns.
-        options: of the run: budget, seeds, workers and folders; the rest follows from the commitment.
-        image: of a container with Python and NumPy; None: namespaces.
 
     Raises:
         SuiteError: the round has other randomness, the code is not that of the commitment, or there is no boundary here.
     """
     found = store.read(path, Round, sealed=True)
-    if found.randomness != checked_beacon(randomness):
+    if found.randomness != checked_beacon(asked.randomness):
         raise SuiteError(f"{path}: its randomness is not that of round {found.beacon} of the beacon, see {BEACON}/{found.beacon}")
-    entry = found.entry(task, author)
+    entry = found.entry(asked.task, asked.author)
     if changed := sorted({*entry.files.items()} ^ {*_files(folder).items()}):
         raise SuiteError(f"{folder}: {changed[0][0]} is not the file of the commitment of {entry.date:%Y-%m-%d %H:%M:%S} UTC")
     with tempfile.TemporaryDirectory() as place:
@@ -220,12 +204,14 @@ def rerun(
         shutil.copyfile(apart.__file__, code / "apart.py")
         for each in (Path(place), code, *code.rglob("*")):
             each.chmod(0o755 if each.is_dir() else 0o644)
-        boundary = find_boundary(code, image)
+        boundary = find_boundary(code, asked.image)
         committed = Committed(
             hash=entry.hash,
             method=RemoteMethod(entry.method, code, boundary),
-            card=Card(method=entry.method, authors=author, access="samples"),
-            rerun=store.Rerun(by=by, boundary=boundary.name, round=hashlib.sha256(path.read_bytes()).hexdigest()),
+            card=Card(method=entry.method, authors=asked.author, access="samples"),
+            rerun=store.Rerun(by=asked.by, boundary=boundary.name, round=content_hash(path.read_bytes())),
         )
-        options = dataclasses.replace(options, task=task, method=entry.method, split="round", beacon=found.randomness)
+        options = SuiteRun(
+            **dataclasses.asdict(resources), task=asked.task, method=entry.method, split="round", beacon=found.randomness
+        )
         return run_method(options, console, committed=committed)

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Final
 import msgspec
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.files import MAX_JSON, Count, FileReadError, Sha256, T, read_json, replace_file, replace_sealed
+from shuttle_marl.base.files import MAX_JSON, FileReadError, Sha256, StoredCount, T, read_json, replace_file, replace_sealed
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
@@ -56,7 +56,7 @@ class RunConfig:
     method: Name
     split: Split
     quick: bool
-    budget: Count | None = None
+    budget: StoredCount | None = None
     seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]
     game: GameOf
     commitment: Sha256 | None = None
@@ -74,7 +74,7 @@ class Card:
     method: Name | None = None
     authors: Name | Sequence[Name] | None = None
     paper: Name | None = None
-    tuning_strokes: Count | Name | None = None
+    tuning_strokes: StoredCount | Name | None = None
     kind: Kind = "method"
     access: Access | None = None
 
@@ -91,15 +91,15 @@ class Entry:
     """
 
     case: Name
-    seed: Count
+    seed: StoredCount
     fingerprint: Sha256
     policies: Mapping[str, Sha256]
     answers: Mapping[str, Any]
     scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
     seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]
     parts: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=1000)] = dataclasses.field(default_factory=dict)
-    strokes: Count | None = None
-    curve: Annotated[Sequence[tuple[Count, Figure]], msgspec.Meta(max_length=10_000)] = ()
+    strokes: StoredCount | None = None
+    curve: Annotated[Sequence[tuple[StoredCount, Figure]], msgspec.Meta(max_length=10_000)] = ()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

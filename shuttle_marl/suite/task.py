@@ -8,7 +8,6 @@ recompute them.
 import abc
 import dataclasses
 import functools
-import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -16,6 +15,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
 from shuttle_marl.game.observation import observations
 from shuttle_marl.game.policy import GamePolicy, States
@@ -207,7 +207,7 @@ class Task(abc.ABC):
     def fingerprint(self, arena: Arena, case: Case, seed: int) -> str:
         """SHA-256 of the game, the name of the case and what it gives; two units are the same if they agree."""
         parts = [arena.game.hash, self.name, case.name, *self.given(arena, case, seed)]
-        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+        return content_hash("\n".join(parts).encode())
 
 
 def required(outcome: Outcome, role: str = "player") -> TabulatedPolicy:

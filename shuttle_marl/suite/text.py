@@ -5,7 +5,6 @@ of the state). An answer is the name of a stroke. Values are those of perfect pl
 """
 
 import functools
-import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +12,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from shuttle_marl.analysis.worth import Worth
 from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.programs import Program
 from shuttle_marl.env.words import Position, position, prompt, read_answer
 from shuttle_marl.exact import solve, visits
@@ -76,7 +77,7 @@ class Text(Task):
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
         """The positions."""
-        return (hashlib.sha256(json_lines(positions(arena))).hexdigest(),)
+        return (content_hash(json_lines(positions(arena))),)
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
         """Regret, fraction of legal answers, and probability under bc."""
@@ -108,10 +109,10 @@ def _answered(arena: Arena, outcome: Outcome) -> I64:
 def regrets(game: Game) -> F64:
     """``[P]`` probability of winning the rally that each legal stroke loses against the best one, under perfect play."""
     solution = solve(game)
-    q = game.stroke_values(solution.value[1])
+    win = Worth(game, solution.value, opponent=solution.policy[1]).win()
     best = np.zeros(game.n_states)
-    best[game.playable] = np.maximum.reduceat(q, game.first_pairs)
-    return np.asarray((game.of_pairs(best) - q) / 2)
+    best[game.playable] = np.maximum.reduceat(win, game.first_pairs)
+    return np.asarray(game.of_pairs(best) - win)
 
 
 @functools.lru_cache(maxsize=2)

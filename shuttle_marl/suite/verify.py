@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.suite import store
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.options import NOTHING_GIVEN, SuiteError, VerifyOptions
 from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.results import Row, cases_of, summarise
 
@@ -41,27 +41,20 @@ class Verification:
 
 def verify_run(
     folder: Path,
+    given: VerifyOptions = NOTHING_GIVEN,
     *,
-    game: str | None = None,
-    beacon: str | None = None,
-    data: Path | None = None,
     progress: Callable[[Any], Any] = lambda units: units,
 ) -> Verification:
     """Recompute all scores of a run from its policies and answers.
 
     Nothing is recomputed if a unit can be refused without it.
 
-    Args:
-        game: model of the game; None: the shipped model that the run names.
-        beacon: randomness of the beacon of a round.
-        data: annotated matches, for ``imitate``.
-
     Raises:
         SuiteError: the folder holds no run.
     """
     config = store.read_config(folder)
     task = find_task(config.task)
-    arena = arena_of_run(task, config, game, beacon=beacon, data=data)
+    arena = arena_of_run(task, config, given.game, beacon=given.beacon, data=given.data)
     cases = cases_of(task, arena, config)
     units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
     summary, refused = None, []
@@ -93,7 +86,7 @@ def verify_run(
         if refused:
             break
     else:
-        summary = summarise(folder, beacon, game)
+        summary = summarise(folder, given.beacon, given.game)
     return Verification(units=len(units), refused=refused, summary=None if refused else summary)
 
 

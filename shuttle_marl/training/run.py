@@ -29,7 +29,7 @@ from torch.utils.tensorboard import SummaryWriter
 from shuttle_marl import exact
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import Count, FileReadError, hash_in, problem, read_hashed, read_sealed, replace_with_card
+from shuttle_marl.base.files import FileReadError, StoredCount, hash_in, problem, read_hashed, read_sealed, replace_with_card
 from shuttle_marl.base.interrupts import check_interrupt, interrupts_held, was_interrupted
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.exact.known import best_odds, pair_odds
@@ -317,14 +317,14 @@ class Checkpoint:
         stopped: whether the run ended before its last iteration.
     """
 
-    iteration: Count = 0
+    iteration: StoredCount = 0
     game: str
     seconds: float = 0.0
-    strokes: Count = 0
+    strokes: StoredCount = 0
     best: float | None = None
     stopped: bool = False
-    rallies: Count = 0
-    metrics: Count = 0
+    rallies: StoredCount = 0
+    metrics: StoredCount = 0
 
 
 class _Run:

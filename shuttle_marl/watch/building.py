@@ -59,7 +59,7 @@ def build(say: Callable[[str], object] = lambda _: None) -> Path:
     """
     if not SOURCE.is_dir():  # a wheel
         if not _is_built(None):
-            raise BuildError(f"{BUILT}: the page is damaged; install the package again")
+            raise BuildError(f"{BUILT}: the page is not complete; install the package again")
         return BUILT
     digest = _digest()
     if _is_built(digest):
@@ -71,12 +71,10 @@ def build(say: Callable[[str], object] = lambda _: None) -> Path:
 
 
 def _is_built(digest: str | None) -> bool:
-    """Whether the built page is undamaged and has the source digest; None: any digest."""
-    try:
-        stamp = (BUILT / _STAMP).read_text(encoding="utf-8")
-        return stamp == _stamp(stamp.partition("\n")[0] if digest is None else digest, BUILT)
-    except OSError:  # a file is missing
-        return False
+    """Whether the built page is complete and has the source digest; None: any digest."""
+    stamp = BUILT / _STAMP
+    complete = all((BUILT / name).is_file() for name in (*FILES, _STAMP))
+    return complete and (digest is None or stamp.read_text(encoding="utf-8") == digest)
 
 
 @contextlib.contextmanager
@@ -100,15 +98,10 @@ def _build(digest: str, say: Callable[[str], object]) -> None:
         for name in FILES:
             if not (Path(folder) / name).is_file():
                 raise BuildError(f"building the page did not write {name}")
-        (Path(folder) / _STAMP).write_text(_stamp(digest, Path(folder)), encoding="utf-8")
+        (Path(folder) / _STAMP).write_text(digest, encoding="utf-8")
         BUILT.mkdir(exist_ok=True)
         for name in (*FILES, _STAMP):  # the stamp last
             os.replace(Path(folder) / name, BUILT / name)
-
-
-def _stamp(digest: str, folder: Path) -> str:
-    built = (f"{hashlib.sha256((folder / name).read_bytes()).hexdigest()}  {name}" for name in FILES)
-    return "\n".join((digest, *built)) + "\n"
 
 
 def _digest() -> str:

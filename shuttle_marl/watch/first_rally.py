@@ -5,12 +5,12 @@ A server whose compiled code is not cached needs half a minute before it can sta
 """
 
 import gzip
-import hashlib
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.watch.messages import RallyReply
@@ -36,7 +36,7 @@ def first_key(game: Game, plan: Plan, stager: Stager) -> str:
     """Hash of the game, the plan of the match, and the appearance of the players."""
     first, second = plan.sides_in(0)
     looks = stager.looks(looks_of(game, (first.policy, second.policy)))
-    return hashlib.sha256(msgspec.json.encode([game.hash, plan.key.decode(), looks.athletes, looks.hands])).hexdigest()
+    return content_hash(msgspec.json.encode([game.hash, plan.key.decode(), looks.athletes, looks.hands]))
 
 
 def shipped_rally(key: str) -> FirstRally | None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.advice import LEAST_REFITS
-from shuttle_marl.analysis.marks import RARE, Basis, agree, basis_of
+from shuttle_marl.analysis.marks import RARE, Basis, basis_of
+from shuttle_marl.analysis.worth import LEAST_REFITS, agree
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.exact import evaluate, moved
 from shuttle_marl.game.shipped import REFITS, RELIABLE, factor_of, load_game, real_strokes, refits_of

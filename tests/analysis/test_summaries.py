@@ -184,7 +184,7 @@ def test_best_replies_are_drawn_where_players_of_the_hands_see_them(monkeypatch:
         (met,) = (text for text in axes.texts if text.get_text() == "incoming\nfront\nforehand")
         assert met.get_position()[0] * side[hands[0]] > 0  # the striker's own forehand side, at the bottom
         for area in np.flatnonzero(aim.stroke >= 0).tolist():
-            shown = [text for text in axes.texts if text.get_text().startswith(f"{100 * (1 + aim.value[area]) / 2:.1f} %\n")]
+            shown = [text for text in axes.texts if text.get_text().startswith(f"{100 * aim.win[area]:.1f} %\n")]
             x, y = court.area_centre(np.array(area))
             assert (x * side[hands[1]], y) in {tuple(text.get_position()) for text in shown}
     assert f"the receiver's {'forehand' if hands[1] == 'right' else 'backhand'} side is on the left" in drawn.get_supxlabel()

@@ -145,8 +145,8 @@ def test_aims_are_the_best_replies_by_area() -> None:
     own = int(GAME.edge_own[edges][0])
     state, real = 4 * int(edges.argmax()), real_strokes(GAME)
     below, above = aims(solution, incoming, own)
-    assert below.state_value == pytest.approx(solution.value[0][state], abs=1e-8)
-    assert above.state_value == pytest.approx(solution.value[0][state + 1], abs=1e-8)
+    assert below.best == pytest.approx((1 + solution.value[0][state]) / 2, abs=1e-8)
+    assert above.best == pytest.approx((1 + solution.value[0][state + 1]) / 2, abs=1e-8)
     for aim, contact in ((below, 0), (above, 1)):
         legal = GAME.legal_strokes(state + contact)
         for area in range(9):

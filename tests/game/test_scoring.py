@@ -18,7 +18,6 @@ from shuttle_marl.game.scoring import (
     RulesName,
     Score,
     ScoringError,
-    game_win_probability,
     match_win_probability,
     open_scores,
     serves_from_right,
@@ -207,8 +206,9 @@ def enumerated(score: Score, p_serving: float, p_receiving: float) -> float:
 def test_odds_equal_enumeration_of_all_rallies(
     rules: Rules, serving: float, receiving: float, server: int, past: list[int]
 ) -> None:
-    one_game = enumerated(Score(server=server, rules=dataclasses.replace(rules, games=1)), serving, receiving)
-    assert game_win_probability(serving, receiving, server=server, rules=rules) == pytest.approx(one_game, abs=1e-12)
+    single = dataclasses.replace(rules, games=1)
+    one_game = enumerated(Score(server=server, rules=single), serving, receiving)
+    assert match_win_probability(serving, receiving, first_server=server, rules=single) == pytest.approx(one_game, abs=1e-12)
     score = Score(server=server, rules=rules)
     for winner in past:
         if not score.after(winner).over:
@@ -220,12 +220,9 @@ def test_odds_equal_enumeration_of_all_rallies(
 
 
 def test_a_server_drawn_at_random_is_the_mean_of_both() -> None:
-    for odds in (
-        lambda server: match_win_probability(0.4, 0.7, first_server=server),
-        lambda server: game_win_probability(0.4, 0.7, server=server),
-    ):
-        assert odds(0) != odds(1)
-        assert odds(None) == pytest.approx((odds(0) + odds(1)) / 2, abs=1e-12)
+    first, second, drawn = (match_win_probability(0.4, 0.7, first_server=server) for server in (0, 1, None))
+    assert first != second
+    assert drawn == pytest.approx((first + second) / 2, abs=1e-12)
 
 
 def test_arrays_broadcast() -> None:

@@ -1,8 +1,6 @@
 """Logs with accidents and with malice in them, for the fuzz test of all formats and the tests of hostile files."""
 
 import dataclasses
-import hashlib
-import json
 import zlib
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ import pyarrow as pa
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex
 
+from shuttle_marl.base.files import seal, unsealed
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter
 from shuttle_marl.recording.chunks import encode, stream
 from shuttle_marl.recording.file_writer import LogFileWriter
@@ -177,6 +176,5 @@ class StrangeHeader(LogHeader):
 
     def to_metadata(self) -> dict[str, str]:
         metadata = super().to_metadata()
-        fields = {**json.loads(metadata["header"]), **self.strange}
-        text = json.dumps(fields)
-        return {**metadata, "header": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+        fields = {**unsealed(metadata["header"].encode()), **self.strange}
+        return {**metadata, "header": seal(fields).decode()}

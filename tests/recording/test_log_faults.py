@@ -96,7 +96,7 @@ def test_logs_of_another_version(tmp_path: Path, header: Callable[..., LogHeader
     with monkeypatch.context() as patch:
         patch.setattr("shuttle_marl.recording.header.VERSION", 1)
         RallyLogWriter(tmp_path / "a.mcap", header()).close()
-    with pytest.raises(RecordingError, match="schema version 1, this program reads version 3"):
+    with pytest.raises(RecordingError, match="schema version 1, this program reads version 4"):
         RallyLog(tmp_path / "a.mcap")
 
 

@@ -119,7 +119,7 @@ def test_the_official_reader_reads_it(log_file: Path, rallies: Callable[..., Ral
             assert pa.ipc.read_schema(pa.BufferReader(schema.data)).equals(arrow_schema(len(default_game().catalogue)))
             with pa.ipc.open_stream(message.data) as stream:
                 batches.append(stream.read_all())
-                assert stream.schema.metadata[b"version"] == b"3"
+                assert stream.schema.metadata[b"version"] == b"4"
             sequences.append((message.sequence, message.log_time))
         assert sequences == [(i, 16 * i * 1_000_000) for i in range(7)]
         assert pa.concat_tables(batches)["strokes"].combine_chunks().flatten().to_pylist() == whole.stroke.tolist()

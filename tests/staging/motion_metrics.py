@@ -34,7 +34,7 @@ from shuttle_marl.staging.body import NECK_LIMITS
 from shuttle_marl.staging.draw import load_measured
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
 from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.rotation import cross, exponential, matrix, to_yaw_pitch_roll, unit
+from shuttle_marl.staging.rotation import cross, exponential, matrix, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, net_height, own_frame
 from tests.staging.motion_life import Life, measure_life, summary_of_life
@@ -46,6 +46,15 @@ _FINE: float = 2000.0
 
 _ROUNDING: float = 2e-6
 """Rounding error of angles from 32-bit rotations [rad]."""
+
+
+def to_yaw_pitch_roll(m: F64) -> tuple[F64, F64, F64]:
+    """Yaw, pitch and roll ``[...]`` [rad] of rotations ``[..., 3, 3]``, as of ``rotation.from_yaw_pitch_roll``."""
+    return (
+        np.arctan2(-m[..., 0, 1], m[..., 1, 1]),
+        -np.arcsin(np.clip(m[..., 2, 1], -1, 1)),
+        np.arctan2(-m[..., 2, 0], m[..., 2, 2]),
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

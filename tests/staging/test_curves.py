@@ -14,8 +14,9 @@ from shuttle_marl.staging import BONES, SWEET_SPOT, Motion, StagingError, load_s
 from shuttle_marl.staging.arm import LIMITS, SWING_1, SWING_2, SWING_LIMIT, Goal, anywhere, arm_of, solve, solve_best
 from shuttle_marl.staging.curves import curve, curve_at, slopes_through
 from shuttle_marl.staging.flight import GRAVITY, LENGTH, TERMINAL, Flights, fall, shoot
-from shuttle_marl.staging.rotation import exponential, from_yaw_pitch_roll, matrix, quaternion, to_yaw_pitch_roll, turned
+from shuttle_marl.staging.rotation import exponential, from_yaw_pitch_roll, matrix, quaternion, turned
 from tests.staging.conftest import HANDS
+from tests.staging.motion_metrics import to_yaw_pitch_roll
 
 STEPS = st.lists(st.integers(1, 9), min_size=1, max_size=8)
 

@@ -1,16 +1,17 @@
 """Runs of the suite in the small game."""
 
-import functools
 from pathlib import Path
 from typing import Any
 
-from shuttle_marl.suite.options import SuiteRun
+from shuttle_marl.suite.options import SuiteRun, VerifyOptions
 from shuttle_marl.suite.results import Row, summarise
 from shuttle_marl.suite.run import run_method
-from shuttle_marl.suite.verify import verify_run
+from shuttle_marl.suite.verify import Verification, verify_run
 from tests.reduced import reduced_model
 
-verified = functools.partial(verify_run, game=reduced_model())
+
+def verified(folder: Path, **given: Any) -> Verification:
+    return verify_run(folder, VerifyOptions(**{"game": reduced_model(), **given}))
 
 
 def run(task: str, method: str, out: Path, **options: Any) -> Path:

@@ -16,7 +16,7 @@ from shuttle_marl.commands.suite import main
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import called, render, rows_of, shown
 from shuttle_marl.suite.exploit import Equilibrium, Trained
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.options import SuiteError, VerifyOptions
 from shuttle_marl.suite.registry import TASKS, arena_of
 from shuttle_marl.suite.results import Row
 from tests.reduced import reduced_model
@@ -132,7 +132,7 @@ def test_no_folder_stops_a_board(honest: Path, tmp_path: Path) -> None:
         shutil.copytree(honest, folders[-1], ignore=shutil.ignore_patterns(store.RESULTS))
         forge(folders[-1])
     left: list[str] = []
-    (row,) = rows_of([*folders, honest, tmp_path / "missing"], game=reduced_model(), failed=left.append)
+    (row,) = rows_of([*folders, honest, tmp_path / "missing"], given=VerifyOptions(game=reduced_model()), failed=left.append)
     assert row["recomputed"] is True
     assert [line.partition(":")[0] for line in left] == [str(path) for path in [*folders, tmp_path / "missing"]]
     # A change that the board did not expect is an error with its type, not the end.
@@ -141,7 +141,7 @@ def test_no_folder_stops_a_board(honest: Path, tmp_path: Path) -> None:
 
 def rows(*folders: Path) -> tuple[list[Row], list[str]]:
     left: list[str] = []
-    return rows_of(folders, game=reduced_model(), failed=left.append), left
+    return rows_of(folders, given=VerifyOptions(game=reduced_model()), failed=left.append), left
 
 
 def remarks(folder: Path) -> str:

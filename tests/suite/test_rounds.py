@@ -19,7 +19,7 @@ from shuttle_marl.commands.suite import main
 from shuttle_marl.suite import boundary, store
 from shuttle_marl.suite.board import boards, called, render, rows_of
 from shuttle_marl.suite.boundary import Container, Namespaces, find_boundary
-from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, VerifyOptions
 from shuttle_marl.suite.registry import new_submission
 from shuttle_marl.suite.results import Row
 from shuttle_marl.suite.rounds import Commitment, commit, draw_round, rerun, time_of, write_commitment, write_round
@@ -79,13 +79,13 @@ def entered(place: Path, folder: Path, method: str, *, task: str = TASK, author:
 
 
 def reran(place: Path, path: Path, folder: Path, task: str = TASK) -> Path:
-    asked = SuiteRun(task=task, method="", quick=True, game=reduced_model(), out=place / "run")
-    return rerun(path, folder, task=task, author="alice", randomness=RANDOM, by="bob", options=asked)
+    asked = RerunOptions(task=task, author="alice", randomness=RANDOM, by="bob")
+    return rerun(path, folder, asked, Resources(quick=True, game=reduced_model(), out=place / "run"))
 
 
 def row_of(*folders: Path, reran: tuple[Path, ...] = ()) -> tuple[list[Row], list[str]]:
     left: list[str] = []
-    return rows_of(folders, reran=reran, game=reduced_model(), beacon=RANDOM, failed=left.append), left
+    return rows_of(folders, reran=reran, given=VerifyOptions(game=reduced_model(), beacon=RANDOM), failed=left.append), left
 
 
 @needs_boundary
@@ -299,13 +299,13 @@ def test_what_was_not_rerun_is_self_reported(tmp_path: Path) -> None:
     path = folder / runs.CONFIG
     path.write_text(json.dumps({**json.loads(path.read_text()), "method": "ppo", "commitment": "0" * 64}))
     left: list[str] = []
-    (row,) = rows_of([folder], game=reduced_model(), failed=left.append)
+    (row,) = rows_of([folder], given=VerifyOptions(game=reduced_model()), failed=left.append)
     assert row["reran_by"] == []
     assert (called(row), left) == ("ppo/ppo", [])
     assert "self-reported" in render([row], "md")
     assert boards([row])[0]["rows"][0]["rank"] == 1
     plain = small.run("equilibrium-entrance-v0", "minimax", tmp_path / "plain")
-    assert rows_of([], reran=[plain], game=reduced_model(), failed=left.append) == []
+    assert rows_of([], reran=[plain], given=VerifyOptions(game=reduced_model()), failed=left.append) == []
     assert "is no rerun of a round" in left[-1]
 
 

@@ -11,7 +11,6 @@ import concurrent.futures
 import contextlib
 import datetime
 import functools
-import hashlib
 import itertools
 import json
 import re
@@ -26,7 +25,7 @@ from typing import Final, Literal, get_args
 import requests
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import content_hash, hash_of, replace_file
 
 REPOSITORY: Final = "wywyWang/CoachAI-Projects"
 COMMIT: Final = "39bbf3fd99b0b709ff6d1647383959b6fa5f5b74"
@@ -62,12 +61,12 @@ def _text(name: str) -> str:
 def sha256_of(path: Path) -> str:
     """SHA-256 of the content of a file, hexadecimal."""
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return hash_of(iter(lambda: file.read(1 << 20), b""))
 
 
 def is_published(content: bytes) -> bool:
     """Whether the content is that of a published file."""
-    return hashlib.sha256(content).hexdigest() in manifest().values()
+    return content_hash(content) in manifest().values()
 
 
 def match_of(path: str) -> str | None:
@@ -214,7 +213,7 @@ def _fetched(url: str, digest: str) -> tuple[bytes, str]:
         raise DownloadError(f"{url}: {error}; is --base-url right? {_RESUME}") from error
     except requests.RequestException as error:
         return b"", f"{url}: no answer ({_cause(error)}); is this machine online?"
-    got = hashlib.sha256(content).hexdigest()
+    got = content_hash(content)
     return content, "" if got == digest else f"{url}: SHA-256 is {got}, expected {digest}: the file was altered in transit"
 
 

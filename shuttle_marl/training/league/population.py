@@ -9,7 +9,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.base.files import Count, Sha256
+from shuttle_marl.base.files import Sha256, StoredCount
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
 from shuttle_marl.policy.stored import StoredPolicies
@@ -34,7 +34,7 @@ class Frozen:
 
     name: str
     role: str
-    round: Count
+    round: StoredCount
     hash: Sha256
 
 

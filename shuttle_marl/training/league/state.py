@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 import msgspec
 
-from shuttle_marl.base.files import Count, FileReadError, Fraction, Sha256, read_json, replace_sealed
+from shuttle_marl.base.files import FileReadError, Fraction, Sha256, StoredCount, read_json, replace_sealed
 from shuttle_marl.training.league.config import LeagueTrainingError
 from shuttle_marl.training.league.population import Frozen
 
@@ -46,9 +46,9 @@ class TurnResult:
 
     member: str
     hash: Sha256
-    strokes: Count
+    strokes: StoredCount
     seconds: float
-    iterations: Count
+    iterations: StoredCount
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -60,8 +60,8 @@ class Member:
         hash: hash of its current table; empty before its first turn with new weights.
     """
 
-    turns: Count = 0
-    strokes: Count = 0
+    turns: StoredCount = 0
+    strokes: StoredCount = 0
     hash: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{64})?$")] = ""
 
 
@@ -93,7 +93,7 @@ class LeagueState:
     """
 
     game: str
-    round: Count = 0
+    round: StoredCount = 0
     population: list[Frozen] = dataclasses.field(default_factory=list)
     members: dict[str, Member] = dataclasses.field(default_factory=dict)
     cells: dict[str, tuple[Fraction, Fraction]] = dataclasses.field(default_factory=dict)
@@ -101,7 +101,7 @@ class LeagueState:
     exhausted: bool = False
     seconds: float = 0.0
     overhead: float = 0.0
-    metrics: Count = 0
+    metrics: StoredCount = 0
 
     def save(self, folder: Path) -> None:
         """Write the state to the folder of its run."""

@@ -1,0 +1,390 @@
+"""Exact solution of the game with recovery: sweeps over states in which the receiver's position is hidden.
+
+In each state the striker's strokes and the receiver's positions form a matrix game, whose value and optimal mixed strategies a
+sweep computes by the simplex method. The value of a matrix game changes by at most the largest change of an entry, so the
+operator contracts like that of :mod:`shuttle_marl.exact.fixed_point`, and its error bound holds (Shapley, PNAS 1953; a Newton
+step with both players' strategies fixed is that of Pollatschek & Avi-Itzhak, Management Science 1969). A matrix game is solved
+up to the gap between what its strategies guarantee, which counts as rounding. In human-like play both players pay for the
+divergence from how people choose (:class:`SoftSaddle`).
+"""
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from shuttle_marl.base.arrays import F64, U8
+from shuttle_marl.base.compiling import compiled, inlined
+from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, ExactError
+from shuttle_marl.exact.matrix_games import solved
+from shuttle_marl.exact.met import Rows, rows_of
+from shuttle_marl.exact.solver import BlockLinear, successors
+from shuttle_marl.exact.sweeps import Chances, Replies, gathered, replies, unit_of, worth_of
+from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.thresholds import ONE
+
+
+def largest_continuation_by_position(game: Game) -> float:
+    """The supremum of the probability that the rally continues, over all legal pairs but the serves and all positions.
+
+    Raises:
+        ExactError: it is 1.
+    """
+    waiting = game.waiting
+    ends = waiting.limits[:, waiting.start[FIRST_RALLY_STATE] :, 1]
+    if ends.size and ends.min() == 0:
+        raise ExactError("a stroke never ends the rally against some position; exact values need a probability above 0")
+    return float(1 - ends.min(initial=ONE - 1) / ONE)
+
+
+class Fixed(NamedTuple):
+    """What a player who is not free does in a block: strokes of the striker, or positions of the receiver."""
+
+    share: float
+    """Probability with which it applies; else that player is free too. 0: both players are free."""
+    strokes: Chances
+    """``[base pairs]`` probability of each legal pair given its state, of a table in units of 1/65535; empty: none."""
+    unit: float
+    """Probability that a chance of 1 stands for."""
+    positions: F64
+    """``[base states, 9]`` probabilities of positions; empty: none."""
+
+
+class Strategies(NamedTuple):
+    """What a block of matrix games comes to, written by the solvers."""
+
+    value: F64
+    """``[base states]`` values."""
+    strokes: F64
+    """``[base pairs]`` probabilities of strokes."""
+    positions: F64
+    """``[base states, 9]`` probabilities of positions."""
+    picked: U8
+    """``[R]`` games that nature picks."""
+
+
+@inlined
+def _most_replies(replies: Replies, states: int) -> int:
+    """Largest number of legal strokes of the first states, at least 1."""
+    most = 1
+    for s in range(states):
+        most = max(most, replies.pair_start[s + 1] - replies.pair_start[s])
+    return most
+
+
+@inlined
+def _write_matrix(rows: Rows, replies: Replies, following: F64, s: int, against: bool, matrix: F64, picked: U8) -> None:
+    """Write the values of the strokes of a state against its positions, stroke after stroke, and the games that nature picks."""
+    row, m, a = rows.start[s], rows.choices[s], 0
+    for v in range(replies.first_reply[s], replies.first_reply[s] + replies.pair_start[s + 1] - replies.pair_start[s]):
+        after = following[0, v], following[1, v], following[2, v], following[3, v]
+        for _ in range(m):
+            for g in range(rows.limits.shape[0]):
+                fault, winner, below = rows.limits[g, row, 0], rows.limits[g, row, 1], rows.limits[g, row, 2]
+                low, high = rows.hurry[g, row, 0], rows.hurry[g, row, 1]
+                entry = worth_of(float(fault), float(winner), float(below), low, high, after) / 65536.0
+                if g == 0 or (entry < matrix[a] if against else entry > matrix[a]):
+                    matrix[a], picked[row] = entry, g
+            row, a = row + 1, a + 1
+
+
+@compiled
+def _saddles(rows: Rows, replies: Replies, following: F64, fixed: Fixed, against: bool, found: Strategies) -> float:
+    """Values of the matrix games of all states of a block, and the strategies.
+
+    Args:
+        rows: of G games, of which nature picks one after each stroke.
+        following: ``[4, V]`` values of the successors (:mod:`shuttle_marl.exact.sweeps`).
+        against: whether nature picks the worst game for the striker; else the best one.
+        found: written.
+
+    Returns:
+        The largest gap between what the strategies of a state guarantee.
+    """
+    value, x, y, picked = found
+    largest, most = 0.0, _most_replies(replies, value.size)
+    share, bound = fixed.share, fixed.strokes.size > 0
+    matrix, tableau, means = np.empty(most * 9), np.empty((most + 1) * 10), np.empty(most + 9)
+    basis, outside, shares = np.empty(most, np.int64), np.empty(9, np.int64), np.empty(9)
+    for s in range(value.size):
+        first, m = replies.pair_start[s], rows.choices[s]
+        k = replies.pair_start[s + 1] - first
+        value[s] = 0.0
+        y[s] = 0.0
+        if k == 0:
+            y[s, rows.position[s, 0]] = 1.0
+            continue
+        _write_matrix(rows, replies, following, s, against, matrix, picked)
+        if share > 0.0:
+            # The fixed player's mean, which the free choices of both only add to.
+            for a in range(k if not bound else 1):
+                for b in range(m if bound else 1):
+                    mean = 0.0
+                    for c in range(k if bound else m):
+                        chance = fixed.strokes[first + c] * fixed.unit if bound else fixed.positions[s, rows.position[s, c]]
+                        mean += chance * (matrix[c * m + b] if bound else matrix[a * m + c])
+                    means[b if bound else a] = mean
+            for a in range(k):
+                for b in range(m):
+                    matrix[a * m + b] = (1.0 - share) * matrix[a * m + b] + share * means[b if bound else a]
+        low, high = solved(matrix, k, m, tableau, basis, outside, x[first : first + k], shares)
+        value[s] = (low + high) / 2.0
+        largest = max(largest, high - low)
+        for b in range(m):
+            y[s, rows.position[s, b]] = shares[b]
+    return largest
+
+
+@compiled
+def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, tau: float, found: Strategies) -> float:
+    """Values of the KL-regularised matrix games of all states of a block (:mod:`shuttle_marl.exact.optimal`), and the strategies.
+
+    The receiver minimises the convex function tau log sum_a b(a) exp((M y)_a / tau) + tau KL(y || q) of positions y by Newton
+    steps with a line search; at its minimum the striker's strokes are the soft maximum against y.
+
+    Args:
+        prior: strokes b and positions q.
+        tau: cost of a nat of divergence from them.
+        found: written.
+
+    Returns:
+        The largest gap between what the strategies of a state guarantee.
+    """
+    value, x, y, picked = found
+    largest, most = 0.0, _most_replies(replies, value.size)
+    entries, mean, trial = np.empty(most * 9), np.empty(most), np.empty(9)
+    hessian, step = np.empty((10, 10)), np.empty(10)
+    for s in range(value.size):
+        first, m = replies.pair_start[s], rows.choices[s]
+        k = replies.pair_start[s + 1] - first
+        value[s] = 0.0
+        y[s] = 0.0
+        if k == 0:
+            y[s, rows.position[s, 0]] = 1.0
+            continue
+        played, before = x[first : first + k], prior.strokes[first : first + k].astype(np.float64) * prior.unit
+        _write_matrix(rows, replies, following, s, False, entries, picked)
+        matrix = entries[: k * m].reshape(k, m)
+        usual, waits = np.empty(m), np.empty(m)
+        for b in range(m):
+            usual[b] = prior.positions[s, rows.position[s, b]]
+            waits[b] = max(usual[b], 1e-12)
+        waits /= waits.sum()
+        now = _soft_value(matrix, before, usual, waits, tau, mean, played)
+        for _ in range(60):
+            # The gradient and the Hessian along sum y = 1, bordered by the constraint.
+            decrease = 0.0
+            for b in range(m):
+                slope = 0.0
+                for a in range(k):
+                    slope += played[a] * matrix[a, b]
+                step[b] = -(slope + tau * (np.log(waits[b] / max(usual[b], 1e-300)) + 1.0))
+            for b in range(m):
+                for c in range(b + 1):
+                    both = left = right = 0.0
+                    for a in range(k):
+                        both += played[a] * matrix[a, b] * matrix[a, c]
+                        left += played[a] * matrix[a, b]
+                        right += played[a] * matrix[a, c]
+                    hessian[b, c] = hessian[c, b] = (both - left * right) / tau + (tau / waits[b] if b == c else 0.0)
+                hessian[b, m] = hessian[m, b] = 1.0
+                trial[b] = step[b]
+            hessian[m, m] = step[m] = 0.0
+            _solve_linear(hessian, step, m + 1)
+            scale = 1.0
+            for b in range(m):
+                decrease -= trial[b] * step[b]
+                if step[b] < 0.0:
+                    scale = min(scale, -0.95 * waits[b] / step[b])
+            if decrease > -1e-14:
+                break
+            while scale > 1e-10:
+                for b in range(m):
+                    trial[b] = waits[b] + scale * step[b]
+                then = _soft_value(matrix, before, usual, trial, tau, mean, played)
+                if then <= now + 1e-4 * scale * decrease + 1e-15:
+                    break
+                scale *= 0.5
+            for b in range(m):
+                waits[b] = trial[b]
+            now = then
+        total, divergence = 0.0, 0.0
+        for b in range(m):
+            slope = 0.0
+            for a in range(k):
+                slope += played[a] * matrix[a, b]
+            trial[b] = -slope / tau
+        best = trial[:m].max()
+        for b in range(m):
+            total += usual[b] * np.exp(trial[b] - best)
+        for a in range(k):
+            if played[a] > 0.0:
+                divergence += played[a] * np.log(played[a] / before[a])
+        low = -tau * (best + np.log(total)) - tau * divergence
+        value[s] = (low + now) / 2.0
+        largest = max(largest, now - low)
+        for b in range(m):
+            y[s, rows.position[s, b]] = waits[b]
+    return largest
+
+
+@inlined
+def _soft_value(matrix: F64, before: F64, usual: F64, waits: F64, tau: float, mean: F64, played: F64) -> float:
+    """What positions guarantee the receiver at most, and ``played``, the soft maximum of strokes against them."""
+    k, m = matrix.shape
+    best, total, divergence = -1e300, 0.0, 0.0
+    for a in range(k):
+        mean[a] = 0.0
+        for b in range(m):
+            mean[a] += waits[b] * matrix[a, b]
+        if before[a] > 0.0:
+            best = max(best, mean[a])
+    for a in range(k):
+        played[a] = before[a] * np.exp(min((mean[a] - best) / tau, 0.0))
+        total += played[a]
+    for a in range(k):
+        played[a] /= total
+    for b in range(m):
+        divergence += waits[b] * np.log(waits[b] / max(usual[b], 1e-300))
+    return best + tau * np.log(total) + tau * divergence
+
+
+@inlined
+def _solve_linear(matrix: F64, right: F64, size: int) -> None:
+    """Solve a small linear system by Gaussian elimination with partial pivoting; both arguments are overwritten."""
+    for i in range(size):
+        pivot = i
+        for j in range(i + 1, size):
+            if abs(matrix[j, i]) > abs(matrix[pivot, i]):
+                pivot = j
+        if pivot != i:
+            for c in range(size):
+                matrix[i, c], matrix[pivot, c] = matrix[pivot, c], matrix[i, c]
+            right[i], right[pivot] = right[pivot], right[i]
+        for j in range(i + 1, size):
+            factor = matrix[j, i] / matrix[i, i]
+            for c in range(i, size):
+                matrix[j, c] -= factor * matrix[i, c]
+            right[j] -= factor * right[i]
+    for i in range(size - 1, -1, -1):
+        for c in range(i + 1, size):
+            right[i] -= matrix[i, c] * right[c]
+        right[i] /= matrix[i, i]
+
+
+@compiled
+def _mean_change(found: Strategies, rows: Rows, replies: Replies, following: F64, out: F64) -> None:
+    """Mean of what follows strategies."""
+    _, x, y, picked = found
+    for s in range(out.size):
+        first, last, m, row = replies.pair_start[s], replies.pair_start[s + 1], rows.choices[s], rows.start[s]
+        total = 0.0
+        for pair in range(first, last):
+            chance = x[pair]
+            if chance > 0.0:
+                v = replies.first_reply[s] + pair - first
+                for b in range(m):
+                    share, g = chance * y[s, rows.position[s, b]], picked[row + b]
+                    if share > 0.0:
+                        won, under = float(rows.limits[g, row + b, 1]), float(rows.limits[g, row + b, 2])
+                        low = following[0, v] + rows.hurry[g, row + b, 0] * following[2, v]
+                        high = following[1, v] + rows.hurry[g, row + b, 1] * following[3, v]
+                        total += share * ((under - won) * low + (65536.0 - under) * high)
+            row += m
+        out[s] = total / 65536.0
+
+
+def _mean_linear(games: tuple[Game, ...], block: int, found: Strategies) -> BlockLinear:
+    """The linear part of a sweep at fixed strategies."""
+    game, rows = games[0], rows_of(games, block)
+
+    def linear(plain: F64, after_attack: F64) -> F64:
+        out = np.empty(game.n_base_states)
+        _mean_change(found, rows, replies(game), gathered(game, plain, after_attack), out)
+        return -out
+
+    return linear
+
+
+@dataclasses.dataclass(eq=False)
+class Saddle:
+    """The states in which one player strikes: both players choose best, the striker strokes, the receiver positions.
+
+    Attributes:
+        games: with recovery, the tables with which that player strikes; of several, nature picks one after each stroke.
+        against: whether nature picks against that player; else in favour.
+        strokes: for each block ``[base pairs]`` probabilities of a policy that the striker follows; None: free.
+        positions: ``[S, 9]`` probabilities of positions of a policy that the receiver follows; None: free.
+        share: probability with which each choice follows the policy; else it is free.
+        gap: largest gap of a matrix game so far.
+    """
+
+    games: tuple[Game, ...]
+    against: bool = False
+    strokes: tuple[Chances, ...] | None = None
+    positions: F64 | None = None
+    share: float = 1.0
+    gap: float = 0.0
+
+    @property
+    def game(self) -> Game:
+        """The first of the games."""
+        return self.games[0]
+
+    @functools.cached_property
+    def contraction(self) -> float:
+        """Factor by which a sweep reduces an error of the rally states."""
+        return max(map(largest_continuation_by_position, self.games))
+
+    def strategies(self, block: int, plain: F64, after_attack: F64) -> Strategies:
+        """Values, free strokes and positions, and picked games of a block."""
+        game = self.game
+        found = Strategies(
+            np.empty(game.n_base_states),
+            np.empty(game.n_base_pairs),
+            np.empty((game.n_base_states, N_POSITIONS)),
+            np.zeros(game.waiting.start[-1], np.uint8),
+        )
+        gap = self._solve(rows_of(self.games, block), gathered(game, plain, after_attack), self._fixed(block), found)
+        self.gap = max(self.gap, gap)
+        return found
+
+    def _solve(self, rows: Rows, following: F64, fixed: Fixed, found: Strategies) -> float:
+        return _saddles(rows, replies(self.game), following, fixed, self.against, found)
+
+    def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
+        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Striker`."""
+        found, fixed = self.strategies(block, plain, after_attack), self._fixed(block)
+        if fixed.share and fixed.strokes.size:
+            found = found._replace(strokes=(1 - fixed.share) * found.strokes + fixed.share * fixed.unit * fixed.strokes)
+        elif fixed.share:
+            found = found._replace(positions=(1 - fixed.share) * found.positions + fixed.share * fixed.positions)
+        return found.value, _mean_linear(self.games, block, found)
+
+    def _fixed(self, block: int) -> Fixed:
+        strokes = np.empty(0) if self.strokes is None else self.strokes[block]
+        positions = np.empty((0, N_POSITIONS)) if self.positions is None else self.positions[self.game.block_states(block)]
+        share = self.share if strokes.size or positions.size else 0.0
+        return Fixed(share, strokes, unit_of(strokes), np.ascontiguousarray(positions))
+
+    def all_strategies(self, following: F64) -> tuple[F64, F64]:
+        """``[P]`` strokes and ``[S, 9]`` positions, from the ``[S]`` values of the next states to the receiver."""
+        blocks = [self.strategies(block, *successors(self.game, following, block)) for block in range(self.game.n_blocks)]
+        return np.concatenate([found.strokes for found in blocks]), np.concatenate([found.positions for found in blocks])
+
+
+@dataclasses.dataclass(eq=False)
+class SoftSaddle(Saddle):
+    """Both players choose best and pay for the divergence from how people choose: ``strokes`` and ``positions`` are the priors.
+
+    Attributes:
+        tau: cost of a nat.
+    """
+
+    share: float = 0.0
+    tau: float = 0.0
+
+    def _solve(self, rows: Rows, following: F64, fixed: Fixed, found: Strategies) -> float:
+        return _soft_saddles(rows, replies(self.game), following, fixed, self.tau, found)
