@@ -224,8 +224,7 @@ def digest(source: str) -> str:
 
 
 EARLIER: Final = frozenset({
-    "landings.png", "league_report.png", "match_report.png", "reliability.png", "replies.png", "scouting_report.png",
-    "tagging.jpg", "value.png", "watch_analyse_wide.jpg", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_play_wide.jpg",
+    "tagging.jpg", "watch_analyse_wide.jpg", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_play_wide.jpg",
     "watch_players.jpg", "watch_watch_wide.jpg",
 })  # fmt: skip
 """Pictures of an earlier game; a name goes when its picture is drawn again."""
