@@ -29,7 +29,7 @@ from shuttle_marl.game.shipped import folder_of, refits_of
 from shuttle_marl.game.skill import has_skill
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy import registry
+from shuttle_marl.policy import history, registry
 
 _POLICIES = 30
 _COMPILE = """
@@ -48,7 +48,7 @@ Times = tuple[float, float]
 def thirty_policies(game: Game) -> list[TabulatedPolicy]:
     """30 policies: behaviour-cloned players, styles and random, and the same at other temperatures."""
     families = ("bc", "attacking", "defensive", "safe", "random")
-    names = [name for name in registry.names(game) if name.partition(":")[0] in families]
+    names = [name for name in registry.names(game) if name.partition(":")[0] in families and name != history.NAME]
     names += [f"{name}@{temperature}" for temperature in (0.5, 2) for name in names]
     return [tabulate(registry.resolve(name, game), game) for name in names[:_POLICIES]]
 
