@@ -14,9 +14,9 @@ from typing import Any, Final
 import numpy as np
 from scipy import stats
 
+from experiments.saving import show_figures
 from shuttle_marl.analysis.decisions import theme_of, usual_of
 from shuttle_marl.analysis.marks import MARKS, basis_of, judged_strokes
-from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.data import load_strokes, matches_of
@@ -137,13 +137,7 @@ def marks(*, data: Path, model: str = "default", out: Path | None = None, json_o
     """
     game = load_game(model)
     result = {**marks_of(data, game), "puzzles": puzzles_of(game)}
-    if out is not None:
-        write_json(out, {**describe(("numpy",)), **result})
-    if json_output:
-        cli.print_json(result)
-        return
-    for name, value in result.items():
-        cli.console().print(f"{name}: {value}", soft_wrap=True)
+    show_figures(result, out, as_json=json_output)
 
 
 main = cli.entry_point(marks, "python -m experiments.marks", __doc__ or "")

@@ -1,4 +1,4 @@
-"""What a duel and a rating by decisions tell of who plays (:mod:`shuttle_marl.analysis.decisions`).
+"""Duels and ratings by the quality of decisions, simulated (:mod:`shuttle_marl.analysis.decisions`).
 
 ``python -m experiments.play [--json]``
 
@@ -15,10 +15,10 @@ from typing import Annotated, Any, Final
 import numpy as np
 import tyro
 
+from experiments.saving import show_figures
 from shuttle_marl.analysis.decisions import Rating, quality, rated
 from shuttle_marl.analysis.marks import basis_of
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.exact import evaluate, visits
@@ -156,13 +156,7 @@ def play(
     game = load_game(model)
     judge = Judge(game)
     result = {"duels": compared(judge, duels, seed), "ratings": ratings(judge, duels, seed), "ladder": ladder(game)}
-    if out is not None:
-        write_json(out, {**describe(("numpy",)), "seed": seed, "number": duels, **result})
-    if json_output:
-        cli.print_json(result)
-        return
-    for name, value in result.items():
-        cli.console().print(f"{name}: {value}", soft_wrap=True)
+    show_figures(result, out, as_json=json_output, seed=seed, number=duels)
 
 
 main = cli.entry_point(play, "python -m experiments.play", __doc__ or "")

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import replace_file
+from shuttle_marl.commands import cli
 
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 
@@ -28,3 +29,21 @@ def save_results(folder: Path, result: dict[str, Any], copy: Path | None) -> dic
     if copy is not None:
         replace_file(copy, (json.dumps(whole, indent=1) + "\n").encode())
     return whole
+
+
+def show_figures(figures: dict[str, Any], copy: Path | None, *, as_json: bool, **settings: Any) -> None:
+    """Print the figures of an experiment without a run folder.
+
+    Args:
+        figures: JSON values by name.
+        copy: file for them, preceded by their provenance; None: none.
+        as_json: whether JSON is printed instead of lines.
+        **settings: of the experiment, for the file.
+    """
+    if copy is not None:
+        runs.write_json(copy, {**runs.describe(("numpy",)), **settings, **figures})
+    if as_json:
+        cli.print_json(figures)
+        return
+    for name, value in figures.items():
+        cli.console().print(f"{name}: {value}", soft_wrap=True)

@@ -90,6 +90,22 @@ def _write_matrix(rows: Rows, replies: Replies, following: F64, s: int, against:
             row, a = row + 1, a + 1
 
 
+@inlined
+def _reset(rows: Rows, replies: Replies, found: Strategies, s: int) -> tuple[int, int, int]:
+    """Reset value and positions of a state: 0, and the first feasible position where no stroke is legal.
+
+    Returns:
+        First pair, number of legal strokes and number of feasible positions.
+    """
+    first = replies.pair_start[s]
+    k = replies.pair_start[s + 1] - first
+    found.value[s] = 0.0
+    found.positions[s] = 0.0
+    if k == 0:
+        found.positions[s, rows.position[s, 0]] = 1.0
+    return first, k, rows.choices[s]
+
+
 @compiled
 def _saddles(rows: Rows, replies: Replies, following: F64, fixed: Fixed, against: bool, found: Strategies) -> float:
     """Values of the matrix games of all states of a block, and the strategies.
@@ -109,12 +125,8 @@ def _saddles(rows: Rows, replies: Replies, following: F64, fixed: Fixed, against
     matrix, tableau, means = np.empty(most * 9), np.empty((most + 1) * 10), np.empty(most + 9)
     basis, outside, shares = np.empty(most, np.int64), np.empty(9, np.int64), np.empty(9)
     for s in range(value.size):
-        first, m = replies.pair_start[s], rows.choices[s]
-        k = replies.pair_start[s + 1] - first
-        value[s] = 0.0
-        y[s] = 0.0
+        first, k, m = _reset(rows, replies, found, s)
         if k == 0:
-            y[s, rows.position[s, 0]] = 1.0
             continue
         _write_matrix(rows, replies, following, s, against, matrix, picked)
         if share > 0.0:
@@ -157,12 +169,8 @@ def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, ta
     entries, mean, trial = np.empty(most * 9), np.empty(most), np.empty(9)
     hessian, step = np.empty((10, 10)), np.empty(10)
     for s in range(value.size):
-        first, m = replies.pair_start[s], rows.choices[s]
-        k = replies.pair_start[s + 1] - first
-        value[s] = 0.0
-        y[s] = 0.0
+        first, k, m = _reset(rows, replies, found, s)
         if k == 0:
-            y[s, rows.position[s, 0]] = 1.0
             continue
         played, before = x[first : first + k], prior.strokes[first : first + k].astype(np.float64) * prior.unit
         _write_matrix(rows, replies, following, s, False, entries, picked)

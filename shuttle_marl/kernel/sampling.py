@@ -13,7 +13,7 @@ its gradient over distinct pairs is that over all strokes.
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -248,7 +248,8 @@ class RallySampler:
             self._finish(numbers, assess)
             self._played += self._sums.total[0] - before[0]
             self._rallies += self._sums.total[1] - before[1]
-        self._end()
+        self.strokes = StrokeList._make([column[: self._listed[0]] for column in self.strokes])
+        self._known = self._sums.visited[: int(self._sums.total[6])].copy()
 
     def _discard(self) -> None:
         """Drop strokes that were collected but not taken, also after an error of the network."""
@@ -301,11 +302,6 @@ class RallySampler:
             self._refresh(pending.state[: shortage.states], assess)
             numbers = pending.rally[: shortage.rallies]
 
-    def _end(self) -> None:
-        """Finish an iteration."""
-        self.strokes = StrokeList._make([column[: self._listed[0]] for column in self.strokes])
-        self._known = self._sums.visited[: int(self._sums.total[6])].copy()
-
     def _refresh(self, states: I32, assess: Assess) -> None:
         self._learned.written[states] = 0  # requested again if the network fails
         for first in range(0, len(states), 1 << 13):
@@ -338,18 +334,19 @@ class RallySampler:
         )
         rows = take(self._tables, self._learned, self._sums, states, out)
         by_row = {name: getattr(out, name)[:rows] for name in ("row", "stroke", "log_probability", "advantage")}
-        return Distinct(state=states, visits=out.visits, returns=out.returns, start=out.start, **by_row, **self._counted())
-
-    def _counted(self) -> dict[str, Any]:
-        """Totals of :class:`Distinct`."""
         count, rallies, won, total, squares, played = self._sums.total[:6].tolist()
-        return {
-            "strokes": int(count),
-            "deviation": math.sqrt(max(squares / count - (total / count) ** 2, 0.0)),
-            "rallies": int(rallies),
-            "won": int(won),
-            "played": int(played),
-        }
+        return Distinct(
+            state=states,
+            visits=out.visits,
+            returns=out.returns,
+            start=out.start,
+            **by_row,
+            strokes=int(count),
+            deviation=math.sqrt(max(squares / count - (total / count) ** 2, 0.0)),
+            rallies=int(rallies),
+            won=int(won),
+            played=int(played),
+        )
 
     @property
     def count(self) -> int:
