@@ -1,4 +1,4 @@
-"""How good decisions are, by the one basis of marks, and a rating of who decides.
+"""Quality of decisions, on the basis of marks, and ratings of players by it.
 
 The **quality** of a stroke compares it with the best one, both against what elite players choose there: with the changes c of the
 stroke and b of the best one (:mod:`shuttle_marl.analysis.marks`) it is s(c) / s(b), s(x) = 1 / (1 + exp(-x / SCALE)). The best

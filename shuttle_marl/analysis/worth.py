@@ -1,4 +1,4 @@
-"""How good a stroke is: the one definition that values, marks, advice, reports, pictures, the page and the suite read.
+"""Worth of a stroke: the one definition that values, marks, advice, reports, pictures, the page and the suite read.
 
 A stroke is worth the probability with which its striker wins the rally, if both players then go on as two policies do. Its
 **advantage** is that minus the probability before the choice, the mean over what the striker's own policy plays there. A figure

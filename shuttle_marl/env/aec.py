@@ -468,7 +468,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
 
 _OF_API_TEST: Final = {"options": 1}
-"""What PettingZoo's conformance test passes."""
+"""Options that PettingZoo's conformance test passes to ``reset``."""
 
 
 def refuse_options(options: dict[str, Any] | None, known: Collection[str] = ()) -> None:

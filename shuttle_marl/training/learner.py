@@ -1,8 +1,8 @@
 """The training loop: a :class:`RallyCollector` gives the strokes of an iteration, a :class:`Learner` learns from them.
 
 The network is evaluated once for each visited state, not for each stroke; rallies are then played from the table of its outputs,
-by the kernel (:mod:`shuttle_marl.kernel.sampling`). The sampler also
-computes the generalised advantages (Schulman et al. 2016, arXiv 1506.02438) of every rally, backwards from its last stroke:
+by the kernel (:mod:`shuttle_marl.kernel.sampling`). The sampler also computes the generalised advantages (Schulman et al. 2016,
+arXiv 1506.02438) of every rally, backwards from its last stroke:
 
     delta_t = r_t + gamma V(s_{t+1}) - V(s_t),    A_t = delta_t + gamma lambda A_{t+1}.
 
