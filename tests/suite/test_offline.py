@@ -26,13 +26,15 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.logs import Log, blank, log_of
 from shuttle_marl.suite.method import BASELINES, find
 from shuttle_marl.suite.methods.estimators import (
+    DensityRatio,
     ImportanceSampling,
     ModelBased,
     WeightedImportanceSampling,
+    blended,
     doubly_robust,
+    partial_returns,
     q_and_v,
     ratios,
-    weighted_doubly_robust,
 )
 from shuttle_marl.suite.offline import OPPONENT, behaviour, errors, generate, in_game
 from shuttle_marl.suite.options import SuiteError
@@ -101,11 +103,27 @@ def test_estimators_equal_values_computed_by_hand() -> None:
     assert doubly_robust(data, ratios(data, target), half, half) == pytest.approx([1.3, 0, 0.3, 1.3], abs=1e-4)
     # Weights after the first strokes: 1, 1, 0.4 and 1.6, whose mean is 1; then 1.6, 1, 0.4 and 1.6, whose mean is 1.15.
     expected = 0 + 0 + 0.3 + 1.3 + 1.6 / 1.15 * 0.5 + 0.5
-    assert weighted_doubly_robust(data, ratios(data, target), half, half) == pytest.approx(expected, abs=1e-4)
+    partial = partial_returns(data, ratios(data, target), half, half)
+    assert partial.sum(axis=0) == pytest.approx([2, 0.5 + 0 + 0.3 + 1.3, expected], abs=1e-4)
     # Smashes won and the clear lost: 0.8 before them; the serve led to 0.8 once, and to a loss once.
     q, v = q_and_v(data, target, shrink=1e-9)
     assert q == pytest.approx([0.4, 1, 0.4, 0, 1], abs=1e-4)
     assert v == pytest.approx([0.4, 0.8, 0.4, 0.8, 0.8], abs=1e-4)
+
+
+def test_magic_prefers_the_estimate_with_the_least_error() -> None:
+    noise = np.random.default_rng(0).normal(size=1000)
+    fitted = np.full(1000, 0.5)
+    assert blended(np.stack([fitted, 0.5 + 10 * noise], axis=1)) == pytest.approx(500, abs=5)
+    assert blended(np.stack([0.9 * np.ones(1000), 0.5 + 0.01 * noise], axis=1)) == pytest.approx(500, abs=5)
+
+
+def test_density_ratios_recover_the_value_of_the_behaviour() -> None:
+    arena = arena_of(find_task("offline-v0"), reduced_model(), "test")
+    log = generate(arena, "bc", 20_000, seed=1)
+    own, other = (in_game(arena.policy(name), log.game) for name in ("bc", "bc@0.7"))
+    true = [evaluate(arena.policy(name), arena.policy(OPPONENT)).odds().rally for name in ("bc", "bc@0.7")]
+    assert DensityRatio().estimate(log, [own, other]) == pytest.approx(true, abs=0.04)
 
 
 def test_counts_computed_by_hand() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from shuttle_marl.analysis.tabular import cloned
@@ -31,6 +32,14 @@ _FLOOR = 1e-4
 """Least probability of a stroke or a position in a likelihood."""
 _SHRINK: Final = 6.0
 """Pseudo-observations of a position after each shot type."""
+_SHRINK_STROKES: Final = 8.0
+"""Pseudo-observations of the coarser cell of a stroke."""
+_RECENT: Final = 120
+"""Rallies that count as recent."""
+_SPREAD: Final = 0.3
+"""Standard deviation of a tilt, before anything is seen."""
+_LARGEST: Final = 3.0
+"""Largest difference of log-probabilities that is a feature."""
 
 
 class Minimax:
@@ -115,9 +124,37 @@ class PosteriorMean(Population):
         """The restricted response to the mean."""
         return respond(self.mean(), self.p)
 
-    def mean(self) -> PairPolicy:
+    def mean(self) -> StatePolicy:
         """The mean of the known types that matter."""
         return mean_policy(self.game, dict(zip(self.types, self.posterior, strict=True)))
+
+
+class Likeliest(PosteriorMean):
+    """The restricted response to the likeliest known type alone; the argument is p."""
+
+    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
+        super().__init__(setting, argument)
+
+    def mean(self) -> StatePolicy:
+        """The likeliest type."""
+        return self.types[int(self.log_posterior.argmax())]
+
+
+class TypedCounts(Likeliest):
+    """Response to shrunken counts of the opponent's choices around the mean of the posterior; the argument is p."""
+
+    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
+        super().__init__(setting, argument)
+        self.seen: list[PlayedRally] = []
+
+    def observe_rally(self, rally: PlayedRally) -> None:
+        """Update the posterior, and keep the rally."""
+        super().observe_rally(rally)
+        self.seen.append(rally)
+
+    def mean(self) -> StatePolicy:
+        """The counts."""
+        return counted(mean_policy(self.game, dict(zip(self.types, self.posterior, strict=True))), self.seen)
 
 
 class Bandit(Population):
@@ -144,11 +181,8 @@ class Bandit(Population):
 class Counts:
     """Response to shrunken counts of the opponent's choices around bc; the argument is p of the restricted response."""
 
-    shrink = 8.0
-
     def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
-        self.game, self.p = setting.game, float(argument)
-        self.bc = setting.known["bc"]
+        self.game, self.p, self.known = setting.game, float(argument), setting.known
         self.seen: list[PlayedRally] = []
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
@@ -156,14 +190,62 @@ class Counts:
         return respond(self.estimate(), self.p)
 
     def observe_rally(self, rally: PlayedRally) -> None:
-        """Count the opponent's choices."""
+        """Keep the rally."""
         self.seen.append(rally)
 
     def estimate(self) -> StatePolicy:
         """The opponent, estimated."""
-        pairs = np.concatenate([np.zeros(0, np.int64), *(rally.pair[~rally.own] for rally in self.seen)])
-        probability = cloned(self.game, pairs, shrink=self.shrink, prior=self.bc.block_probabilities(0))
-        return PairPolicy(game=self.game, probability=probability, positions=waited(positions(self.bc), self.game, self.seen))
+        return counted(self.known["bc"], self.seen)
+
+
+class RecentCounts(Counts):
+    """The same of the last rallies alone, for opponents that change."""
+
+    def estimate(self) -> StatePolicy:
+        """The opponent, estimated."""
+        return counted(self.known["bc"], self.seen[-_RECENT:])
+
+
+class Tilts(Counts):
+    """Response to bc with log-probabilities tilted towards or away from each known type, by maximum a posteriori.
+
+    A log-linear model with the known types as features, which leaves their convex hull as a mixture does not; the argument is p.
+    """
+
+    def estimate(self) -> StatePolicy:
+        """The opponent, estimated."""
+        game, chance = self.game, np.maximum(chances(tuple(self.known.values())).astype(np.float64), _FLOOR)
+        bc = chance[list(self.known).index("bc")]
+        feature = np.clip(np.log(chance / bc), -_LARGEST, _LARGEST)
+        pairs = struck(self.seen) % game.n_base_pairs
+        states, number = np.unique(game.base_pair_state[pairs], return_counts=True)
+        row, legal = game.pairs(states)
+        seen, usual, legal_feature = feature[:, pairs].sum(axis=1), bc[legal], feature[:, legal]
+
+        def loss(tilt: F64) -> tuple[float, F64]:
+            weight = usual * np.exp(tilt @ legal_feature)
+            total = np.bincount(row, weight, len(states))
+            slope = legal_feature @ ((number / total)[row] * weight) - seen + tilt / _SPREAD**2
+            return float(number @ np.log(total) - tilt @ seen + tilt @ tilt / (2 * _SPREAD**2)), slope
+
+        found = minimize(loss, np.zeros(len(feature)), jac=True, method="L-BFGS-B").x
+        weight = bc * np.exp(found @ feature)
+        total = np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state]
+        places = waited(positions(self.known["bc"]), game, self.seen)
+        return PairPolicy(game=game, probability=weight / total, positions=places)
+
+
+def struck(seen: Sequence[PlayedRally]) -> I64:
+    """``[M]`` pairs of the strokes of the opponent."""
+    return np.concatenate([np.zeros(0, np.int64), *(rally.pair[~rally.own] for rally in seen)])
+
+
+def counted(prior: TabulatedPolicy | PairPolicy, seen: Sequence[PlayedRally]) -> PairPolicy:
+    """Counts of the opponent's choices, shrunken towards a prior."""
+    game = prior.game
+    places = prior.positions if isinstance(prior, PairPolicy) else positions(prior)
+    probability = cloned(game, struck(seen), shrink=_SHRINK_STROKES, prior=prior.block_probabilities(0))
+    return PairPolicy(game=game, probability=probability, positions=waited(places, game, seen))
 
 
 def positions(policy: TabulatedPolicy) -> F64 | None:
@@ -282,10 +364,9 @@ class Mixture(Population):
 
     def estimate(self) -> PairPolicy:
         """The opponent, estimated."""
-        struck = [rally.pair[~rally.own] % self.game.n_base_pairs for rally in self.seen]
-        pairs = np.concatenate([np.zeros(0, dtype=np.int64), *struck])
+        pairs = struck(self.seen) % self.game.n_base_pairs
         if self.without != "change" and len(pairs) >= _LEAST:
-            ends = np.cumsum([len(rally) for rally in struck])
+            ends = np.cumsum([np.count_nonzero(~rally.own) for rally in self.seen])
             first = change_point(self.chance[:, pairs], ends, _STRENGTH * self.prior)
             self.seen, pairs = self.seen[first:], pairs[ends[first - 1] if first else 0 :]
         weight = self.posterior

@@ -9,15 +9,23 @@ the policy over that under the behaviour, and w the product over the rally:
   with rho_t of at most 10;
 - weighted doubly robust (Thomas & Brunskill 2016, arXiv 1604.00923): the sum over t of w_t (r_t - q(s_t, a_t)) + w_{t-1} v(s_t),
   with w_t the product of the ratios up to t over its mean over the rallies, those that are over with their last one;
+- MAGIC (Thomas & Brunskill 2016): the same up to a stroke and fitted values from there, blended over some strokes with the least
+  estimated mean square error; the bias is the distance from the 90 % interval of the weighted doubly robust estimate;
+- truncated (Ionides 2008): w of at most the root of the number of rallies;
+- density ratios (DICE; minimax weight learning, Uehara, Huang & Jiang 2020, arXiv 1910.12809): the ratio of visits is linear in
+  indicators of incoming shot type, contact and own shot type, for which the equation of its flow has a solution in closed form;
 - fitted Q evaluation (Le, Voloshin & Yue 2019, arXiv 1903.08738), and the exact value in an estimated model.
 """
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
+from scipy.optimize import nnls
+from scipy.sparse import csr_matrix
 
-from shuttle_marl.analysis.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q
-from shuttle_marl.base.arrays import F64
+from shuttle_marl.analysis.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q, pair_cells
+from shuttle_marl.base.arrays import F64, Ints
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tables import Game
@@ -28,6 +36,11 @@ from shuttle_marl.suite.methods.learned import boosted_game
 _TOLERANCE = 1e-6
 _LARGEST = 10.0
 """Largest ratio of a stroke."""
+_BLENDED: Final = (0, 1, 2, 3, 5, 8, 1000)
+"""Numbers of own strokes after which fitted values continue; the last one is the whole rally."""
+_QUANTILE: Final = 1.645
+_RIDGE: Final = 1.0
+"""Observations of each cell that change nothing."""
 
 
 def ratios(data: Transitions, policy: TabulatedPolicy) -> F64:
@@ -64,6 +77,16 @@ class WeightedImportanceSampling:
         return [float(((weight * won).sum() + data.idle_wins) / (weight.sum() + idle)) for weight in weights]
 
 
+class TruncatedImportanceSampling:
+    """Biased downwards, with a bounded variance."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        data, largest = log.transitions, len(log.won) ** 0.5
+        won = data.won[data.first]
+        return per_rally(data, [(np.minimum(rally_weights(data, policy), largest) * won).sum() for policy in policies])
+
+
 class FittedQEvaluation:
     """Q-values of the policy, fitted to own transitions."""
 
@@ -89,8 +112,46 @@ class WeightedDoublyRobust:
         """One number for each policy."""
         data, found = log.transitions, []
         for policy in policies:
-            found.append(weighted_doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)))
+            found.append(self.total(partial_returns(data, ratios(data, policy), *q_and_v(data, policy))))
         return per_rally(data, found)
+
+    def total(self, partial: F64) -> float:
+        """Rallies won, from :func:`partial_returns`."""
+        return float(partial[:, -1].sum())
+
+
+class Magic(WeightedDoublyRobust):
+    """A blend of weighted doubly robust estimation and fitted Q evaluation."""
+
+    def total(self, partial: F64) -> float:
+        """Rallies won, from :func:`partial_returns`."""
+        return blended(partial)
+
+
+class DensityRatio:
+    """Ratio of the visits under the policy and under the behaviour, linear in indicators of cells."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        data, game = log.transitions, log.game
+        cell = pair_cells(game)[1]
+        size = int(cell.max()) + 1
+        states, index = np.unique(game.base(data.state), return_inverse=True)
+        row, pair = game.pairs(states)
+        struck = indicators(np.arange(len(data)), cell[data.pair % game.n_base_pairs], np.ones(len(data)), (len(data), size))
+        going = np.flatnonzero(~np.append(data.first[1:], True))
+        won = []
+        for policy in policies:
+            chosen = indicators(row, cell[pair], policy.block_probabilities(0)[pair], (len(states), size))[index]
+            flow = (struck.T @ struck - struck[going].T @ chosen[going + 1]).toarray().T + _RIDGE * np.eye(size)
+            ratio = np.linalg.solve(flow, np.asarray(chosen[np.flatnonzero(data.first)].sum(axis=0))[0])
+            won.append(float((struck @ ratio) @ data.reward))
+        return per_rally(data, won)
+
+
+def indicators(row: Ints, column: Ints, values: F64, shape: tuple[int, int]) -> csr_matrix:
+    """A sparse matrix of sums of values."""
+    return csr_matrix((values, (row, column)), shape)
 
 
 class ModelBased:
@@ -143,16 +204,36 @@ def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
     return value
 
 
-def weighted_doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> float:
-    """Weighted doubly robust estimate of how many of the rallies with an own stroke are won; arguments as above."""
+def partial_returns(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
+    """``[R, T + 1]`` what each rally adds to weighted doubly robust estimates of how many rallies are won; arguments as above.
+
+    Column t holds importance sampling of the first t own strokes and fitted values from there: the first is fitted Q evaluation,
+    the last the weighted doubly robust estimate.
+    """
     start = np.flatnonzero(data.first)
     length = np.diff(np.append(start, len(data)))
-    weight, before, total = np.ones(len(start)), np.ones(len(start)), 0.0
+    found = np.zeros((len(start), int(length.max()) + 1))
+    weight, before, value = np.ones(len(start)), np.ones(len(start)), np.zeros(len(start))
     for t in range(int(length.max())):
         going = length > t
         rows = start[going] + t
+        found[going, t] = value[going] + before[going] * v[rows]
+        found[~going, t] = value[~going]
         weight[going] *= rho[rows]
         share = weight / max(weight.mean(), np.finfo(np.float64).tiny)
-        total += float((share[going] * (data.reward[rows] - q[rows]) + before[going] * v[rows]).sum())
+        value[going] += share[going] * (data.reward[rows] - q[rows]) + before[going] * v[rows]
         before = share
-    return total
+    found[:, -1] = value
+    return found
+
+
+def blended(partial: F64) -> float:
+    """The MAGIC estimate of how many of the rallies are won, from :func:`partial_returns` ``[R, T + 1]``."""
+    partial = partial[:, np.unique(np.minimum(_BLENDED, partial.shape[1] - 1))]
+    rallies, mean = len(partial), partial.mean(axis=0)
+    spread = np.atleast_2d(np.cov(partial, rowvar=False)) / rallies
+    bias = np.maximum(np.abs(mean - mean[-1]) - _QUANTILE * spread[-1, -1] ** 0.5, 0.0)
+    root = np.linalg.cholesky(spread + np.outer(bias, bias) + 1e-12 * np.eye(len(mean)))
+    # Least squares of weights that are not negative and add up to 1.
+    share, _ = nnls(np.vstack([root.T, np.ones(len(mean))]), np.append(np.zeros(len(mean)), 1.0))
+    return rallies * float(share @ mean / share.sum())

@@ -18,6 +18,7 @@ from shuttle_marl.analysis.tabular import (
     cloned,
     counts,
     estimated_game,
+    expected_under,
     fitted_q,
     game_of,
     greedy,
@@ -36,6 +37,8 @@ from shuttle_marl.recording.logs import Log, Transitions
 from shuttle_marl.suite.offline import LogSetting
 
 _TOLERANCE = 1e-6
+_MEMBERS = 10
+"""Models of an ensemble."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +59,16 @@ class Clone(_OwnStrokes):
         return PairPolicy(game=data.game, probability=cloned(data.game, data.pair, shrink=float(self.argument)))
 
 
+class CloneWon(Clone):
+    """Cloning of the rallies that were won (filtered cloning, Chen et al. 2021, arXiv 2106.01345, and Emmons et al. 2022)."""
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """The strokes of rallies that were won, shrunken towards all strokes."""
+        prior = cloned(data.game, data.pair)
+        chance = cloned(data.game, data.pair[data.won], shrink=float(self.argument), prior=prior)
+        return PairPolicy(game=data.game, probability=chance)
+
+
 class OneStep(_OwnStrokes):
     """One step of policy improvement over the behaviour (Brandfonbrener et al. 2021, arXiv 2106.08909)."""
 
@@ -72,6 +85,38 @@ class FittedQ(_OwnStrokes):
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the fitted Q-values."""
         return greedy(data.game, fitted_q(data, best_of(data.game), shrink=float(self.argument)))
+
+
+@dataclasses.dataclass(frozen=True)
+class PessimisticQ(_OwnStrokes):
+    """Fitted Q iteration with lower confidence bounds (VI-LCB, Rashidinejad et al. 2021, arXiv 2103.12021).
+
+    ``argument`` over the square root of the observations is taken off the value of a stroke.
+    """
+
+    argument: str = "0.1"
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """Greedy in the lower bounds."""
+        game, prior = data.game, float(data.won[data.first].mean())
+        penalty = float(self.argument) / np.sqrt(counts(game, data.pair) + 1)
+        bound = fitted_q(data, best_of(game), fit=lambda target: shrunk_means(game, data.pair, target, prior=prior) - penalty)
+        return greedy(game, bound)
+
+
+@dataclasses.dataclass(frozen=True)
+class AdvantageWeighted(_OwnStrokes):
+    """The clone, weighted by its advantages (AWR, Peng et al. 2019, arXiv 1910.00177); the argument is the temperature."""
+
+    argument: str = "0.02"
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """The clone times the exponential of the Q-values of the clone."""
+        game, chance = data.game, cloned(data.game, data.pair)
+        q = fitted_q(data, expected_under(game, chance))
+        weight = chance * np.exp((q - q.max()) / float(self.argument))
+        total = np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state]
+        return PairPolicy(game=game, probability=weight / total)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,6 +160,23 @@ class PessimisticModel(_Method):
         """The exact best response in the pessimistic game."""
         penalty = float(self.argument) / np.sqrt(counts(log.game, log.pair[log.own]) + 1)
         return respond(log, estimated_game(log), SHRINK, penalty=penalty)
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelEnsemble(_Method):
+    """The same with a penalty for strokes on which models of resampled strokes differ (MOPO, Yu et al. 2020, arXiv 2005.13239).
+
+    ``argument`` times the standard deviation of the probability of a fault is added to it.
+    """
+
+    argument: str = "3"
+
+    def fit(self, log: Log) -> TabulatedPolicy:
+        """The exact best response in the pessimistic game."""
+        rng, fault = np.random.default_rng(self.setting.seed), (log.outcome == 0).astype(np.float64)
+        drawn = [rng.integers(len(log), size=len(log)) for _ in range(_MEMBERS)]
+        models = [shrunk_means(log.game, log.pair[rows], fault[rows], prior=1 / len(OUTCOMES)) for rows in drawn]
+        return respond(log, estimated_game(log), SHRINK, penalty=float(self.argument) * np.std(models, axis=0))
 
 
 def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) -> TabulatedPolicy:

@@ -1,33 +1,41 @@
-"""Methods of ``exploit`` that estimate something from play, and solve what they estimated for the restricted response.
+"""Methods of ``exploit`` and ``equilibrium`` that estimate something from play, and solve what they estimated.
 
-The argument is the restriction of the response.
+The argument is the restriction of the response, or what the function says. Strokes are those of the learner, and with recovery
+its positions too, one for each stroke of the opponent.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from shuttle_marl.analysis.tabular import SHRINK, cloned, game_of
+from shuttle_marl.analysis.tabular import SHRINK, cloned, estimated_game, game_of
+from shuttle_marl.exact import solve
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording.logs import play_log
+from shuttle_marl.recording.logs import Log, play_log
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.frontier import WEIGHT
-from shuttle_marl.suite.methods.adapters import positions, respond, tilted_positions
-from shuttle_marl.suite.methods.learned import boosted
+from shuttle_marl.suite.method import find
+from shuttle_marl.suite.methods.adapters import chances, mean_positions, mixture_weights, respond, tilted_positions
+from shuttle_marl.suite.methods.learned import boosted, boosted_game
+from shuttle_marl.suite.offline import LogSetting, fitted, in_game
 from shuttle_marl.suite.population import mixture
 
 _COUNTED: Final = 300_000
 """Strokes from which on more counts of an opponent change little."""
 _FITTED: Final = 400_000
 """The same for trees."""
-_STROKES: Final = 5
-"""More own strokes than rallies have on average."""
+_STROKES: Final = 8
+"""More strokes of both players than rallies have on average."""
+_TYPES: Final = ("bc", "bc@0.5", "attacking", "defensive", "safe", "human:0.05", "random")
+"""Policies that opponents may be mixtures of."""
 _EXPLORE: Final = 0.2
 """Fraction of random strokes in the second half of the play."""
 _MARGIN: Final = 200
@@ -39,19 +47,64 @@ def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Tr
 
     The restriction is fixed; that of a data-biased response (Johanson & Bowling, AISTATS 2009) grows with the counts of a state.
     """
+    return _counted(setting, float(argument), ["bc"])
+
+
+def restricted_mixture(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
+    """The same with counts that are shrunken towards a mixture of policies of the package, fitted to them."""
+    return _counted(setting, float(argument), _TYPES)
+
+
+def _counted(setting: PlayerSetting, p: float, names: Sequence[str]) -> Trained:
     game, opponent = setting.game, _opponent(setting)
-    bc = tabulate(resolve("bc", game), game)
+    types = tuple(tabulate(resolve(name, game), game) for name in names)
     rallies = play_rallies(
         game, (minimax_policy(game), opponent), max(1, min(setting.budget, _COUNTED) // _STROKES), seed=setting.seed
     )
     state, theirs = rallies.states(game), rallies.striker == 1
-    pair = game.pair(state, rallies.stroke.astype(np.int32)).astype(np.int64)
-    probability, places = cloned(game, pair[theirs], shrink=8.0, prior=bc.block_probabilities(0)), positions(bc)
+    pair, chance = game.pair(state, rallies.stroke.astype(np.int32)).astype(np.int64)[theirs], chances(types)
+    weight = mixture_weights(chance[:, pair % game.n_base_pairs], np.ones(len(types)))[0]
+    probability = cloned(game, pair, shrink=8.0, prior=weight @ chance)
+    places = mean_positions(game, dict(zip(types, weight.tolist(), strict=True)))
     if places is not None:
         assert rallies.waited is not None
         places = tilted_positions(places, game, state[~theirs], rallies.waited[~theirs])
     estimate = PairPolicy(game=game, probability=probability, positions=places)
-    return Trained(player=respond(estimate, float(argument)), strokes=int((~theirs).sum()))
+    used = len(state) if game.recovery is not None else int((~theirs).sum())
+    return Trained(player=respond(estimate, p), strokes=used)
+
+
+def from_log(setting: PlayerSetting, argument: str) -> Trained:
+    """A method of ``offline``, whose name is the argument, from a log of random play against the opponent."""
+    log, used = _random_log(setting, _opponent(setting))
+    learner = LogSetting(game=log.game, model=setting.model, seed=setting.seed, folder=setting.folder)
+    player = fitted(find("offline-v0", argument), log, learner, argument)
+    return Trained(player=in_game(player, setting.game), strokes=used)
+
+
+def solved_model(setting: PlayerSetting, argument: str) -> Trained:
+    """Perfect play in a model of random play: outcomes by shrunken means (``means``) or boosted trees (``trees``).
+
+    The model has no positions, so the solution does not mix.
+    """
+    log, used = _random_log(setting, tabulate(resolve("random", setting.game), setting.game))
+    game = estimated_game(log) if argument == "means" else boosted_game(log, 150, setting.seed)
+    return Trained(player=in_game(solve(game, tolerance=1e-6).policy[0], setting.game), strokes=used)
+
+
+def _random_log(setting: PlayerSetting, opponent: TabulatedPolicy) -> tuple[Log, int]:
+    """A log of random play within the budget in a game without positions, and the strokes of the learner."""
+    game, both = setting.game, setting.opponent is None
+    # A position, or a stroke of the other side, for each stroke.
+    share = (2 if both or game.recovery is not None else 1) * (2 if both and game.recovery is not None else 1)
+    player = tabulate(resolve("random", game), game)
+    log = play_log((player, opponent), min(setting.budget, share * _FITTED) * 9 // (10 * share), setting.seed)
+    used = int(log.own.sum()) if share == 1 else len(log) * share // 2
+    return dataclasses.replace(log, game=_plain(log.game)), used
+
+
+def _plain(game: Game) -> Game:
+    return dataclasses.replace(game, recovery=None)
 
 
 def boosted_model(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
@@ -60,12 +113,12 @@ def boosted_model(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
     The model has no positions, which it does not see: it waits as people do.
     """
     game, opponent = setting.game, _opponent(setting)
-    plain = dataclasses.replace(game, recovery=None)
+    plain, hidden = _plain(game), game.recovery is not None
     player, rows, used = tabulate(resolve("random", game), game), [], 0
-    budget = min(setting.budget, _FITTED)
+    budget = min(setting.budget // (1 + hidden), _FITTED)
     for turn in range(2):
-        log = play_log((player, opponent), budget // 2 - _MARGIN, 2 * setting.seed + turn)
-        used += int(log.own.sum())
+        log = play_log((player, opponent), budget * 9 // 20 - _MARGIN, 2 * setting.seed + turn)
+        used += len(log) if hidden else int(log.own.sum())
         rows.append((log.pair, log.outcome, log.pair[~log.own]))
         pair, outcome, theirs = (np.concatenate(column) for column in zip(*rows, strict=True))
         shares = boosted(plain, pair, outcome, 150, setting.seed, objective="multiclass", num_class=len(OUTCOMES))

@@ -32,6 +32,8 @@ _BATCHES: Final = 100
 """Batches of PSRO in all rounds."""
 _PHASES: Final = 4
 """Agents that are trained against a restricted opponent."""
+_TURNS: Final = 6
+"""Responses of fictitious self-play."""
 _MIXED: Final = "mixed.npz"
 _ITERATIONS: Final = 12
 """Iterations of a run with a small budget."""
@@ -78,6 +80,37 @@ def ppo_restricted(setting: PlayerSetting) -> Trained:
         found = _train("ppo", dataclasses.replace(setting, opponent=name, budget=setting.budget // _PHASES, folder=folder))
         used, player = used + (found.strokes or 0), tabulate(found.player, game)
     return Trained(player=player, strokes=used)
+
+
+def ppo_mixed(setting: PlayerSetting) -> Trained:
+    """PPO against the opponent and PPO in self-play, one of which is drawn at every choice."""
+    parts = [
+        _train("ppo", dataclasses.replace(setting, opponent=name, budget=setting.budget // 2, folder=setting.folder / part))
+        for part, name in (("against", setting.opponent), ("blind", None))
+    ]
+    player = mixture(setting.game, [tabulate(part.player, setting.game) for part in parts], [WEIGHT, 1 - WEIGHT])
+    return Trained(player=player, strokes=sum(part.strokes or 0 for part in parts))
+
+
+def fictitious_self_play(setting: PlayerSetting) -> Trained:
+    """Fictitious self-play (Heinrich, Lanctot & Silver, ICML 2015): PPO learns responses to the mean of those before.
+
+    The mean is taken choice by choice, and its strokes count as well.
+    """
+    game, used = setting.game, 0
+    mean = tabulate(resolve("random", game), game)
+    for turn in range(_TURNS):
+        mean.save(setting.folder / _MIXED)
+        part = dataclasses.replace(
+            setting,
+            opponent=f"table:{setting.folder / _MIXED}",
+            budget=setting.budget // (2 * _TURNS),
+            folder=setting.folder / str(turn),
+        )
+        found = _train("ppo", part)
+        used += 2 * (found.strokes or 0)
+        mean = mixture(game, [mean, tabulate(found.player, game)], [turn / (turn + 1), 1 / (turn + 1)])
+    return Trained(player=mean, strokes=used)
 
 
 def a2c(setting: PlayerSetting) -> Trained:
