@@ -1,7 +1,7 @@
 """All baselines on all tasks of the suite: the leaderboard.
 
     python -m experiments.suite [--plan] [--minutes M] [--tasks TASK …] [--methods METHOD …] [--budgets STROKES …] [--workers N]
-        [--data DATA] [--out FOLDER] [--resume] [--json FILE]
+        [--out FOLDER] [--resume] [--json FILE]
 
 Every baseline and budget is a run of `python -m shuttle_marl.suite run` in a folder of its own; the cheapest runs come first.
 `--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues. Each row of
@@ -40,12 +40,10 @@ VARIANTS: Final = {
     "adapt": ("restricted-nash:0.25", "restricted-nash:0.5", "restricted-nash:0.75", "counts:0.5", "mixture:0.9"),
     "offline": ("fitted-q:8", "model:8"),
     "text": tuple(f"policy:{name}" for name in ("bc", "safe", "human:0.05", "best-response:bc", "minimax")),
-    "imitate": ("counts:8", "policy:human:0.05", "policy:minimax"),
 }
 """Baselines with arguments, besides those without, by kind of task."""
 LEFT_OUT: Final = {
     "text-v0": ("policy", "chat"),
-    "imitate-v0": ("policy",),
     "adapt-v0": ("restricted-nash",),
     "adapt-entrance-v0": ("restricted-nash",),
 }
@@ -56,7 +54,6 @@ QUICK: Final = {
     "adapt": "minimax",
     "offline": "clone",
     "evaluate": "weighted-importance-sampling",
-    "imitate": "bc",
     "text": "random",
 }
 """Cheapest baseline of each kind of task."""
@@ -79,7 +76,7 @@ class Suite:
     """Settings of the experiment."""
 
     tasks: tuple[str, ...] = ()
-    """Tasks; default: all, imitate-v0 only with --data."""
+    """Tasks; default: all."""
     methods: tuple[str, ...] = ()
     """Methods, for one task; default: all baselines."""
     budgets: tuple[int, ...] = ()
@@ -94,8 +91,6 @@ class Suite:
     """Start no run that is estimated to end later; default: run all."""
     workers: int = os.cpu_count() or 1
     """Runs in parallel; does not change the results."""
-    data: Path | None = None
-    """Annotated matches, for imitate-v0."""
     verify: bool = True
     """Recompute all scores from the stored policies."""
     game: str = "default"
@@ -137,9 +132,9 @@ class Job:
 def jobs_of(config: Suite, folder: Path) -> list[Job]:
     """The runs, cheapest first."""
     found = []
-    for name in config.tasks or [name for name in TASKS if config.data is not None or name != "imitate-v0"]:
+    for name in config.tasks or TASKS:
         task = TASKS[name]
-        arena = arena_of(task, config.game, config.split, quick=config.quick, data=config.data)
+        arena = arena_of(task, config.game, config.split, quick=config.quick)
         kind = kind_of(name)
         plain = [method for method in BASELINES[kind] if method not in LEFT_OUT.get(name, ())]
         methods = config.methods or ([QUICK[kind]] if config.quick else [*plain, *VARIANTS.get(kind, ())])
@@ -163,7 +158,6 @@ def jobs_of(config: Suite, folder: Path) -> list[Job]:
                     seeds=seeds,
                     quick=config.quick,
                     game=config.game,
-                    data=config.data,
                     out=folder / name / f"{method}-{budget}".replace(":", "-"),
                 )
                 found.append(Job(options=options, seconds=units * seeds * seconds, verify=config.verify))
@@ -182,7 +176,7 @@ def run_job(job: Job) -> tuple[Job, float]:
     begun, options = time.monotonic(), job.options
     assert options.out is not None
     run_method(dataclasses.replace(options, resume=(options.out / runs.CONFIG).exists()))
-    same = not verify_run(options.out, VerifyOptions(game=options.game, data=options.data)).refused if job.verify else None
+    same = not verify_run(options.out, VerifyOptions(game=options.game)).refused if job.verify else None
     runs.write_json(options.out / ROW, {**summarise(options.out, game=options.game), "recomputed": same})
     return job, time.monotonic() - begun
 

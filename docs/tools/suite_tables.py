@@ -56,7 +56,7 @@ def summary(folder: str) -> str:
             gap = "" if last["gap"] is None else number(last["gap"])
             budget = f"{last['budget']:,}" if last["budget"] else ""
             best = (budget, f"`{called(row)}`", with_interval(row["scores"][task.metric]), gap)
-        kind = "entrance" if task.entrance else "" if task.ranked else "references"
+        kind = "entrance" if task.entrance else ""
         score = f"{task.metric}, {task.unit}"
         rows.append((f"[`{name}`]({folder}{kind_of(name)}.md)", question, ", ".join(task.hidden), kind, score, *best))
     headings = ("task", "question", "hidden", "", "score", "strokes", "best", "result", "open gap")

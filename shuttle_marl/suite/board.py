@@ -184,7 +184,7 @@ def _board(task: Task, rows: list[Row], title: str) -> Board:
     """Rows in their order, with ranks, and the best one."""
     sign = -1 if task.higher_is_better else 1
     rows.sort(key=lambda row: (*_class(row), sign * row["score"]))
-    ranked = [row for row in rows if task.ranked and row["kind"] == "method" and row.get("recomputed") is not False]
+    ranked = [row for row in rows if row["kind"] == "method" and row.get("recomputed") is not False]
     classes = [*map(_class, ranked)]
     for place, row in enumerate(ranked):
         row["rank"] = place - classes.index(_class(row)) + 1

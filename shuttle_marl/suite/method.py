@@ -122,11 +122,6 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "model": Baseline("estimators:ModelBased"),
         "model-boosted": Baseline("estimators:BoostedModel"),
     },
-    "imitate": {
-        "bc": Baseline("imitation:Named", "tables", "reference"),
-        "policy": Baseline("imitation:Named", "tables", "reference"),
-        "counts": Baseline("imitation:Counts"),
-    },
     "text": {
         "random": Baseline("chat:RandomLegal", "samples", "reference"),
         "ppo": Baseline("chat:Policy", argument="ppo"),

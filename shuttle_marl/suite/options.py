@@ -66,8 +66,6 @@ class SuiteRun(Resources):
     """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
     beacon: Beacon = None
     """Randomness of the beacon of a round, for the split round."""
-    data: Path | None = None
-    """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -94,8 +92,6 @@ class VerifyOptions:
     """Model of the game; default: the shipped one that the run names. Folders that a run names are not opened."""
     beacon: Beacon = None
     """Randomness of the beacon of a round, for the split round."""
-    data: Path | None = None
-    """Annotated matches, for imitate."""
 
 
 NOTHING_GIVEN: Final = VerifyOptions()

@@ -27,7 +27,6 @@ from shuttle_marl.game.tables import RECOVERY
 from shuttle_marl.recording.logs import Transitions
 from shuttle_marl.suite.adapt import Adapt, AdaptEntrance
 from shuttle_marl.suite.exploit import Equilibrium, EquilibriumEntrance, Exploit, ExploitEntrance
-from shuttle_marl.suite.imitate import Imitate
 from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.offline import OPPONENT, Evaluate, LogTask, Offline, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError
@@ -39,7 +38,7 @@ from shuttle_marl.suite.text import Text, json_lines, positions
 TASKS: Final[dict[str, Task]] = {
     task.name: task
     for task in (
-        *(Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate(), Imitate()),
+        *(Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate()),
         *(ExploitEntrance(), EquilibriumEntrance(), AdaptEntrance(), Text()),
     )
 }
@@ -65,7 +64,6 @@ def arena_of(
     quick: bool = False,
     budget: int | None = None,
     beacon: str | None = None,
-    data: Path | None = None,
 ) -> Arena:
     """The game and the split of a task.
 
@@ -82,28 +80,23 @@ def arena_of(
     game, base = resolve_game(name), resolve_game(name).hash
     if sigma := task.drawn.get(split):
         game = drawn_game(game, rng_of("drawn game", split, beacon, "game"), sigma)
-    return Arena(game=game, model=name, base=base, split=split, quick=quick, budget=budget, beacon=beacon, data=data)
+    return Arena(game=game, model=name, base=base, split=split, quick=quick, budget=budget, beacon=beacon)
 
 
-def arena_of_run(
-    task: Task, config: RunConfig, model: str | None = None, *, beacon: str | None = None, data: Path | None = None
-) -> Arena:
+def arena_of_run(task: Task, config: RunConfig, model: str | None = None, *, beacon: str | None = None) -> Arena:
     """The game and the split of a run whose folder may be a stranger's.
 
     Args:
         model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
             configuration names is never opened.
         beacon: randomness of the beacon of a round.
-        data: annotated matches, for ``imitate``.
 
     Raises:
         SuiteError: the configuration names a model that is not shipped.
     """
     if model is None and not is_shipped(config.game.model):
         raise SuiteError(f"the run names the model {printable(config.game.model)!r}, which is not shipped; name it with --game")
-    return arena_of(
-        task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, beacon=beacon, data=data
-    )
+    return arena_of(task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, beacon=beacon)
 
 
 Language = Literal["python", "perl", "apart"]
@@ -114,7 +107,6 @@ _PYTHON: Final = {
     "adapt": "adapter:Adapter",
     "offline": "offline:Learner",
     "evaluate": "estimator:Estimator",
-    "imitate": "imitation:Imitator",
     "text": "text:Player",
 }
 """Template and method of each kind of task."""

@@ -58,14 +58,11 @@ def run_method(options: SuiteRun, console: Console | None = None, *, committed: 
         find(task.name, options.method)
     baseline = None if committed is not None else baseline_of(task.name, options.method)
     fixed_seeds = options.quick or (baseline is not None and baseline.kind == "reference")
-    arena = arena_of(
-        task, options.game, options.split, quick=options.quick, budget=options.budget, beacon=options.beacon, data=options.data
-    )
+    arena = arena_of(task, options.game, options.split, quick=options.quick, budget=options.budget, beacon=options.beacon)
     cases = task.cases(arena)
     if options.budget is None and len(budgets := {case.budget for case in cases}) > 1:
         # Scores of different budgets are never pooled.
         return run_method(dataclasses.replace(options, budget=min(budgets)), console, committed=committed)
-    task.fingerprint(arena, cases[0], 0)  # fails before a folder is made if something is missing, such as --data
     config = RunConfig(
         task=task.name,
         method=options.method,
@@ -86,9 +83,7 @@ def run_method(options: SuiteRun, console: Console | None = None, *, committed: 
         units = [unit for unit in numbers if not store.entry_path(folder, *unit).exists()]
         about = {**runs.describe(PACKAGES), "sources": {} if committed else _sources(folder, config, more=bool(units))}
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
-        play = functools.partial(
-            play_unit, folder, config, options.beacon, options.data, None if committed is None else committed.method
-        )
+        play = functools.partial(play_unit, folder, config, options.beacon, None if committed is None else committed.method)
         with Progress(
             *Progress.get_default_columns(), TimeElapsedColumn(), console=console or Console(quiet=True), transient=True
         ) as bar:
@@ -129,16 +124,14 @@ def _played(
         yield from in_processes(play, units, min(options.workers, len(units)))
 
 
-def play_unit(
-    folder: Path, config: RunConfig, beacon: str | None, data: Path | None, method: Method | None, unit: tuple[int, int]
-) -> PlayedUnit:
+def play_unit(folder: Path, config: RunConfig, beacon: str | None, method: Method | None, unit: tuple[int, int]) -> PlayedUnit:
     """Play and score the unit of a case and a seed, in any process.
 
     Args:
         method: what plays; None: the method that the configuration names.
     """
     (number, seed), task = unit, find_task(config.task)
-    arena = arena_of_run(task, config, config.game.model, beacon=beacon, data=data)
+    arena = arena_of_run(task, config, config.game.model, beacon=beacon)
     case = task.cases(arena)[number]
     fingerprint = task.fingerprint(arena, case, seed)
     begun = time.monotonic()

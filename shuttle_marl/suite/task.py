@@ -79,7 +79,6 @@ class Arena:
         base: hash of the game of the model; that of ``game``, unless the split has a game drawn at random.
         budget: cases of this budget only; None: all.
         beacon: randomness of the beacon of a round, hexadecimal, for the split round.
-        data: folder with annotated matches, for ``imitate``.
     """
 
     game: Game
@@ -89,7 +88,6 @@ class Arena:
     quick: bool = False
     budget: int | None = None
     beacon: str | None = None
-    data: Path | None = None
 
     def policy(self, name: str) -> TabulatedPolicy:
         """Table of a policy by name."""
@@ -142,8 +140,6 @@ class Task(abc.ABC):
     """The least that a method has to read."""
     entrance: ClassVar[bool] = False
     """Whether simple rules come near the optimum: an entrance to the suite, scored apart from the other tasks."""
-    ranked: ClassVar[bool] = True
-    """Whether methods have ranks; else the board is a table of references."""
     budgets: ClassVar[tuple[int, ...]] = ()
     """Strokes that a learner may play, which methods declare; each has a board of its own."""
     seeds: ClassVar[int] = 3

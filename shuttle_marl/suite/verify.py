@@ -54,7 +54,7 @@ def verify_run(
     """
     config = store.read_config(folder)
     task = find_task(config.task)
-    arena = arena_of_run(task, config, given.game, beacon=given.beacon, data=given.data)
+    arena = arena_of_run(task, config, given.game, beacon=given.beacon)
     cases = cases_of(task, arena, config)
     units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
     summary, refused = None, []

@@ -145,8 +145,6 @@ def test_a_method_whose_library_is_missing_says_how_to_install_it(tmp_path: Path
 def test_a_wrong_option_leaves_no_folder(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="--budget -1"):
         played(tmp_path, "bc", budget=-1)
-    with pytest.raises(SuiteError, match="--data"):
-        played(tmp_path, "bc", "imitate-v0")
     assert not list(tmp_path.iterdir())
 
 
@@ -261,7 +259,7 @@ def test_the_files_of_a_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         assert {key for key, value in now().items() if value != before[key]} == {changed}
         before = now()
     assert set(sources("exploit-entrance-v0", "bc")) == {"shuttle_marl"}
-    assert set(sources("imitate-v0", "policy:table:weights.bin")) == {"shuttle_marl", "weights.bin"}
+    assert set(sources("text-v0", "policy:table:weights.bin")) == {"shuttle_marl", "weights.bin"}
 
 
 def test_policies_of_other_roles_are_refused_and_each_table_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

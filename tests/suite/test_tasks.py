@@ -1,7 +1,6 @@
-"""The tasks imitate and text; programs, templates, and data."""
+"""The task text; programs, templates, and data."""
 
 import json
-import os
 import shutil
 import sys
 from pathlib import Path
@@ -14,10 +13,8 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.programs import ProgramError
 from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.env.words import OVER, WAIT, TextRallyEnv, described, position, prompt, read_answer, text_env
-from shuttle_marl.exact import evaluate
 from shuttle_marl.game.observation import states_of
 from shuttle_marl.suite import store
-from shuttle_marl.suite.imitate import HumanStrokes, parts, top
 from shuttle_marl.suite.offline import generate
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task, new_submission, write_data
@@ -93,56 +90,6 @@ def test_a_program_answers_positions(tmp_path: Path) -> None:
     )
     found = summary(run(tmp_path, "text-v0", f"program:{sys.executable} {program}", split="test"))
     assert found["scores"]["legal"]["value"] == 1
-
-
-def test_imitation_is_scored_on_unseen_strokes() -> None:
-    pairs = np.array([GAME.pairs_of(0).start, GAME.pairs_of(0).start + 1])
-    strokes = HumanStrokes(game=GAME, state=np.zeros(2, np.int64), pair=pairs, player=["a", "b"], match=["m", "m"])
-    probability = np.zeros(GAME.n_pairs)
-    probability[pairs] = [0.2, 0.7]
-    assert top(1, probability, strokes) == 0.5
-    assert top(2, probability, strokes) == 1
-    # Strokes of equal probability are in random order: certainty about another stroke predicts nothing.
-    legal = len(GAME.legal_strokes(0))
-    assert top(3, np.zeros(GAME.n_pairs), strokes) == pytest.approx(3 / legal)
-    certain = np.zeros(GAME.n_pairs)
-    certain[pairs[1]] = 1
-    assert top(3, certain, strokes) == pytest.approx((2 / (legal - 1) + 1) / 2)
-    assert strokes.take(np.array([False, True])).player == ["b"]
-
-
-@pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs annotated matches")
-def test_imitation_of_real_matches(tmp_path: Path) -> None:
-    data = Path(os.environ["SHUTTLESET"])
-    folders = [
-        run(tmp_path / name.replace(":", "-"), "imitate-v0", name, split="test", data=data)
-        for name in ("counts", "bc", "policy:random")
-    ]
-    counts, bc, uniform = (summary(folder)["scores"] for folder in folders)
-    assert counts["log_loss"]["value"] < uniform["log_loss"]["value"]
-    # A stroke of the small game also stands for those that it lacks, so probabilities of people hold in the shipped game alone.
-    assert bc["top_1"]["value"] > 1.5 * uniform["top_1"]["value"]
-    assert bc["top_3"]["value"] > 1.5 * uniform["top_3"]["value"]
-    small_arena = arena_of(find_task("imitate-v0"), reduced_model(), "test", data=data)
-    probability, unseen = small_arena.policy("bc").pair_probabilities(), parts(small_arena)[1]
-    won = evaluate(small_arena.policy("bc"), small_arena.policy("minimax")).odds().rally
-    assert bc["regret"]["value"] == pytest.approx(100 * (0.5 - won), abs=1e-4)
-    assert [bc[f"top_{k}"]["value"] for k in (1, 3)] == pytest.approx([top(k, probability, unseen) for k in (1, 3)])
-    arena = arena_of(find_task("imitate-v0"), "default", "test", data=data)
-    losses = [-np.log(arena.policy(name).probability_of(parts(arena)[1].pair)).mean() for name in ("bc", "random")]
-    assert losses[0] < losses[1] - 0.3
-    assert verified(folders[0], data=data).refused == []
-
-
-@pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs annotated matches")
-def test_the_template_of_imitate_runs_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    assert new_submission("imitate-v0", tmp_path).endswith("run imitate-v0 --method my_imitation:Imitator --quick")
-    assert len((tmp_path / "my_imitation.py").read_text().splitlines()) <= 40
-    folder = run(tmp_path, "imitate-v0", "my_imitation:Imitator", data=Path(os.environ["SHUTTLESET"]))
-    assert 0 < summary(folder)["score"] < np.log(GAME.n_strokes)
-    sys.modules.pop("my_imitation")
 
 
 COMMANDS = {
