@@ -4,9 +4,9 @@
         [--out FOLDER] [--resume] [--json FILE]
 
 Every baseline and budget is a run of `python -m shuttle_marl.suite run` in a folder of its own; the cheapest runs come first.
-`--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues. Each row of
-the result is the summary of a run, and the boards in the documentation are made from them. Boards are updated as a whole:
-`--json` keeps the rows in FILE of the same game whose task, split and budget have no run in the folder.
+`--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues, and skips the
+rows that are there. Each row is the summary of a run with its commit. Boards in the documentation are made from them, and are updated
+as a whole: `--json` keeps the rows in FILE of the same game whose task, split and budget have no run in the folder.
 """
 
 import dataclasses
@@ -37,8 +37,7 @@ from shuttle_marl.suite.registry import arena_of
 from shuttle_marl.suite.results import Row
 
 VARIANTS: Final = {
-    "adapt": ("restricted-nash:0.25", "restricted-nash:0.5", "restricted-nash:0.75", "counts:0.5", "mixture:0.9"),
-    "offline": ("fitted-q:8", "model:8"),
+    "adapt": ("restricted-nash:0.25", "restricted-nash:0.75", "counts:0.5", "mixture:0.9"),
     "text": tuple(f"policy:{name}" for name in ("bc", "safe", "human:0.05", "best-response:bc", "minimax")),
 }
 """Baselines with arguments, besides those without, by kind of task."""
@@ -183,7 +182,10 @@ def run_job(job: Job) -> tuple[Job, float]:
 
 def rows_of(folder: Path) -> list[Row]:
     """The rows of all finished runs, with the paired difference to the best method where the units are the same."""
-    rows = [json_format.loads(path.read_text()) for path in sorted(folder.glob(f"*/*/{ROW}"))]
+    rows = []
+    for path in sorted(folder.glob(f"*/*/{ROW}")):
+        about = json_format.loads((path.parent / runs.MANIFEST).read_text())
+        rows.append({**json_format.loads(path.read_text()), "commit": about["git"]["commit"]})
     for board in boards(rows):
         for row in board["rows"]:
             best = board["best"]

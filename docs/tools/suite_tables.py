@@ -1,7 +1,7 @@
 """Boards of the benchmark suite, from ``experiments/results/suite.json``."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from docs.tools.markdown import markdown, saved
@@ -10,6 +10,14 @@ from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.registry import TASKS
 
 _NONE: Final = "Not run in this game yet: `python -m experiments.suite --tasks {task} --json experiments/results/suite.json`."
+_LOG: Final = 10**5
+"""Strokes of the smallest log that has to be worth more than what is known before."""
+_SIMPLE: Final[dict[str, Sequence[tuple[tuple[str, ...], str]]]] = {
+    "exploit": [(("minimax", "ppo-self-play", "bc", "random"), "blind to the opponent")],
+    "offline": [(("shipped-minimax", "shipped-best-response"), "which reads no log")],
+    "adapt": [(tuple(f"mixture-without-{part}" for part in ("levels", "weights", "places", "change")), "an ablation")],
+}
+"""Methods that should not be the best, by kind of task."""
 _SHOWN: Final = 4
 """Number of further scores in a table."""
 
@@ -75,9 +83,43 @@ def frontiers() -> str:
     return markdown(headings, rows, left=("task", "opponent")) if rows else _NONE.format(task="exploit-v0")
 
 
+def depth() -> str:
+    """What simple rules and ablations reach beside the best method, in the range in which a task means something."""
+    lines = []
+    for board in boards(saved("experiments", "suite")["rows"]):
+        if board["split"] == "test" and not TASKS[board["task"]].entrance:
+            lines += [(f"`{board['title'].replace(', test', '')}`", *figure) for figure in _depth(board)]
+    return markdown(("board", "figure", "points or share", "useful", "holds"), lines, left=("board", "figure", "useful"))
+
+
+def _depth(board: Board) -> Iterator[tuple[str, str, str, str]]:
+    rows, kind = {row["method"]: row for row in board["rows"]}, kind_of(board["task"])
+    if kind == "exploit":
+        lists = [rows[name] for name in ("constant", "constant-by-incoming") if name in rows]
+        if shares := [each["gain"] / each["best"] for row in lists for each in row["strata"].values()]:
+            share = max(shares)
+            yield "highest share of the largest gain of a list, of any opponent", number(share), "at most 0.9", _yes(share <= 0.9)
+    if kind == "equilibrium" and (row := rows.get("minimax-deterministic")):
+        yield "exploitability of deterministic perfect play", number(row["score"]), "at least 2", _yes(row["score"] >= 2)
+    for names, what in _SIMPLE.get(kind, ()):
+        if board["task"] == "offline-v0" and board["budget"] < _LOG:
+            continue
+        sign = 1 if TASKS[board["task"]].higher_is_better else -1
+        others = [sign * row["score"] for name, row in rows.items() if row["kind"] == "method" and name not in names]
+        simple = [(sign * row["score"], name) for name, row in rows.items() if name in names]
+        if others and simple:
+            above, name = max(simple)[0] - max(others), max(simple)[1]
+            yield f"`{name}`, {what}, above the best other method", number(above), "below 0", _yes(above < 0)
+
+
+def _yes(holds: bool) -> str:
+    return "yes" if holds else "no"
+
+
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "suite_summary": functools.partial(summary, ""),
     "suite_frontier": frontiers,
+    "suite_depth": depth,
     "suite_board": functools.partial(summary, "docs/suite/"),
     **{f"suite_{kind}": functools.partial(task_boards, kind) for kind in dict.fromkeys(map(kind_of, TASKS))},
 }

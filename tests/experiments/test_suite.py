@@ -2,9 +2,11 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from docs.tools import suite_tables
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.suite import TASKS, SuiteRun, run_method, summarise
 from shuttle_marl.suite.registry import arena_of
@@ -44,6 +46,17 @@ def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> No
     assert again["cases"] == committed["cases"]
 
 
-def test_figures_of_the_settings() -> None:
-    flags = ("--game", reduced_model(), "--tasks", "exploit-entrance-v0", "--opponents", "1")
-    assert "gain of constant, bc/100,000, as a share" in run("experiments.suite_settings", *flags)
+def test_depth_compares_anchors_with_the_best_method(monkeypatch: pytest.MonkeyPatch) -> None:
+    def row(method: str, kind: str, gain: float) -> dict[str, Any]:
+        scores = {name: {"value": value, "low": None, "high": None} for name, value in {"gain": gain, "best": 4.0}.items()}
+        strata = {"bc": {"gain": gain, "best": 4.0}}
+        about = {"task": "exploit-v0", "split": "test", "budget": 100_000, "game": "g", "cases": "c", "access": "tables"}
+        return {**about, "method": method, "author": "", "kind": kind, "score": gain, "scores": scores, "strata": strata}
+
+    rows = [row("constant-by-incoming", "reference", 3.0), row("ppo-self-play", "method", 1.0), row("ppo", "method", 0.5)]
+    monkeypatch.setattr(suite_tables, "saved", lambda *_: {"rows": rows})
+    lines = suite_tables.depth().splitlines()[2:]
+    assert [line.split(" | ")[1:] for line in lines] == [
+        ["highest share of the largest gain of a list, of any opponent", "0.750", "at most 0.9", "yes |"],
+        ["`ppo-self-play`, blind to the opponent, above the best other method", "0.500", "below 0", "no |"],
+    ]
