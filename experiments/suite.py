@@ -4,9 +4,9 @@
         [--out FOLDER] [--resume] [--json FILE]
 
 Every baseline and budget is a run of `python -m shuttle_marl.suite run` in a folder of its own; the cheapest runs come first.
-`--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues, and skips the
-rows that are there. Each row is the summary of a run with its commit. Boards in the documentation are made from them, and are updated
-as a whole: `--json` keeps the rows in FILE of the same game whose task, split and budget have no run in the folder.
+`--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues, and skips
+the rows that are there. Each row is the summary of a run with its commit. Boards in the documentation are made from them, and are
+updated as a whole: `--json` keeps the rows in FILE of the same game whose task, split and budget have no run in the folder.
 """
 
 import dataclasses
