@@ -89,7 +89,7 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "tilts": Baseline("adapters:Tilts", "tables"),
         "mixture": Baseline("adapters:Mixture", "tables"),
         **{
-            f"mixture-without-{part}": Baseline(f"adapters:Without{part.title()}", "tables", "ablation")
+            f"mixture-without-{part}": Baseline("adapters:ablated", "tables", "ablation", part)
             for part in ("levels", "weights", "places", "change")
         },
     },

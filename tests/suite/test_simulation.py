@@ -23,9 +23,9 @@ from tests.suite.small import run
 
 ROWS, EPISODES = 1000, 20
 METHODS: Final = {
-    "exploit-v0": ("bc", "minimax", "best-response", "restricted-counts", "model"),
-    "equilibrium-v0": ("bc", "random", "minimax", "minimax-deterministic", "model"),
-    "adapt-v0": ("best-response-bc", "restricted-nash:0.5", "bayes", "counts-typed", "tilts"),
+    "exploit-v0": ("minimax", "ppo-mixed", "restricted-mixture", "best-response-counts", "model"),
+    "equilibrium-v0": ("minimax", "minimax-deterministic", "fictitious-self-play", "model", "model-boosted"),
+    "adapt-v0": ("likeliest", "counts-recent", "counts-typed", "tilts", "mixture-without-levels"),
     "offline-v0": ("clone", "advantage-weighted", "fitted-q-pessimistic", "bcq", "model-ensemble"),
     "evaluate-v0": ("weighted-importance-sampling", "magic", "dice", "fitted-q-evaluation", "model"),
 }

@@ -5,7 +5,7 @@ The argument of a name, as in ``restricted-nash:0.75``, is described in the clas
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize
@@ -326,7 +326,7 @@ _GAIN: Final = 12.0
 class Mixture(Population):
     """Restricted Nash response to a mixture of types, a model of the opponent from few rallies.
 
-    The model has four parts, and subclasses leave one out each:
+    The model has four parts, one of which may be left out (``without``):
 
     - *levels*: the known types are extended by levels of reasoning (Camerer, Ho & Chong 2004): best responses to bc and to
       styles, best responses to those, and KL-regularised play around bc;
@@ -339,11 +339,9 @@ class Mixture(Population):
     The argument is p of the restricted Nash response.
     """
 
-    without: ClassVar = ""
-
-    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
+    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT), without: str = "") -> None:
         super().__init__(setting)
-        self.p, n = float(argument), len(self.types)
+        self.p, self.without, n = float(argument), without, len(self.types)
         self.prior = np.full(n, 1 / n)
         if self.without != "levels":
             self.types += levels(self.game, tuple(setting.known[name] for name in _ANSWERED))
@@ -379,28 +377,9 @@ class Mixture(Population):
         return PairPolicy(game=self.game, probability=weight @ self.chance, positions=places)
 
 
-class WithoutLevels(Mixture):
-    """Known types alone."""
-
-    without = "levels"
-
-
-class WithoutWeights(Mixture):
-    """The posterior over types instead of the weights of a mixture."""
-
-    without = "weights"
-
-
-class WithoutPlaces(Mixture):
-    """Positions of the mixture."""
-
-    without = "places"
-
-
-class WithoutChange(Mixture):
-    """All rallies count."""
-
-    without = "change"
+def ablated(setting: AdaptSetting, argument: str) -> Mixture:
+    """:class:`Mixture` without one of its parts, the argument."""
+    return Mixture(setting, without=argument)
 
 
 @functools.lru_cache(maxsize=1)
