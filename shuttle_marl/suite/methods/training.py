@@ -84,8 +84,9 @@ def ppo_restricted(setting: PlayerSetting) -> Trained:
 
 def ppo_mixed(setting: PlayerSetting) -> Trained:
     """PPO against the opponent and PPO in self-play, one of which is drawn at every choice."""
+    budget = setting.budget * 9 // 20  # the ends of rallies weigh more in short runs
     parts = [
-        _train("ppo", dataclasses.replace(setting, opponent=name, budget=setting.budget // 2, folder=setting.folder / part))
+        _train("ppo", dataclasses.replace(setting, opponent=name, budget=budget, folder=setting.folder / part))
         for part, name in (("against", setting.opponent), ("blind", None))
     ]
     player = mixture(setting.game, [tabulate(part.player, setting.game) for part in parts], [WEIGHT, 1 - WEIGHT])
