@@ -11,6 +11,7 @@ from shuttle_marl.base.environment_ids import register_when_imported
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis import analyse_rally, rank_players
+    from shuttle_marl.dynamics.fitted import load_models
     from shuttle_marl.env import match_v0, rally_v0
     from shuttle_marl.env.batched import RallyEnv, VersusEnv
     from shuttle_marl.exact import best_response, crossplay, evaluate, nash_conv, solve
@@ -44,6 +45,7 @@ __all__ = [
     "default_game",
     "evaluate",
     "load_game",
+    "load_models",
     "match_v0",
     "nash_conv",
     "pair_game",
@@ -60,6 +62,7 @@ __all__ = [
 
 _NAMES = {
     "analysis": ("analyse_rally", "rank_players"),
+    "dynamics.fitted": ("load_models",),
     "env": ("match_v0", "rally_v0"),
     "env.batched": ("RallyEnv", "VersusEnv"),
     "exact": ("best_response", "crossplay", "evaluate", "nash_conv", "solve"),

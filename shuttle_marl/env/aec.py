@@ -5,7 +5,7 @@ import operator
 import secrets
 import warnings
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
 import gymnasium
 import numpy as np
@@ -18,11 +18,12 @@ from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.base.arrays import F32, I8, U8
 from shuttle_marl.base.errors import ActionError, OptionError, seed_number, whole_number
+from shuttle_marl.base.extras import hinted
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, choose, stepper_of
+from shuttle_marl.game.rally.stepper import RallyDraws, Stepper, Stroke, choose, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 AGENTS: Final = ("player_0", "player_1")
 RENDER_MODES: Final = ("human", "rgb_array", "ansi")
 RenderMode = Literal["human", "rgb_array", "ansi"]
+OutcomesFrom = Literal["tables", "models"]
+"""What decides outcomes: the tables of the game, or the PyTorch modules that they were compiled from."""
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
 """Metadata of the PettingZoo environments, without their names."""
 
@@ -75,6 +78,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self,
         *,
         game: Game | str | None,
+        outcomes: OutcomesFrom,
         max_strokes: int | None,
         render_mode: RenderMode | None,
         extra_width: int,
@@ -89,7 +93,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.episode = -1
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
-        self._stepper = stepper_of(self.game)
+        self._stepper = _stepper(self.game, outcomes)
         self._hides = self.game.recovery is not None
         n, width = self._stepper.n_actions, RALLY_WIDTH + extra_width + self._hides
         self.action_spaces = {agent: spaces.Discrete(n) for agent in AGENTS}
@@ -469,6 +473,16 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
 _OF_API_TEST: Final = {"options": 1}
 """Options that PettingZoo's conformance test passes to ``reset``."""
+
+
+def _stepper(game: Game, outcomes: OutcomesFrom) -> Stepper:
+    if outcomes not in get_args(OutcomesFrom):
+        raise OptionError(f"outcomes {outcomes!r}: expected one of {', '.join(get_args(OutcomesFrom))}")
+    if outcomes == "tables":
+        return stepper_of(game)
+    with hinted():
+        from shuttle_marl.dynamics.live import model_stepper  # noqa: PLC0415  torch
+    return model_stepper(game)
 
 
 def refuse_options(options: dict[str, Any] | None, known: Collection[str] = ()) -> None:
