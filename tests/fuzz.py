@@ -150,7 +150,7 @@ LOG: Final = Format(
 )
 FORMATS: Final[dict[str, Format]] = {
     "log": LOG,
-    "log_lz4": LOG,
+    "log_training": LOG,
     "tournament": Format(
         ("config.json", "manifest.json", "pairings.jsonl", "report.json", "rallies.mcap", "results.parquet"),
         (
@@ -246,7 +246,7 @@ def build(root: Path) -> None:
     (root / "tournament" / "run").rmdir()
     shutil.copy(root / "tournament" / "rallies.mcap", root / "log")
     run("training", f"training {TRAINING}")
-    shutil.copy(root / "training" / "run" / "rallies.mcap", root / "log_lz4")
+    shutil.copy(root / "training" / "run" / "rallies.mcap", root / "log_training")
     shutil.copytree(root / "training" / "run" / "agent", root / "agent" / "agent")
     shutil.rmtree(max((root / "training" / "run" / "checkpoints").iterdir()))
     unfinished(root / "training" / "run")
