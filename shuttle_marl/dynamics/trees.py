@@ -11,8 +11,8 @@ import torch
 from torch import Tensor, nn
 
 from shuttle_marl.base.arrays import F64, I16, I32, U8, Bools
-from shuttle_marl.base.extras import hinted
 from shuttle_marl.base.tensor_files import checked
+from shuttle_marl.dynamics.boosting import PARAMETERS, check_nodes, lightgbm, stored_trees
 from shuttle_marl.dynamics.features import SLOTS
 from shuttle_marl.dynamics.network import attributes, in_chunks
 
@@ -20,19 +20,6 @@ _LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in rang
 """``[256]`` position of the lowest bit."""
 INPUTS: Final = tuple(SLOTS)
 """Inputs of the trees, in this order."""
-PARAMETERS: Final[dict[str, Any]] = {
-    "objective": "binary",
-    "learning_rate": 0.05,
-    "min_data_in_leaf": 100,
-    "lambda_l2": 10,
-    "cat_smooth": 20,
-    "max_cat_to_onehot": 4,
-    "deterministic": True,
-    "force_row_wise": True,
-    "num_threads": 1,
-    "seed": 0,
-    "verbose": -10,
-}
 _LEAVES: Final = 8
 _ROUNDS: Final = 300
 """Chosen by cross-validation over the training matches: 4 leaves with 200, 400 or 600 rounds, 8 with 100, 200 or 300."""
@@ -117,31 +104,6 @@ def _masks(attribute: I32, left: I32, child: I32) -> U8:
     return masks
 
 
-def check_nodes(attribute: I32, child: I32, inputs: int) -> None:
-    """Check that nodes ``[..., M]`` test one of the inputs, and have later nodes or leaves as children.
-
-    Raises:
-        ValueError: one does not.
-    """
-    nodes = attribute.shape[-1]
-    if not attribute.size:
-        raise ValueError("trees without a node")
-    later, leaf = (child > np.arange(nodes)[:, None]) & (child < nodes), (child < 0) & (child >= -1 - nodes)
-    if not (((attribute >= 0) & (attribute < inputs)).all() and (later | leaf).all()):
-        raise ValueError("a node of a tree has an unknown attribute, or an unknown or earlier child")
-
-
-def lightgbm() -> Any:
-    """LightGBM, which only fits need.
-
-    Raises:
-        ModuleNotFoundError: it is not installed.
-    """
-    with hinted():
-        import lightgbm as module  # noqa: PLC0415
-    return module
-
-
 def fit_trees(
     codes: dict[str, I16],
     label: Bools,
@@ -165,32 +127,3 @@ def fit_trees(
     for t, m, threshold in nodes:
         left[t, m] = sum(1 << int(code) for code in threshold.split("||"))
     return Trees(left=left, **arrays)
-
-
-def stored_trees(booster: Any, leaves: int) -> tuple[dict[str, npt.NDArray[Any]], list[tuple[int, int, Any]]]:
-    """The trees of LightGBM as arrays.
-
-    Returns:
-        ``attribute``, ``child`` and ``value`` as in :class:`Trees`; and (tree, node, threshold) of each node.
-    """
-    fitted = booster.dump_model()["tree_info"]
-    shape = (len(fitted), leaves - 1)
-    attribute = np.zeros(shape, dtype=np.int32)
-    child, value = np.full((*shape, 2), -1, dtype=np.int32), np.zeros((len(fitted), leaves))
-    nodes: list[tuple[int, int, Any]] = []
-    for t, tree in enumerate(fitted):
-        # LightGBM numbers nodes in the order of their splits, so children come after their parents.
-        stack = [tree["tree_structure"]]
-        while stack:
-            node = stack.pop()
-            if "split_index" not in node:
-                value[t, node.get("leaf_index", 0)] = node["leaf_value"]
-                continue
-            m = node["split_index"]
-            attribute[t, m] = node["split_feature"]
-            nodes.append((t, m, node["threshold"]))
-            for side, name in enumerate(("left_child", "right_child")):
-                below = node[name]
-                child[t, m, side] = below["split_index"] if "split_index" in below else -1 - below["leaf_index"]
-                stack.append(below)
-    return {"attribute": attribute, "child": child, "value": value}, nodes

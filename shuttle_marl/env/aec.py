@@ -5,7 +5,7 @@ import operator
 import secrets
 import warnings
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, Self, get_args
 
 import gymnasium
 import numpy as np
@@ -50,6 +50,33 @@ _INDEX: Final = {agent: i for i, agent in enumerate(AGENTS)}
 _LISTED: Final = 20
 
 
+class PlayedRally(NamedTuple):
+    """A rally that has ended.
+
+    Attributes:
+        rally: number of the rally in its episode.
+        score: before the rally, as :meth:`ShuttleEnv.score_of` player 0.
+        positions: where the receiver of each stroke waited; None in the game without recovery.
+    """
+
+    seed: int
+    episode: int
+    rally: int
+    score: tuple[int, int, int, int] | None
+    strokes: tuple[Stroke, ...]
+    positions: tuple[int | None, ...]
+
+
+class Recorder(Protocol):
+    """What an environment tells of its rallies, such as a log (:func:`shuttle_marl.recording.RecordRallies`)."""
+
+    def add(self, rally: PlayedRally) -> None:
+        """Record a rally that has ended."""
+
+    def close(self) -> None:
+        """Finish; the environment was closed."""
+
+
 class ShuttleEnv(AECEnv[str, Observation, int]):
     """Turn-based environment of two players; subclasses define what happens at the end of a rally.
 
@@ -64,6 +91,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     Attributes:
         game: the tables of the game, or the game of a pair.
         state_space: space of :meth:`state`.
+        recorder: gets every rally that ends; None: nobody does.
         last_seed: the last seed; an episode depends only on it and on its number.
         episode: number of the episode since the last seed, from 0.
     """
@@ -121,6 +149,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._reason: str | None = None
         self._winner: int | None = None
         self._renderer: CourtRenderer | None = None
+        self.recorder: Recorder | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         if self._live:
@@ -135,7 +164,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         return copy.deepcopy(self)  # a shallow copy would play into the rally of the original
 
     def _content(self) -> dict[str, Any]:
-        return {**self.__dict__, "_renderer": None}  # a window belongs to one environment
+        return {**self.__dict__, "_renderer": None, "recorder": None}  # windows and logs belong to one environment
 
     def fork(self, seed: int | None = None, belief: "Belief" = None) -> Self:
         """Copy with fresh luck, for planning: the same situation, and other outcomes of the strokes to come.
@@ -287,6 +316,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             self._live, self._position = False, None
             self._reason = OUTCOMES[outcome]
             self._winner = striker if outcome != FAULT else 1 - striker
+            if self.recorder is not None:
+                self.recorder.add(self._played())
             self._end_rally(self._winner)
         elif self._hides:
             self._select()
@@ -331,8 +362,21 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._renderer.show(self.snapshot())
         return None
 
+    def _played(self) -> "PlayedRally":
+        assert self.last_seed is not None
+        return PlayedRally(
+            self.last_seed, self.episode, self._number, self.score_of(0), tuple(self._strokes), tuple(self._positions)
+        )
+
+    @property
+    def _number(self) -> int:
+        """Number of the rally in its episode."""
+        return 0
+
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window and finish the log of rallies, if there are any."""
+        if self.recorder is not None:
+            self.recorder.close()
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -77,6 +77,10 @@ class raw_env(ShuttleEnv):
         points, games, other = self._score.by_game[-1], self._score.games, 1 - player
         return points[player], points[other], games[player], games[other]
 
+    @property
+    def _number(self) -> int:
+        return self._rally
+
     def _begin_episode(self) -> int:
         self._draws = self._draws_of_episode()
         self._rally = 0
