@@ -20,20 +20,25 @@ from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.copies import copies
 from shuttle_marl.data.hands import unknown_hands, with_hands
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.data.schema import OPTIONAL, STROKES, Account, Cleaned, violations
+from shuttle_marl.data.schema import NAMES, OPTIONAL, STROKES, Account, Cleaned, named, unnamed, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
 _QUOTED: Final = re.compile(r"(?<!\w)'.*'|(?<!\w)\".*\"")
 _OF_PANDAS: Final = "__index_level_"
+_STORED: Final = named(STROKES.empty_table()).schema
+"""Schema of a file."""
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
 
-def load_strokes(path: Path | str) -> pa.Table:
-    """Load strokes from a Parquet file, from a CSV file that needs no column map, or from a folder with the raw files, which are
-    cleaned.
+def read_matches(path: Path | str, columns: Path | str | None = None) -> pa.Table:
+    """Read the strokes of matches: from a Parquet file, a CSV file, a file of another program, or a folder with the raw files,
+    which are cleaned.
+
+    Args:
+        columns: column map of the file, see ``docs/own_data.md``; None: it needs none.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`.
@@ -41,20 +46,22 @@ def load_strokes(path: Path | str) -> pa.Table:
     Raises:
         DataError: missing or unreadable file or folder, or another schema.
     """
+    if columns is not None:
+        return import_matches(Path(path), Path(columns)).strokes
     cleaned = _cleaned(Path(path))
     return read_parquet(Path(path)) if cleaned is None else cleaned.strokes
 
 
 def load_account(path: Path | str) -> Account:
-    """The account of strokes that :func:`load_strokes` loads; see :func:`load_counted`."""
+    """The account of strokes that :func:`read_matches` loads; see :func:`load_counted`."""
     return load_counted(path)[1]
 
 
 def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
-    """Strokes as :func:`load_strokes` loads them, and their account.
+    """Strokes as :func:`read_matches` loads them, and their account.
 
     Raises:
-        DataError: as :func:`load_strokes`; or the file has no account.
+        DataError: as :func:`read_matches`; or the file has no account.
     """
     if (cleaned := _cleaned(Path(path))) is not None:
         return cleaned.strokes, cleaned.account
@@ -63,8 +70,8 @@ def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
 
 
 def _cleaned(path: Path) -> Cleaned | None:
-    """The strokes of a CSV file or of a folder with the raw files; None for others."""
-    if path.suffix.lower() == ".csv" and path.is_file():
+    """The strokes of a file of another program or of a folder with the raw files; None for others."""
+    if _is_no_table(path):
         return import_matches(path)
     return clean_matches(path) if path.is_dir() else None
 
@@ -79,7 +86,7 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
         _ACCOUNT: json.dumps(account.as_json()).encode(),
         _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode(),
     }
-    table = strokes.cast(STROKES).combine_chunks().replace_schema_metadata({**STROKES.metadata, **extra})
+    table = named(strokes.cast(STROKES).combine_chunks()).replace_schema_metadata({**STROKES.metadata, **extra})
     table_files.write_parquet(path, table, compression_level=9)
 
 
@@ -150,12 +157,12 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
         if field.name not in names:
             columns.append(pa.nulls(len(table), field.type))
             continue
-        found, column = table.schema.field(field.name), table[field.name]
-        told, wanted = (f"{each.type}{'' if each.nullable else ' not null'}" for each in (found, field))
-        if not elsewhere and told != wanted:
+        column, forms = table[field.name], (table.schema.field(field.name), _STORED.field(field.name), field)
+        told, wanted, codes = (f"{each.type}{'' if each.nullable else ' not null'}" for each in forms)
+        if not elsewhere and told not in (wanted, codes):
             raise DataError(path, f"column {field.name!r} is {told}, expected {wanted}; {advice}")
         try:
-            columns.append(column.cast(field.type))
+            columns.append(unnamed(field.name, column) if field.name in NAMES else column.cast(field.type))
         except pa.ArrowException as error:
             raise DataError(path, f"column {field.name!r} is no {field.type} ({error}); {advice}") from error
         if column.null_count and not field.nullable:

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -345,7 +346,7 @@ def test_too_few_seeds_or_jobs_are_named(seeds: int, jobs: int, tmp_path: Path) 
     assert not (tmp_path / "run").exists()
 
 
-LOGGED: dict[str, Any] = {**SMALL, "evaluate_every": 100, "strokes": 256 * 8}
+LOGGED: dict[str, Any] = {**SMALL, "evaluate_every": 100, "strokes": 256 * 8, "figures": "all"}
 LOG = "rallies.mcap"
 
 
@@ -355,6 +356,7 @@ LOG = "rallies.mcap"
         (PPOConfig(**LOGGED), ("bc",)),
         (PPOConfig(**LOGGED, opponent=("random", "safe", "bc")), ("random", "safe", "bc")),
         (PPOConfig(**LOGGED, opponent=("self",)), ()),
+        (PPOConfig(**LOGGED, opponent=("self",), variant="best-response"), ("best-response-0",)),
         (SACConfig(**LOGGED), ("bc",)),
     ],
 )
@@ -362,7 +364,8 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
     done = train(dataclasses.replace(config, out=tmp_path / "run"))
     path = done.folder / LOG
     assert check(path, GAME).problems == ()
-    opponents = {name: tabulate(resolve(name, GAME), GAME) for name in names}
+    known = [name for name in names if name != "best-response-0"]  # that changes during the run
+    opponents = {name: tabulate(resolve(name, GAME), GAME) for name in known}
     with RallyLog(path) as log:
         assert replay(log, GAME, opponents).wrong == ()
         assert [player.name for player in log.policies] == [f"{config.algorithm}-0", *names]
@@ -386,6 +389,21 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
         assert found.value[own].std() > 0
     else:
         assert found.optional_columns == ("update",)
+
+
+def test_every_rally_is_recorded_by_default(tmp_path: Path) -> None:
+    """And of one in N also the learner's probabilities and values."""
+    done = train(PPOConfig(**{**LOGGED, "figures": "sample:4"}, out=tmp_path / "run"))
+    assert PPOConfig().record == "all"
+    found = read_rallies(done.folder / LOG)
+    own = found.policy[found.row_of_stroke, found.striker] == 0
+    assert own.sum() == read_card(done.folder / "agent")["strokes"]
+    known = np.isfinite(found.value)
+    assert (known == np.isfinite(found.log_probability)).all()
+    assert 0.15 < known[own].mean() < 0.35
+    # Whole rallies.
+    for row in range(len(found)):
+        assert len(set(known[(found.row_of_stroke == row) & own])) <= 1
 
 
 def test_the_log_probability_is_that_of_the_weights(tmp_path: Path) -> None:
@@ -419,3 +437,25 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
 def test_a_run_on_a_gpu_mixes_no_devices_and_is_resumed(name: str, tmp_path: Path) -> None:
     config = dataclasses.replace(CONFIGS[name], device="cuda", out=tmp_path / "run")
     assert train(config).iterations == train(dataclasses.replace(config, resume=True)).iterations
+
+
+def test_settings_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = {"strokes": 512, "opponent": ("random", "safe"), "exploitability": False, "bonus": ("smash=0.1",)}
+    config = PPOConfig(**SMALL | options)
+    train(dataclasses.replace(config, out=tmp_path / "run"))
+    file = tmp_path / "run" / "config.json"
+    assert PPOConfig.load(file) == dataclasses.replace(config, out=None)
+    assert PPOConfig.load(str(file), seed=5).seed == 5
+    assert main(["ppo", "--seed", "4", "--config", str(file), "--out", str(tmp_path / "again"), "--strokes", "256"]) == 0
+    again = PPOConfig.load(tmp_path / "again" / "config.json")
+    assert again == dataclasses.replace(config, seed=4, strokes=256)
+    for text, wrong in (
+        ('{"stroke": 1}', "no setting 'stroke'.*strokes"),
+        ('{"algorithm": "sac"}', "settings of sac, expected those of ppo"),
+        ('{"strokes": "many"}', "strokes is 'many', expected a value such as 60000000"),
+        ('{"opponent": [1]}', "opponent is"),
+        ("[]", "no settings"),
+    ):
+        (tmp_path / "other.json").write_text(text)
+        assert main(["ppo", "--config", str(tmp_path / "other.json")]) == 1
+        assert re.search(wrong, capsys.readouterr().err), wrong

@@ -141,7 +141,9 @@ def _league(setting: PlayerSetting, config: LeagueTrainingConfig) -> Trained:
 
     folder = setting.folder / "league"
     resume = (folder / runs.CONFIG).exists()
-    done = train_league(dataclasses.replace(config, seed=setting.seed, game=setting.model, workers=1, out=folder, resume=resume))
+    done = train_league(
+        dataclasses.replace(config, seed=setting.seed, game=setting.model, record="none", workers=1, out=folder, resume=resume)
+    )
     return Trained(player=f"table:{done.folder / MAIN}", strokes=done.figures["strokes"])
 
 
