@@ -182,10 +182,11 @@ def run_job(job: Job) -> tuple[Job, float]:
 
 def rows_of(folder: Path) -> list[Row]:
     """The rows of all finished runs, with the paired difference to the best method where the units are the same."""
-    rows = []
+    rows: list[Row] = []
     for path in sorted(folder.glob(f"*/*/{ROW}")):
         about = json_format.loads((path.parent / runs.MANIFEST).read_text())
-        rows.append({**json_format.loads(path.read_text()), "commit": about["git"]["commit"]})
+        row: Row = json_format.loads(path.read_text())
+        rows.append({**row, "commit": about["git"]["commit"]})
     for board in boards(rows):
         for row in board["rows"]:
             best = board["best"]
