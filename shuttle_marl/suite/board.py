@@ -122,7 +122,7 @@ def _is_new(row: Row, rows: Sequence[Row]) -> bool:
         SuiteError: it is the same run as another one, or differs from a rerun of the same code.
     """
     for other in rows:
-        if any(other[key] != row[key] for key in ("task", "split", "budget", "cases")):
+        if any(other[key] != row[key] for key in ("task", "split", "budget", "cases", "seeds")):
             continue
         same = other["outputs"] == row["outputs"]
         if row["commitment"] is not None and row["commitment"] == other["commitment"]:

@@ -33,7 +33,8 @@ class Row(TypedDict):
 
     Attributes:
         author: from the card, or empty: the package.
-        cases: hash of the fingerprints of all units; rows of a board have the same ones.
+        cases: hash of the fingerprints of the units of the first seed, from which the others follow; rows of a board have the same
+            ones, whether they have one seed, as references, or several.
         access: what the method says that it reads; methods that were rerun get samples alone.
         commitment: hash of the code of an entry of a round.
         metric, score, low, high: the main score with its interval.
@@ -122,7 +123,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "task": task.name,
         "author": author_of(config, card),
         "method": config.method,
-        "cases": content_hash("".join(entry.fingerprint for entry in units).encode()),
+        "cases": content_hash("".join(entries[case.name, 0].fingerprint for case in cases).encode()),
         "split": config.split,
         "quick": config.quick,
         "budget": config.budget,
