@@ -33,8 +33,8 @@ class Row(TypedDict):
 
     Attributes:
         author: from the card, or empty: the package.
-        cases: hash of the fingerprints of the units of the first seed, from which the others follow; rows of a board have the same
-            ones, whether they have one seed, as references, or several.
+        cases: hash of the fingerprints of the units of the first seed, from which the others follow; rows of a board have the
+            same ones, whether they have one seed, as references, or several.
         access: what the method says that it reads; methods that were rerun get samples alone.
         commitment: hash of the code of an entry of a round.
         metric, score, low, high: the main score with its interval.
