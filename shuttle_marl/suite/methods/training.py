@@ -46,7 +46,9 @@ def ppo(setting: PlayerSetting) -> Trained:
 
 def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
     """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
-    return _train("ppo", setting, variant=argument)
+    # Rallies that start in a state of the best response are of another length, so more strokes are kept back.
+    planned = dataclasses.replace(setting, budget=setting.budget * 49 // 50) if argument == "restarts" else setting
+    return _train("ppo", planned, variant=argument)
 
 
 def ppo_blind(setting: PlayerSetting) -> Trained:
