@@ -14,7 +14,6 @@ from shuttle_marl.watch.match import CourtRally
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.stager import Stager
 from tests.watch.test_positions import plan_of
-from tests.watch.test_positions import policies as policies  # a fixture
 
 STAGER = Stager()
 

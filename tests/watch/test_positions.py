@@ -1,6 +1,5 @@
 """Positions on the court: hidden on the wire until the opponent strikes, chosen by a person, and recorded."""
 
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from shuttle_marl.analysis.rally import legal_states
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
-from shuttle_marl.game.shipped import load_game, origin_of
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
@@ -26,21 +25,11 @@ from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import StrokeValues
-from tests.reduced import reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 SIDES = (Side(policy="bc"), Side(policy="minimax"))
 PERSON = Person(seat=0, rally=0, stroke=0)
 STAGER = Stager()
-
-
-@pytest.fixture(scope="module")
-def policies() -> PolicyTables:
-    """Policies of a small game with recovery that knows the model of its imitated players."""
-    model = load_game(reduced_model(()))
-    game = dataclasses.replace(model, recovery=load_game("default:recovery").recovery)
-    object.__setattr__(game, "_loaded_from", origin_of(model))
-    return PolicyTables(game)
 
 
 def plan_of(**fields: Any) -> Plan:
