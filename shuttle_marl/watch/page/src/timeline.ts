@@ -1,5 +1,6 @@
 // Position in the match: plan, rally, and strokes that a person chose or tried.
 
+import type { FriendGame } from "./friend";
 import { type Place, writeLink } from "./link";
 import type { Wanted } from "./rallies";
 import type { Person, Plan, Side, Turn } from "./wire.gen";
@@ -17,6 +18,8 @@ export class Timeline {
   original: Plan | null = null;
   /** While a person plays a rally again from one of their strokes; null: they do not. */
   practice: Practice | null = null;
+  /** Games with a friend; null: this page has no server. */
+  friend: FriendGame | null = null;
 
   constructor(
     public plan: Plan | null,
@@ -24,7 +27,8 @@ export class Timeline {
   ) {}
 
   wanted(rally: number): Wanted {
-    return { plan: this.plan, rally, person: this.person, tried: rally === this.number ? this.tried : {} };
+    const { plan, person, tried } = this;
+    return { plan, rally, person, tried: rally === this.number ? tried : {}, friend: this.friend?.wanted ?? null };
   }
 
   mark(): () => void {
@@ -42,8 +46,9 @@ export class Timeline {
     return this.original !== null || this.practice !== null || Object.keys(this.tried).length > 0;
   }
 
-  /** Opens a match. */
+  /** Opens a match; leaves a game with a friend. */
   open(plan: Plan): void {
+    this.friend?.leave();
     this.plan = plan;
     this.original = this.practice = null;
   }
@@ -51,18 +56,19 @@ export class Timeline {
   newMatch(): void {
     this.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: this.sides! });
     if (this.person) {
-      this.person = { ...this.person, rally: 0, stroke: 0, practice: false };
+      this.person = playing(this.person.seat);
     }
   }
 
   /** A match of the same players after this one, at 0–0, that a person plays. */
   playFromStart(): void {
     this.open({ seed: (this.plan!.seed + 1) % 2 ** 31, sides: this.sides! });
-    this.person = { seat: 0, rally: 0, stroke: 0, practice: false };
+    this.person = playing(0);
   }
 
   /** Opens the position of a link; ends the play of a person. */
   visit({ plan, rally, tried }: Place): void {
+    this.friend?.leave();
     if (plan && this.plan) {
       this.plan = plan;
       this.original = this.person = this.practice = null;
@@ -134,8 +140,15 @@ export class Timeline {
 
   /** Link to a stroke of the rally; -1: its start. */
   link(stroke: number): string {
-    return writeLink({ plan: this.plan, rally: this.number, stroke: stroke >= 0 ? stroke : null, tried: this.tried });
+    const { plan, number: rally, tried } = this;
+    const game = this.friend?.wanted?.seat.token ?? null;
+    return writeLink({ plan, rally, stroke: stroke >= 0 ? stroke : null, tried, game });
   }
+}
+
+/** A person who plays from a stroke of a rally on. */
+export function playing(seat: number, rally = 0, stroke = 0, friend = false): Person {
+  return { seat, rally, stroke, practice: false, friend };
 }
 
 /** Players of a rally of a plan. */
