@@ -300,7 +300,7 @@ class Frames:
                 assert set(facts) <= {"id", "op", "choice", "stroke", *messages.FriendReply.__struct_fields__}
                 assert facts["plan"] is None, "nor the seed of the outcomes"
             elif "friend" in facts:
-                about = facts["rally"] if facts["op"] == "rally" else facts
+                about = facts["rally"] if isinstance(facts["rally"], dict) else facts
                 strokes = about.get("strokes", [])
                 assert len(strokes) <= struck.get(about.get("number"), 0), "no stroke before both have chosen"
                 waited = [stroke.get("waited") for stroke in strokes]
@@ -352,10 +352,11 @@ def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folde
         viewer.until(lambda: viewer.page.get_by_role("dialog").count() == 0)
         viewer.press("w")
         assert [one.state("names") for one in pages] == [["you", "friend"], ["friend", "you"]]
-        third = type(viewer)(browser.new_context().new_page()).open(link)
+        third = type(viewer)(browser.new_context().new_page())
+        third.page.set_default_timeout(120_000)
+        third.open(link)
         third.page.get_by_text("Two people play under this link already").wait_for()
         third.page.goto(f"{server.address}#game=wrong")
-        third.page.reload()
         third.page.get_by_text("This link names no game of this server").wait_for()
         third.page.context.close()
 
@@ -364,8 +365,7 @@ def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folde
             number, strokes = (guest.state("friend")[name] for name in ("rally", "strokes"))
             striker, receiver = at_stroke(pages, number, strokes)
             struck.setdefault(number, strokes)
-            turn = receiver.state("turn")
-            if turn is not None:
+            if receiver.seek(1e3).state("turn") is not None:
                 wait_somewhere(receiver, chosen, (number, strokes))
                 if len(chosen) == 2:  # a page that is loaded again keeps its seat and its choice
                     receiver.page.reload()
@@ -376,6 +376,7 @@ def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folde
             choose(striker, max(striker.state("turn")["strokes"], key=lambda stroke: stroke["p_succ"] * stroke["p_ret"]))
             struck[number] = strokes + 1
             striker.press("Enter")
+            guest.until(lambda at=[number, strokes]: [guest.state("friend")[name] for name in ("rally", "strokes")] != at)
         told = [one.told() for one in frames]
         assert all(told[0][at] == told[1][at] == position for at, position in chosen.items())
         assert guest.errors == []
