@@ -9,17 +9,17 @@ from typing import Final
 
 import numpy as np
 
+from shuttle_marl.analysis.decisions import USUAL
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.exact import Solution
+from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import position_shares
 
-GOOD: Final = 0.002
-"""Loss up to which a position is as good as the best one, in rallies."""
-MATTERS: Final = 0.03
-"""Loss of the worst position from which it matters where to wait."""
-CLEAR: Final = 0.01
-"""Least loss of a position that is a wrong answer."""
+GOOD: Final = 0.005
+"""Loss up to which a position counts as good as the best one, in rallies."""
+MATTERS: Final = 0.02
+"""Loss of the position chosen from which it is asked where to wait."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,11 +50,17 @@ class Places:
         """``[K, M]`` rallies that a stroke wins more than against a receiver who waits as people do."""
         return np.asarray(self.win - (self.win @ self.people)[:, None])
 
-    @property
-    def asks(self) -> bool:
-        """Whether it is a question where to wait: some positions are as good as the best one, all others clearly worse."""
-        loss = self.loss
-        return bool(loss.max() >= MATTERS and (loss > GOOD).sum() > 1 and not ((loss > GOOD) & (loss < CLEAR)).any())
+    def question(self, waited: int) -> int | None:
+        """How usual the answer is to the question where to wait for a receiver who waits somewhere; None: it is not asked.
+
+        It is asked where the position loses clearly and at least one more does. The middle of the court is the usual answer,
+        the last rank, all others have rank 0, as in :func:`shuttle_marl.analysis.decisions.usual_of`.
+        """
+        loss = dict(zip(self.position.tolist(), self.loss.tolist(), strict=True))
+        wrong = sum(lost > GOOD for lost in loss.values())
+        if loss.get(waited, 0.0) < MATTERS or wrong < 2:  # the receiver of a recorded rally may wait where few do
+            return None
+        return 0 if loss.get(CENTRE, 1.0) > GOOD else len(USUAL)
 
 
 def places_of(game: Game, state: int, seat: int, solution: Solution) -> Places | None:

@@ -508,13 +508,36 @@ class Question(Struct):
     usual: int
 
 
+class Place(Struct):
+    """A position of the receiver of a stroke.
+
+    Attributes:
+        people, perfect: probabilities of people's choices and of perfect play.
+        loss: rallies that it loses to the best one if the striker strikes as perfect play does.
+        win: probability that the striker wins with the stroke played against it, under perfect play from then on.
+    """
+
+    position: int
+    people: float
+    perfect: float
+    loss: float
+    win: float
+
+
+class OpenSide(StrokeFacts, kw_only=True):
+    """The stroke that gains most by where the receiver waits: rallies more than against one who waits as people do."""
+
+    gain: float
+
+
 class StrokeValue(Struct, kw_only=True):
     """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
 
     ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
     (:mod:`shuttle_marl.analysis.marks`). ``change`` and ``quality`` (:mod:`shuttle_marl.analysis.decisions`) are None where too
     few real strokes stand behind it. ``support`` is the number of real strokes behind the rarer of both; None: unknown.
-    ``positions`` are the probabilities with which perfect play waits for the stroke; None: the receiver has no choice.
+    ``places`` are the positions of the receiver, None: they have no choice; ``open`` is the open side, None: there is none, or
+    the position is not known; ``wait`` is how usual the answer is to the question where to wait, None: it is not asked.
     """
 
     win: float
@@ -529,7 +552,9 @@ class StrokeValue(Struct, kw_only=True):
     question: Question | None
     options: list[Option]
     support: int | None
-    positions: list[float] | None
+    places: list[Place] | None
+    open: OpenSide | None
+    wait: int | None
 
 
 class Analysis(Struct):

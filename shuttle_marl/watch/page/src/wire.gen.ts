@@ -295,7 +295,9 @@ export interface StrokeValue {
   question: Question | null;
   options: Option[];
   support: number | null;
-  positions: number[] | null;
+  places: Place[] | null;
+  open: OpenSide | null;
+  wait: number | null;
 }
 
 /** A question about a stroke. */
@@ -322,6 +324,27 @@ export interface Option {
   win: number;
   best: number;
   probability: number;
+}
+
+/** A position of the receiver of a stroke. */
+export interface Place {
+  position: number;
+  people: number;
+  perfect: number;
+  loss: number;
+  win: number;
+}
+
+/** The stroke that gains most by where the receiver waits: rallies more than against one who waits as people do. */
+export interface OpenSide {
+  stroke: number;
+  seat: number;
+  shot: string;
+  area: string;
+  height: string;
+  technique: string;
+  box: [number, number, number, number];
+  gain: number;
 }
 
 /** Values of the strokes between which a person chooses, or where perfect play waits. */
