@@ -20,7 +20,7 @@ import type { Stage } from "./stage";
 import { type Choice, openStartCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
-import { playing, Timeline } from "./timeline";
+import { playing, Timeline, type Tried } from "./timeline";
 import type { FriendReply, Hello, RallyFacts, Side } from "./wire.gen";
 import { say } from "./words";
 
@@ -161,7 +161,8 @@ export class App {
       },
       open: (rally, stroke) => void this.go(rally, stroke, false),
       seekStroke: (stroke) => this.seekStroke(stroke),
-      whatIf: (stroke) => void this.whatIf(stroke),
+      whatIf: (stroke) => void this.whatIf({ stroke }),
+      waitThere: (position) => void this.whatIf({ position }),
       backToPlayed: () => this.backToPlayed(),
       playFrom: (stroke) => {
         this.player.stopAt = null;
@@ -508,8 +509,8 @@ export class App {
     }
   }
 
-  /** Replaces a played stroke; the rally continues from it. */
-  async whatIf(stroke: number): Promise<void> {
+  /** Replaces a played stroke, or where its receiver waits; the rally continues from it. */
+  async whatIf(tried: Tried): Promise<void> {
     const { course } = this;
     if (!this.shown || !this.source.share) {
       return;
@@ -517,7 +518,8 @@ export class App {
     const at = Math.max(this.player.stroke, 0);
     (document.activeElement as HTMLElement | null)?.blur(); // the next space plays or pauses
     const undo = course.mark();
-    course.try(at, stroke);
+    course.person = course.person?.friend ? null : course.person; // average pros go on
+    course.try(at, tried);
     const next = await this.rallies.fetch(course.wanted(course.number), null, undo);
     if (next) {
       const contact = next.rally.strokes[at]!.time;

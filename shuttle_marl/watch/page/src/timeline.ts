@@ -8,6 +8,9 @@ import type { Person, Plan, Side, Turn } from "./wire.gen";
 /** Snapshot for undo. */
 type Mark = Pick<Timeline, "plan" | "number" | "tried" | "person" | "original" | "practice">;
 
+/** What is tried instead. */
+export type Tried = { stroke: number; position?: never } | { position: number; stroke?: never };
+
 /** The match to which practice returns; `over`: whether its rally was over. */
 type Practice = { plan: Plan; person: Person; over: boolean };
 
@@ -100,21 +103,22 @@ export class Timeline {
     this.plan = { ...plan, [kind]: { ...plan[kind], [this.number]: choices } };
   }
 
-  /** Replaces a played stroke; drops what was chosen after it. The receiver waits where they waited. */
-  try(at: number, stroke: number): void {
+  /** Replaces a played stroke, or where its receiver waits, and keeps the other one; drops what was chosen after it. */
+  try(at: number, tried: Tried): void {
     const { plan, number } = this;
     const before = <T>(choices: Record<string, T>, end: number): Record<string, T> =>
       Object.fromEntries(Object.entries(choices).filter(([k]) => Number(k) < end));
+    const one = (choice: number | undefined) => (choice === undefined ? {} : { [at]: choice });
     if (plan) {
       this.original ??= plan;
       const { chosen = {}, waited = {} } = plan;
       this.plan = {
         ...plan,
-        chosen: { ...before(chosen, number), [number]: { ...before(chosen[number] ?? {}, at), [at]: stroke } },
-        waited: { ...before(waited, number), [number]: before(waited[number] ?? {}, at + 1) },
+        chosen: { ...before(chosen, number), [number]: { ...before(chosen[number] ?? {}, at + 1), ...one(tried.stroke) } },
+        waited: { ...before(waited, number), [number]: { ...before(waited[number] ?? {}, at + 1), ...one(tried.position) } },
       };
     } else {
-      this.tried = { ...before(this.tried, at), [at]: stroke };
+      this.tried = { ...before(this.tried, at), ...one(tried.stroke) };
     }
   }
 
@@ -122,7 +126,7 @@ export class Timeline {
   retry(at: number, over: boolean): void {
     const { number, plan, person } = this;
     this.practice ??= { plan: plan!, person: person!, over };
-    this.try(at, -1);
+    this.try(at, { stroke: -1 });
     this.original = null;
     delete this.plan!.chosen![number]![at];
     this.person = { ...person!, practice: true };
