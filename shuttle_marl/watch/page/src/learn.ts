@@ -360,7 +360,7 @@ export class Learn {
         button.classList.toggle("right", place.loss <= GOOD);
         button.classList.toggle("wrong", place.position === given && !right);
         const share = say("recover.share_of_perfect", { share: percent(place.perfect) });
-        button.lastElementChild!.textContent = `${signed(-place.loss)} · ${share}`;
+        replaceChildren(button.lastElementChild!, h("span", {}, signed(-place.loss)), " · ", h("span", {}, share));
       }
     }
     const best = question.places.reduce((a, b) => (b.perfect > a.perfect ? b : a));
