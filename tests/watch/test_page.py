@@ -14,7 +14,8 @@ import av
 import numpy as np
 import pytest
 
-from shuttle_marl.game import default_game
+from shuttle_marl.commands.watch import GAME
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.pages.languages import LANGUAGES, Language, Texts
 from shuttle_marl.recording import RallyLog
@@ -154,13 +155,15 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         viewer.until(lambda: viewer.state("names") == ["you", "minimax"])
         assert viewer.state("plan")["points"] == DUEL
         viewer.press("w", ">", ">")
-        last, chosen, deadline = -1, 0, time.monotonic() + 600
+        last, chosen, waited, deadline = -1, 0, 0, time.monotonic() + 600
         while time.monotonic() < deadline:
             turn, winner, after, rally, duration = viewer.state("turn", "winner", "after", "rally", "duration")
             if turn is not None:
-                choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_ret"]))
+                if turn["strokes"]:
+                    choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_ret"]))
                 viewer.press("Enter")
-                chosen += 1
+                chosen += bool(turn["strokes"])
+                waited += not turn["strokes"]
                 assert viewer.state("turn") != turn, "it is over at once, or the next one is there already"
             elif winner is None:
                 viewer.seek(1e3)
@@ -188,11 +191,11 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         )
         assert (re.search(r"You play .?\d+ % like ", text) is not None) == (chosen >= 30)
         assert viewer.state("rally") == last
-        viewer.until(lambda: len(viewer.state("turn_ms")) == chosen)
+        viewer.until(lambda: len(viewer.state("turn_ms")) == chosen + waited)
         dialog.get_by_role("button", name="Another duel").press("Enter")
         viewer.until(lambda: viewer.state("points") == [0, 0] and viewer.state("rally") == 0)
     (log,) = folder.glob("*.mcap")
-    checked = check(log, default_game())
+    checked = check(log, load_game(GAME))
     assert checked.problems == ()
     assert checked.replayed
     assert checked.rallies == last + 1
@@ -264,10 +267,10 @@ def test_a_person_recovers_to_a_position_that_nobody_sees_before_the_hit(viewer:
                 people = turn["positions"]
                 assert viewer.state("position") == people.index(max(people)), "that of most people is selected"
                 wanted = max(p for p, share in enumerate(people) if share)
-                for position in (people.index(0), wanted):  # the first is not feasible
+                for position in (people.index(0), wanted):  # the first is not feasible, the second one key
                     viewer.press(str([9, 8, 7, 6, 5, 4, 3, 2, 1][position]))
-                assert viewer.state("position") == wanted
-            viewer.press("Enter")
+            if not turn["positions"]:
+                viewer.press("Enter")
             viewer.until(lambda known=turn: viewer.state("turn") != known and len(viewer.state("waited")) > known["number"])
             if turn["positions"]:
                 waits += 1
@@ -330,7 +333,7 @@ def wait_somewhere(receiver: Any, chosen: dict[tuple[int, int], int], at: tuple[
     receiver.until(lambda: receiver.seek(1e3).state("position") is not None)
     feasible = np.flatnonzero(receiver.state("turn")["positions"])
     chosen[at] = int(feasible[len(chosen) % len(feasible)])
-    receiver.press(str([9, 8, 7, 6, 5, 4, 3, 2, 1][chosen[at]]), "Enter")
+    receiver.press(str([9, 8, 7, 6, 5, 4, 3, 2, 1][chosen[at]]))
     receiver.until(lambda: receiver.state("friend")["chosen"])
 
 
@@ -381,6 +384,39 @@ def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folde
         assert all(told[0][at] == told[1][at] == position for at, position in chosen.items())
         assert guest.errors == []
         context.close()
+
+
+def test_positions_are_asked_and_tried(viewer: Any, served: Any) -> None:
+    """A puzzle where to wait, judged by its loss; in Analyse the rally goes on with the receiver elsewhere."""
+    viewer.page.set_viewport_size({"width": 480, "height": 700})
+    page = viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").press("w").page
+    viewer.enter("learn")
+    page.get_by_role("button", name="Rally of the day").first.click()
+    for _ in range(5):
+        button = page.locator(".quiz button:not(:disabled)")
+        button.first.wait_for()
+        if page.locator(".quiz.recover").count():
+            break
+        button.first.click()
+        page.locator(".learn .row button").first.click()
+        button.first.wait_for()
+    asked, analysis, waited = viewer.state("asked", "analysis", "waited")
+    places = analysis["strokes"][asked]["places"]
+    assert button.count() == len(places)
+    best = max(places, key=lambda place: place["perfect"])["position"]
+    (here,) = [place for place in places if place["position"] == waited[asked]]
+    assert here["loss"] >= 0.02, "the receiver lost there"
+    page.locator(f".quiz [data-position='{best}']").click()
+    told = page.locator(".learn").inner_text()
+    assert "Correct." in told
+    assert f"which loses {round(100 * here['loss'])} %" in told
+    assert "right" in page.locator(f".quiz [data-position='{best}']").get_attribute("class")
+    strokes = viewer.state("strokes")
+    page.get_by_role("button", name="Play the better one").click()
+    viewer.until(lambda: viewer.state("waited")[asked] == best)
+    assert viewer.state("strokes")[: asked + 1] == strokes[: asked + 1], "the stroke stays"
+    page.get_by_role("button", name="back to the played rally").click()
+    viewer.until(lambda: viewer.state("strokes") == strokes and viewer.state("waited") == waited)
 
 
 def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None:

@@ -153,16 +153,21 @@ def test_values_of_strokes_are_those_against_the_positions_of_the_opponent(polic
 
 def test_perfect_play_waits_where_the_solution_does(policies: PolicyTables) -> None:
     answers, stepper, mixed = Answers(policies, plan_of(), STAGER), stepper_of(policies.game), 0
+    opened = 0
     for number in range(4):
         rally = Match(plan_of(), policies).rally(number)
         values = answers._analysis(messages.AnalysisRequest(id=0, plan=plan_of(), rally=number)).strokes
         for state, seat, value in zip(rally.states(policies.game).tolist(), rally.striker.tolist(), values, strict=True):
             exact = policies.solution.policy[1 - seat].position_probabilities()[state]
-            assert (value.positions is None) == (not stepper.chooses_position(state))
-            if value.positions is not None:
-                assert value.positions == pytest.approx(exact, abs=1e-6)
-                mixed += max(value.positions) < 0.99
+            assert (value.places is None) == (not stepper.chooses_position(state))
+            if value.places is not None:
+                told = {place.position: place.perfect for place in value.places}
+                assert [told.get(position, 0) for position in range(N_POSITIONS)] == pytest.approx(exact, abs=1e-6)
+                assert min(place.loss for place in value.places) == 0
+                mixed += max(told.values()) < 0.99
+                opened += value.open is not None
     assert mixed
+    assert opened
 
 
 def test_real_receivers_wait_where_they_were_annotated() -> None:
