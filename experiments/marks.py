@@ -129,10 +129,10 @@ def puzzles_of(game: Game) -> dict[str, Any]:
             ]
             today += sorted(found)[:1]
         asked += today
-    shots, themes = (Counter(values) for values in ([one.right for one in asked], [one.theme for one in asked]))
+    rights, of_theme = (Counter(values) for values in ([one.right for one in asked], [one.theme for one in asked]))
     total = len(asked)
-    right, of_themes = ({name: n / total for name, n in found.most_common()} for found in (shots, themes))
-    solved = {theme: sum(one.rule for one in asked if one.theme == theme) / n for theme, n in themes.items()}
+    right, of_themes = ({name: n / total for name, n in counted.most_common()} for counted in (rights, of_theme))
+    solved = {theme: sum(one.rule for one in asked if one.theme == theme) / n for theme, n in of_theme.items()}
     rule = sum(one.rule for one in asked) / total
     return {"puzzles": total, "right": right, "themes": of_themes, "rule_of_thumb": rule, "rule_of_thumb_by_theme": solved}
 

@@ -11,6 +11,7 @@ from shuttle_marl.base.environment_ids import register_when_imported
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis import analyse_rally, rank_players
+    from shuttle_marl.dynamics import load_models
     from shuttle_marl.env import match_v0, rally_v0
     from shuttle_marl.env.batched import RallyEnv, VersusEnv
     from shuttle_marl.exact import best_response, crossplay, evaluate, nash_conv, solve
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from shuttle_marl.kernel import play_matches
     from shuttle_marl.league import LeagueConfig, run_league
     from shuttle_marl.policy import register, resolve
-    from shuttle_marl.recording import RallyLog, RallyLogWriter
+    from shuttle_marl.recording import RallyLog, RallyLogWriter, RecordRallies
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, train
 
 __version__ = "0.3.0.dev0"
@@ -32,6 +33,7 @@ __all__ = [
     "RallyEnv",
     "RallyLog",
     "RallyLogWriter",
+    "RecordRallies",
     "Rules",
     "SACConfig",
     "Score",
@@ -44,6 +46,7 @@ __all__ = [
     "default_game",
     "evaluate",
     "load_game",
+    "load_models",
     "match_v0",
     "nash_conv",
     "pair_game",
@@ -60,6 +63,7 @@ __all__ = [
 
 _NAMES = {
     "analysis": ("analyse_rally", "rank_players"),
+    "dynamics": ("load_models",),
     "env": ("match_v0", "rally_v0"),
     "env.batched": ("RallyEnv", "VersusEnv"),
     "exact": ("best_response", "crossplay", "evaluate", "nash_conv", "solve"),
@@ -67,7 +71,7 @@ _NAMES = {
     "kernel": ("play_matches",),
     "league": ("LeagueConfig", "run_league"),
     "policy": ("register", "resolve"),
-    "recording": ("RallyLog", "RallyLogWriter"),
+    "recording": ("RallyLog", "RallyLogWriter", "RecordRallies"),
     "training": ("A2CConfig", "PPOConfig", "SACConfig", "train"),
 }
 """Names by the package that they are imported from."""

@@ -150,7 +150,7 @@ LOG: Final = Format(
 )
 FORMATS: Final[dict[str, Format]] = {
     "log": LOG,
-    "log_lz4": LOG,
+    "log_training": LOG,
     "tournament": Format(
         ("config.json", "manifest.json", "pairings.jsonl", "report.json", "rallies.mcap", "results.parquet"),
         (
@@ -246,7 +246,7 @@ def build(root: Path) -> None:
     (root / "tournament" / "run").rmdir()
     shutil.copy(root / "tournament" / "rallies.mcap", root / "log")
     run("training", f"training {TRAINING}")
-    shutil.copy(root / "training" / "run" / "rallies.mcap", root / "log_lz4")
+    shutil.copy(root / "training" / "run" / "rallies.mcap", root / "log_training")
     shutil.copytree(root / "training" / "run" / "agent", root / "agent" / "agent")
     shutil.rmtree(max((root / "training" / "run" / "checkpoints").iterdir()))
     unfinished(root / "training" / "run")
@@ -658,7 +658,9 @@ def forge_types(path: Path, rng: random.Random) -> None:
         pa.table({rng.choice(table.column_names): column}) if len(column) != len(table) else table.set_column(0, "match", column)
     )
     buffer = io.BytesIO()
-    pq.write_table(table, buffer, compression="zstd", store_schema=rng.random() < 0.5, use_dictionary=rng.random() < 0.7)
+    # Without its dictionary, a column of long equal values is larger than Arrow can write.
+    packed = rng.random() < 0.7 or pa.types.is_dictionary(column.type)
+    pq.write_table(table, buffer, compression="zstd", store_schema=rng.random() < 0.5, use_dictionary=packed)
     seal_parquet(buffer)
     path.write_bytes(buffer.getvalue())
 

@@ -1,16 +1,18 @@
 """Mutation test: small changes of the code, each of which at least one fast test should notice.
 
-    python -m tests.mutants [--modules game exact league analysis] [--n 100] [--seed 0] [--jobs 2] [--json]
+    python -m tests.mutants [--modules game exact …] [--n 100] [--seed 0] [--jobs 2] [--json]
 
-A mutation replaces one comparison, arithmetic or boolean operator, number, truth value, ``not`` or returned value. Decorators,
-annotations, ``__all__`` and error messages stay. Each mutant of a random sample is a copy of the repository in a temporary
-folder. Compiled functions, those that they inline and constants are compiled anew for it; after other changes the machine code of
-the mutant before is used. The test files that call the changed function run on it, the quickest first, until a test fails. The
-output has the keys:
+A mutation replaces one comparison, arithmetic or boolean operator, number, truth value, ``not`` or returned value, or lets a
+check pass that raises. Decorators, annotations, ``__all__`` and error messages stay. Changes of guards (conditions under which
+something is raised, and limits) are drawn twice as often as others. Each mutant of a random sample is a copy of the repository in
+a temporary folder. Compiled functions, those that they inline and constants are compiled anew for it; after other changes the
+machine code of the mutant before is used. The test files that call the changed function run on it, the quickest first, until a
+test fails. The output has the keys:
 
 - ``tried``: mutants of the sample; ``equivalent``: those that no test can notice, listed in ``equivalent_mutants.toml``.
 - ``killed``: a test failed; ``timeouts``: the tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
-- ``share``: fraction of mutants noticed, killed or timed out, of those that are not equivalent.
+- ``share``: fraction of mutants noticed, killed or timed out, of those that are not equivalent; ``guards``: ``tried`` and
+  ``share`` of those in guards.
 - ``survivors``: file, line, and the source before and after of each survivor.
 """
 
@@ -40,12 +42,36 @@ import pytest
 import tyro
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-Module = Literal["game", "exact", "league", "analysis", "suite", "policy"]
+Module = Literal[
+    "analysis", "base", "coach", "commands", "data", "dynamics", "env", "exact", "game", "kernel", "league", "pages", "policy",
+    "recording", "scene", "staging", "suite", "training", "watch",
+]  # fmt: skip
 TESTS: Final[dict[str, tuple[str, ...]]] = {
     "analysis": (
         *("analysis", "coach", "data/test_simulated_strokes.py", "exact/test_exact_commands.py", "league/test_pair_league.py"),
         *("suite/test_offline.py", "watch/test_matches.py"),
     ),
+    "base": ("package", "data", "recording", "policy", "league", "coach", "watch"),
+    "coach": ("coach", "analysis"),
+    "commands": (
+        "package",
+        "data",
+        "recording",
+        "coach",
+        "exact/test_exact_commands.py",
+        "league",
+        "training/test_training_runs.py",
+    ),
+    "data": ("data", "analysis", "dynamics"),
+    "dynamics": ("dynamics", "data", "policy"),
+    "env": ("env", "suite", "policy"),
+    "kernel": ("kernel", "env", "suite"),
+    "pages": ("coach", "league", "package", "analysis"),
+    "recording": ("recording", "training/test_training_runs.py", "league"),
+    "scene": ("scene", "watch"),
+    "staging": ("staging", "scene"),
+    "training": ("training", "league"),
+    "watch": ("watch",),
     "exact": ("exact", "suite/test_adapt.py"),
     "game": (
         *("game", "policy", "exact/test_lists.py", "exact/test_minimax.py", "kernel/test_kernel_draws.py"),
@@ -82,7 +108,8 @@ class Mutant:
         function: qualified name of the innermost function around the change; empty if there is none or it is compiled.
         line: number of the first changed line.
         before, after: source lines without and with the change.
-        source: content of the changed file.
+        guard: whether the change is one of a guard.
+        lines: numbers of the changed lines, from 0, the last excluded; ``new``: what stands there instead.
     """
 
     file: str
@@ -90,7 +117,14 @@ class Mutant:
     line: int
     before: str
     after: str
-    source: str = dataclasses.field(repr=False)
+    guard: bool
+    lines: tuple[int, int] = dataclasses.field(repr=False)
+    new: bytes = dataclasses.field(repr=False)
+
+    def source(self) -> bytes:
+        """Content of the changed file."""
+        old, (first, last) = (ROOT / self.file).read_bytes().splitlines(keepends=True), self.lines
+        return b"".join([*old[:first], self.new, *old[last:]])
 
 
 def variants(node: ast.AST) -> Iterator[ast.AST]:
@@ -127,7 +161,7 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
     """All mutants of a file."""
     lines = source.encode().splitlines(keepends=True)
 
-    def visit(node: ast.AST, scope: str, function: str) -> Iterator[Mutant]:
+    def visit(node: ast.AST, scope: str, function: str, guard: bool) -> Iterator[Mutant]:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             names = {name.id for d in node.decorator_list for name in ast.walk(d) if isinstance(name, ast.Name)}
             is_function = isinstance(node, ast.FunctionDef)
@@ -135,20 +169,32 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
             scope += f"{node.name}.<locals>." if is_function else f"{node.name}."
             node.decorator_list = []
         elif isinstance(node, ast.expr | ast.Return | ast.AugAssign):
-            yield from (make(node, variant, function) for variant in variants(node))
+            yield from (make(node, variant, function, guard) for variant in variants(node))
+        if isinstance(node, ast.If) and isinstance(node.body[-1], ast.Raise):
+            yield make(node.test, ast.Constant(False), function, True)
         for child in ast.iter_child_nodes(node):
             if not _is_excluded(node, child):
-                yield from visit(child, scope, function)
+                yield from visit(child, scope, function, guard or _is_guard(node, child))
 
-    def make(node: Any, variant: ast.AST, function: str) -> Mutant:
+    def make(node: Any, variant: ast.AST, function: str, guard: bool) -> Mutant:
         first, last = node.lineno - 1, node.end_lineno
         text = ast.unparse(variant) if isinstance(variant, ast.stmt | ast.Constant) else f"({ast.unparse(variant)})"
         head, tail = lines[first][: node.col_offset], lines[last - 1][node.end_col_offset :]
         new = head + text.encode() + tail + b"\n" * (last - 1 - first)  # other lines keep their numbers
         before, after = (b" ".join(x.split()).decode() for x in (b"".join(lines[first:last]), new))
-        return Mutant(file, function, node.lineno, before, after, b"".join([*lines[:first], new, *lines[last:]]).decode())
+        return Mutant(file, function, node.lineno, before, after, guard, (first, last), new)
 
-    yield from visit(ast.parse(source), "", "")
+    yield from visit(ast.parse(source), "", "", False)
+
+
+def _is_guard(node: ast.AST, child: ast.AST) -> bool:
+    """Whether a child is the condition of an error, or a limit."""
+    match node:
+        case ast.If(test=test, body=[*_, ast.Raise()]):
+            return child is test
+        case ast.AnnAssign(target=ast.Name(id=name), value=value) | ast.Assign(targets=[ast.Name(id=name)], value=value):
+            return child is value and name.lstrip("_").startswith(("MAX", "MOST", "LEAST", "MIN", "LONGEST", "LIMIT"))
+    return False
 
 
 def _is_excluded(node: ast.AST, child: ast.AST) -> bool:
@@ -215,7 +261,7 @@ def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterato
                 # The folder has the same name as for the mutant before, so what that compiled is found.
                 machine_code = f"{folder}-machine-code" if task.mutant.function else f"{folder}/machine-code"
                 (folder / task.mutant.file).unlink()
-                (folder / task.mutant.file).write_text(task.mutant.source, encoding="utf-8")
+                (folder / task.mutant.file).write_bytes(task.mutant.source())
             process = multiprocessing.get_context("fork").Process(
                 target=_run_tests, args=(folder, task.files, not task.mutant, machine_code)
             )
@@ -283,13 +329,15 @@ def main(
     """
     for library in LIBRARIES:
         importlib.import_module(library)
-    sources = [path for module in modules for path in sorted((ROOT / "shuttle_marl" / module).glob("*.py"))]
+    sources = [path for module in modules for path in sorted((ROOT / "shuttle_marl" / module).rglob("*.py"))]
     every = [m for path in sources for m in mutants(path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8"))]
-    sample = random.Random(seed).sample(every, min(n or len(every), len(every)))
+    drawn = every + [mutant for mutant in every if mutant.guard]
+    random.Random(seed).shuffle(drawn)
+    sample = list(dict.fromkeys(drawn))[: n or None]
     known = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8"))["mutant"]
     equivalent = {(entry["file"], entry["before"], entry["after"]) for entry in known}
     todo = [mutant for mutant in sample if (mutant.file, mutant.before, mutant.after) not in equivalent]
-    counts: Counter[str] = Counter()
+    counts, guards = Counter[str](), Counter[str]()
     survivors = []
     with tempfile.TemporaryDirectory(prefix="mutants-", ignore_cleanup_errors=True) as folder:
         template, ignored = Path(folder) / "template", (".git", ".venv", "node_modules", "raw", ".*_cache")
@@ -302,12 +350,16 @@ def main(
             callers = [file for file in files if f"{mutant.file}:{mutant.function}" in seen[file]["calls"]]
             tasks.append(Task(callers or files, mutant))
         for task in run(tasks, template, jobs, timeout):
+            assert task.mutant is not None
             counts[task.verdict] += 1
+            guards[task.verdict] += task.mutant.guard
             if task.verdict == "survived":
                 survivors.append({name: getattr(task.mutant, name) for name in ("file", "line", "before", "after")})
             print(f"{task.verdict} in {task.seconds:.0f} s: {task.mutant}", file=sys.stderr, flush=True)
     result: dict[str, Any] = {"tried": len(sample), **{name: counts[name] for name in ("killed", "survived", "timeouts")}}
-    result |= {"equivalent": len(sample) - len(todo), "share": 1 - counts["survived"] / max(1, len(todo)), "survivors": survivors}
+    result |= {"equivalent": len(sample) - len(todo), "share": 1 - counts["survived"] / max(1, len(todo))}
+    tried = guards.total()
+    result |= {"guards": {"tried": tried, "share": 1 - guards["survived"] / max(1, tried)}, "survivors": survivors}
     print(json_.dumps(result) if json else "\n".join(f"{name}: {value}" for name, value in result.items()))
 
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.commands import cli
-from shuttle_marl.data.schema import STROKES
+from shuttle_marl.data.schema import STROKES, named
 
 FOLDER: Final = ROOT / "datasets" / "sample"
 FILE: Final = FOLDER / "croissant.json"
@@ -26,7 +26,7 @@ ABOUT: Final[dict[str, dict[str, Any]]] = tomllib.loads((Path(__file__).with_suf
 
 def description() -> dict[str, Any]:
     """The description of the sample as JSON-LD."""
-    return dataset(ABOUT["sample"], FOLDER, {"strokes": (_TABLE, "One row per stroke.", STROKES)})
+    return dataset(ABOUT["sample"], FOLDER, {"strokes": (_TABLE, "One row per stroke.", named(STROKES.empty_table()).schema)})
 
 
 def dataset(about: dict[str, Any], folder: Path, tables: dict[str, tuple[str, str, pa.Schema]]) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from experiments.imitation.context import CODES, UNSEEN_HEIGHT, HitContexts, cut
 from shuttle_marl.base.arrays import F32, F64, I16, I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.boosting import PARAMETERS
 from shuttle_marl.dynamics.features import mirrored_where, rows_from_strokes
-from shuttle_marl.dynamics.trees import PARAMETERS
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 

@@ -95,7 +95,7 @@ def _fitted(seen: Annotated, sources: Mapping[str, str], cache: Path, seed: int,
         hurry = fit_hurry(rows, seed=seed)
         fitted = fit(rows if hurry is None else hurry.marked(rows), None, seed=seed, config=QUICK, report=report)
         report("choices of players")
-        choices, _ = player_choices(fitted.models.networks, rows, None, QUICK.folds)
+        choices, _ = player_choices(fitted.models.choosers, rows, None, QUICK.folds)
         fitted = dataclasses.replace(fitted, models=dataclasses.replace(fitted.models, choices=choices))
         # Compared with real strokes and results only: how it is played best does not matter.
         written = save_fit(folder, fitted, sources, None, report=report, check=False)

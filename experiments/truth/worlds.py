@@ -166,7 +166,7 @@ class Fitter:
         marked = train if hurry is None else hurry.marked(train)
         fitted = fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=self._report)
         found = fit_recovery(marked, fitted.predicted)
-        return fitted, hurry, found, fit_history(fitted.models.networks, marked, None, QUICK.folds)[0]
+        return fitted, hurry, found, fit_history(fitted.models.choosers, marked, None, QUICK.folds)[0]
 
 
 def _save(file: Path, fitted: Fit) -> None:

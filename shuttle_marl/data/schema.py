@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I64, Bools, Floats, Ints
+from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import Fraction, StoredCount
 from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
@@ -61,15 +62,15 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("stroke", pa.int16(), False, "Stroke within the rally, the serve is 1. Dropped strokes leave a gap."),
     ("player", pa.string(), False, "The striker's identifier, e.g. viktor-axelsen."),
     ("opponent", pa.string(), False, "The receiver's identifier."),
-    ("hand", pa.int8(), True, "Hand of the striker, index into shuttle_marl.game.court.HANDS: 0 right, 1 left; null: unknown. "
+    ("hand", pa.int8(), True, "Hand of the striker, of shuttle_marl.game.court.HANDS; null: unknown. "
      "Where nobody gave it, the side on which the player strikes around the head tells it."),
-    ("shot", pa.int8(), False, "Shot type, index into shuttle_marl.game.stroke.SHOTS."),
-    ("height", pa.int8(), False, "Contact height: 0 below, 1 above the net."),
-    ("technique", pa.int8(), False, "0 forehand, 1 backhand, 2 around the head."),
+    ("shot", pa.int8(), False, "Shot type, of shuttle_marl.game.stroke.SHOTS."),
+    ("height", pa.int8(), False, "Contact height: below or above the net."),
+    ("technique", pa.int8(), False, "Forehand, backhand, or around the head."),
     ("hurried", pa.bool_(), True, "Whether the striker was hurried; null: not known, the index of the model decides. Files "
      "without this column have no known ones."),
-    ("area", pa.int8(), True, "Area of the landing point recomputed from it (nearest area if outside the court), index "
-     "into shuttle_marl.game.court.AREAS. Of a returned stroke the landing is where the receiver met the shuttle. Of a "
+    ("area", pa.int8(), True, "Area of the landing point recomputed from it (nearest area if outside the court), of "
+     "shuttle_marl.game.court.AREAS. Of a returned stroke the landing is where the receiver met the shuttle. Of a "
      "fault it is where the shuttle came down, NOT the target. Null if no landing was recorded or inferred."),
     ("in_court", pa.bool_(), True, "Whether the landing point lies in the opponent's singles court."),
     ("landing_x", pa.float32(), True, "Landing point [m]."),
@@ -82,12 +83,12 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("receiver_y", pa.float32(), True, "Position of the receiver at contact [m], positive."),
     ("clock", pa.int32(), True, "Time in the video [s], never falling in a rally; null where it does not fit."),
     ("frame", pa.int32(), True, "Frame in the video, rising in a rally; null where it does not fit."),
-    ("outcome", pa.int8(), False, "Index into OUTCOMES."),
-    ("reason", pa.int8(), False, "Index into REASONS."),
+    ("outcome", pa.int8(), False, "Outcome, of OUTCOMES."),
+    ("reason", pa.int8(), False, "Reason of the outcome, of REASONS."),
     ("points", pa.int8(), True, "Points of the striker in this game AFTER the rally."),
     ("points_opponent", pa.int8(), True, "Points of the receiver in this game AFTER the rally."),
     ("label_area", pa.int8(), True, "The annotators' area label of the landing, corrected for the mirrored matches; "
-     "same index as area, null where they put it outside the court, and in simulated tables."),
+     "of the same areas, null where they put it outside the court, and in simulated tables."),
     ("forced", pa.bool_(), True, "Whether the opponent forced the fault; null: not recorded, or no fault."),
     ("confidence", pa.float32(), True, "Probability that the row is right: that of the program that recognised the stroke, times "
      "the share of the inferred area; null: written by a person."),
@@ -97,9 +98,9 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
 
 STROKES: Final = pa.schema(
     [pa.field(name, kind, nullable, metadata={"description": text}) for name, kind, nullable, text in _FIELDS],
-    metadata={"schema": "shuttle_marl.strokes", "version": "1"},
+    metadata={"schema": "shuttle_marl.strokes", "version": "2"},
 )
-"""Arrow schema of a stroke table."""
+"""Arrow schema of a stroke table in memory; files and :func:`named` have names for the codes of :data:`NAMES`."""
 
 OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred")
 """Columns that files may lack."""
@@ -115,6 +116,36 @@ NAMES: Final = {
     "reason": REASONS,
 }
 """Names of the values of columns that are indices."""
+
+
+def named(strokes: pa.Table) -> pa.Table:
+    """A stroke table with names instead of codes: the columns of :data:`NAMES` become dictionaries of text.
+
+    pandas reads them as categories, polars and DuckDB as text.
+    """
+    for name, names in NAMES.items():
+        at = strokes.schema.get_field_index(name)
+        field, codes = strokes.schema.field(at), strokes.column(at).combine_chunks()
+        column = pa.DictionaryArray.from_arrays(codes, pa.array(names))
+        strokes = strokes.set_column(at, field.with_type(column.type), column)
+    return strokes
+
+
+def unnamed(name: str, column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Codes of a column of :data:`NAMES`, from names or codes.
+
+    Raises:
+        pa.ArrowException: an unknown name, or neither text nor integers.
+    """
+    kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+    if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
+        return column.cast(STROKES.field(name).type)
+    text = column.cast(pa.string())
+    codes = pc.index_in(text, value_set=pa.array(NAMES[name])).cast(STROKES.field(name).type)
+    if unknown := pc.unique(text.filter(pc.and_(pc.is_null(codes), pc.is_valid(text)))).to_pylist():
+        raise pa.ArrowInvalid(f"{printable(unknown[0])!r:.60}; expected {', '.join(NAMES[name])}")
+    return codes
+
 
 RANGES: Final = {name: (0, len(names) - 1) for name, names in NAMES.items()} | {
     "game": (1, 9),
@@ -162,14 +193,6 @@ def stroke_table(columns: Mapping[str, Any], points: Mapping[str, Floats]) -> pa
                 values.cast(field.type) if isinstance(values, pa.Array) else pa.array(values, field.type, from_pandas=True)
             )
     return pa.table(arrays, schema=STROKES)
-
-
-def named(strokes: pa.Table) -> pa.Table:
-    """The table with names instead of indices, for people."""
-    for column, names in NAMES.items():
-        found = pa.array(names).take(strokes[column].combine_chunks())
-        strokes = strokes.set_column(strokes.schema.get_field_index(column), column, found)
-    return strokes
 
 
 DROP_REASONS: Final = {

@@ -20,13 +20,15 @@ from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.copies import copies
 from shuttle_marl.data.hands import unknown_hands, with_hands
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.data.schema import OPTIONAL, STROKES, Account, Cleaned, violations
+from shuttle_marl.data.schema import NAMES, OPTIONAL, STROKES, Account, Cleaned, named, unnamed, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
 _QUOTED: Final = re.compile(r"(?<!\w)'.*'|(?<!\w)\".*\"")
 _OF_PANDAS: Final = "__index_level_"
+_STORED: Final = named(STROKES.empty_table()).schema
+"""Schema of a file."""
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
@@ -79,7 +81,7 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
         _ACCOUNT: json.dumps(account.as_json()).encode(),
         _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode(),
     }
-    table = strokes.cast(STROKES).combine_chunks().replace_schema_metadata({**STROKES.metadata, **extra})
+    table = named(strokes.cast(STROKES).combine_chunks()).replace_schema_metadata({**STROKES.metadata, **extra})
     table_files.write_parquet(path, table, compression_level=9)
 
 
@@ -150,12 +152,12 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
         if field.name not in names:
             columns.append(pa.nulls(len(table), field.type))
             continue
-        found, column = table.schema.field(field.name), table[field.name]
-        told, wanted = (f"{each.type}{'' if each.nullable else ' not null'}" for each in (found, field))
-        if not elsewhere and told != wanted:
+        column, forms = table[field.name], (table.schema.field(field.name), _STORED.field(field.name), field)
+        told, wanted, codes = (f"{each.type}{'' if each.nullable else ' not null'}" for each in forms)
+        if not elsewhere and told not in (wanted, codes):
             raise DataError(path, f"column {field.name!r} is {told}, expected {wanted}; {advice}")
         try:
-            columns.append(column.cast(field.type))
+            columns.append(unnamed(field.name, column) if field.name in NAMES else column.cast(field.type))
         except pa.ArrowException as error:
             raise DataError(path, f"column {field.name!r} is no {field.type} ({error}); {advice}") from error
         if column.null_count and not field.nullable:

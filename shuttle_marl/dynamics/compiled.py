@@ -38,6 +38,7 @@ from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.situations import LONG_DUEL
 from shuttle_marl.game.court import BACK, FOREHAND, N_AREAS, N_SIDES, N_THIRDS, mirrored, third_of
+from shuttle_marl.game.layout import ALL
 from shuttle_marl.game.shipped import CHOICE_UNITS
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
@@ -228,19 +229,20 @@ def support_of(rows: Rows, targets: F64, game: Game, *, opposite: bool = False) 
     return Support(strokes=strokes, faults=faults, winners=winners, fault_range=ranges[0], winner_range=ranges[1])
 
 
-def is_serve_pair(game: Game) -> Bools:
+def is_serve_pair(game: Game, pair: Ints | slice = ALL) -> Bools:
     """``[base pairs]`` whether the stroke of a base pair is a serve."""
-    return np.asarray(game.catalogue.is_serve[game.base_pair_stroke])
+    return np.asarray(game.catalogue.is_serve[game.base_pair_stroke[pair]])
 
 
-def is_duel_pair(game: Game) -> Bools:
+def is_duel_pair(game: Game, pair: Ints | slice = ALL) -> Bools:
     """``[base pairs]`` whether the stroke of a base pair is a net shot after two or more consecutive net shots."""
-    return np.asarray(game.catalogue.is_net_shot[game.base_pair_stroke] & (game.duel(game.base_pair_state) >= LONG_DUEL - 1))
+    net, duel = game.catalogue.is_net_shot[game.base_pair_stroke[pair]], game.duel(game.base_pair_state[pair])
+    return np.asarray(net & (duel >= LONG_DUEL - 1))
 
 
-def is_long_duel_pair(game: Game) -> Bools:
+def is_long_duel_pair(game: Game, pair: Ints | slice = ALL) -> Bools:
     """``[base pairs]`` whether the stroke of a base pair is a net shot in a long duel."""
-    return np.asarray(is_duel_pair(game) & (game.duel(game.base_pair_state) >= LONG_DUEL))
+    return np.asarray(is_duel_pair(game, pair) & (game.duel(game.base_pair_state[pair]) >= LONG_DUEL))
 
 
 def _key(parts: Sequence[Ints]) -> I64:
@@ -289,20 +291,23 @@ def empty_game(catalogue: Catalogue, replies: Bools) -> Game:
     return Game(catalogue=catalogue, threshold=threshold, hurry=hurry, **tables)
 
 
-def pair_probabilities(models: FittedModels, game: Game, support: Support) -> PairProbabilities:
-    """Evaluate the models on every base pair, in double precision, clipped to the supported range.
+def pair_probabilities(models: FittedModels, game: Game, support: Support, calm: Ints | None = None) -> PairProbabilities:
+    """Evaluate the models on base pairs, in double precision, clipped to the supported range.
 
     Args:
         game: the layout; its thresholds are ignored.
+        calm: numbers of base pairs whose strikers are not hurried: those are evaluated and, in the second half of the result,
+            those of hurried strikers that are equal otherwise; None: all base pairs, in their order.
     """
-    codes = _read(models, codes_of_pairs(game, opposite=models.opposite))
-    pairs = _both(game)
-    logit = log_odds(models.averaged(models.fault, codes))[pairs]
-    returned = models.averaged(models.returned, codes)[pairs]
-    situations, codes_of = models.situations, {name: code[pairs[:, 0]] for name, code in codes.items()}
-    edge, is_serve, long, duel = (
-        part[pairs[:, 0]] for part in (game.base_pair_edge, is_serve_pair(game), is_long_duel_pair(game), is_duel_pair(game))
-    )
+    pairs = _both(game, np.flatnonzero(game.hurried(game.base_pair_state) == 0) if calm is None else calm)
+    those = np.arange(game.n_base_pairs) if calm is None else pairs.T.ravel()
+    at = pairs if calm is None else np.arange(len(those)).reshape(2, -1).T
+    codes = _read(models, codes_of_pairs(game, those, opposite=models.opposite))
+    logit = log_odds(models.averaged(models.fault, codes))[at]
+    returned = models.averaged(models.returned, codes)[at]
+    situations, codes_of = models.situations, {name: code[at[:, 0]] for name, code in codes.items()}
+    edge = game.base_pair_edge[pairs[:, 0]]
+    is_serve, long, duel = (test(game, pairs[:, 0]) for test in (is_serve_pair, is_long_duel_pair, is_duel_pair))
     late = situations.hurried_share[codes_of["incoming_shot"], codes_of["shot"]]
     share = np.stack([1 - late, late], axis=1)
     # The supported ranges are those of the mean over the situations.
@@ -328,7 +333,7 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support) -> Pa
         "returned": 1 - winner / (1 - np.where(short, least, fault)),
         "clipped": np.stack([clipped, clipped], axis=1),
     }
-    back = np.argsort(pairs, axis=None)
+    back = np.argsort(at, axis=None)
     return PairProbabilities(
         **{name: part.ravel()[back] for name, part in of_pairs.items()},
         above=models.averaged(models.above, codes),
@@ -337,11 +342,9 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support) -> Pa
     )
 
 
-def _both(game: Game) -> I64:
-    """``[base pairs / 2, 2]`` base pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise."""
-    state = game.base_pair_state
-    calm = np.flatnonzero(game.hurried(state) == 0)
-    late = game.base_pair_start[state[calm] + _HURRIED] + game.base_pair_rank[calm]
+def _both(game: Game, calm: Ints) -> I64:
+    """``[N, 2]`` base pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise."""
+    late = game.base_pair_start[game.base_pair_state[calm] + _HURRIED] + game.base_pair_rank[calm]
     return np.stack([calm, late], axis=1)
 
 

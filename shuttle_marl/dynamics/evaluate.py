@@ -16,12 +16,12 @@ from scipy.stats import rankdata
 
 from shuttle_marl.base.arrays import F64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.boosting import PARAMETERS, lightgbm
 from shuttle_marl.dynamics.compiled import Support, is_serve_pair
 from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import judged
 from shuttle_marl.dynamics.network import fold_of_match
-from shuttle_marl.dynamics.trees import PARAMETERS, lightgbm
 from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import best_response, solve

@@ -465,11 +465,11 @@ def codes_of_states(game: Game, state: Ints, *, opposite: bool) -> dict[str, I16
     return codes
 
 
-def codes_of_pairs(game: Game, *, opposite: bool) -> dict[str, I16]:
-    """``[base pairs]`` codes of every base pair of a game, without discipline; arguments as for :func:`codes_of_states`."""
-    codes = codes_of_states(game, game.base_pair_state, opposite=opposite)
+def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
+    """``[N]`` codes of base pairs of a game, without discipline; ``opposite`` as for :func:`codes_of_states`."""
+    codes = codes_of_states(game, game.base_pair_state[pair], opposite=opposite)
     for attribute in ("shot", "technique", "area"):
-        codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke].astype(np.int16)
+        codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke[pair]].astype(np.int16)
     codes["area"] = mirrored_where(codes["hands"] == 1, codes["area"])
     return codes
 

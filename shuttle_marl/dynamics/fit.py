@@ -30,8 +30,8 @@ from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.models import (
     GOOD,
     HURRIED,
+    Ridge,
     all_targets,
-    blended_logits,
     fault_class,
     fit_binary,
     fit_choice,
@@ -44,10 +44,10 @@ from shuttle_marl.dynamics.models import (
     log_loss,
     log_odds,
     mean_probabilities,
-    ridge_logits,
     sigmoid,
     softmax,
 )
+from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc
 from shuttle_marl.dynamics.network import QUICK, Ensemble, EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import player_choices
 from shuttle_marl.dynamics.situations import fit_situations
@@ -164,40 +164,36 @@ def fit(
     # By target: logit of a fault, and probability of the target.
     fold_fault = log_odds(unseen(1 - all_targets(success, known)[..., GOOD], known.match, config.folds))
     share = unseen(softmax(target.logits(known.codes)), known.match, config.folds)
-    networks = {"choice": choice, "target": target, "success": success, "return": return_network, "contact": contact}
-    logits = _unseen_logits(networks, ridge, parts, config.folds)
+    logits = _unseen_logits(return_network, contact, ridge, parts, config.folds)
     fault_line, situations = fit_situations(fold_fault, share, known)
-    lines = (_calibrate(logits["return"], returned), _calibrate(logits["contact"], met_above))
-    calibration = np.stack([fault_line, *lines, *_hurried_lines(logits["hurried"], *parts["hurried"])])
     mixed = situations.mixed(fault_line[0] * fold_fault + fault_line[1], situations.weights(known))
     marginal = (share * mixed).sum(axis=1)
+    # It corrects the out-of-fold logit of a fault, and does not read the target.
+    correction = fit_trees(
+        known.with_area(0), fault, rounds=_CORRECTION_ROUNDS, rate=_CORRECTION_RATE, offset=log_odds(marginal)
+    )  # fmt: skip
+    return_line, contact_line = _calibrate(logits["return"], returned), _calibrate(logits["contact"], met_above)
     counts = np.bincount(train.codes["discipline"], minlength=len(DISCIPLINES))
     average = FittedModels(
-        networks=networks,
-        ridge=ridge,
-        trees={
-            # They correct the out-of-fold logit of a fault, and do not read the target.
-            "success": fit_trees(
-                known.with_area(0), fault, rounds=_CORRECTION_ROUNDS, rate=_CORRECTION_RATE, offset=log_odds(marginal)
-            ),
-            "return": fit_trees(good.codes, returned),
-            "contact": fit_trees(met.codes, met_above),
-            **hurried,
-        },
-        calibration=calibration,
+        m_choice=choice,
+        m_target=target,
+        m_succ=MSucc(success, correction, fault_line),
+        m_ret=MRet(return_network, fit_trees(good.codes, returned), ridge, return_line),
+        m_contact=MContact(contact, fit_trees(met.codes, met_above), contact_line),
+        m_hurried=MHurried(hurried, _hurried_lines(logits["hurried"], *parts["hurried"])),
         situations=situations,
         share=counts / counts.sum(),
         choices=PlayerChoices(players=(), style=np.zeros((0, 15, 2, 39)), area=np.zeros((0, 13, 3, 9))),
     )
     chosen: dict[str, Any] = {
-        "calibration": calibration.tolist(),
+        "calibration": average.calibration.tolist(),
         "situations": {"effort": situations.effort.tolist(), "duel": situations.duel},
     }
-    predicted = {"success": Predicted(known, fault, log_odds(marginal)), **_predicted(parts, logits, calibration)}
+    predicted = {"success": Predicted(known, fault, log_odds(marginal)), **_predicted(parts, logits, average.calibration)}
     models = average
     if validation is not None:
         report("choices of players")
-        choices, chosen["choices"] = player_choices(networks, train, validation, config.folds)
+        choices, chosen["choices"] = player_choices(average.choosers, train, validation, config.folds)
         models = dataclasses.replace(average, choices=choices)
 
     report("catalogue, legality, support")
@@ -211,7 +207,7 @@ def fit(
 
 def supports(models: FittedModels, known: Rows, game: Game, *, opposite: bool = False) -> tuple[Support, tuple[Support, ...]]:
     """Support of a game in strokes of known outcome, and in those of each discipline."""
-    intended = intended_targets(models.networks["target"], models.networks["success"], known)
+    intended = intended_targets(models.m_target, models.m_succ.network, known)
     count = functools.partial(support_of, game=game, opposite=opposite)
     masks = [known.codes["discipline"] == discipline for discipline in range(len(DISCIPLINES))]
     support = count(known, intended)
@@ -266,14 +262,17 @@ def unseen_predictions(models: FittedModels, train: Rows, folds: int) -> dict[st
         folds: its number of folds of matches.
     """
     parts = judged(train)
-    return _predicted(parts, _unseen_logits(models.networks, models.ridge, parts, folds), models.calibration)
+    logits = _unseen_logits(models.m_ret.network, models.m_contact.network, models.m_ret.ridge, parts, folds)
+    return _predicted(parts, logits, models.calibration)
 
 
-def _unseen_logits(networks: dict[str, Ensemble], ridge: F64, parts: dict[str, tuple[Rows, Bools]], folds: int) -> dict[str, F64]:
+def _unseen_logits(
+    returns: Ensemble, contacts: Ensemble, ridge: Ridge, parts: dict[str, tuple[Rows, Bools]], folds: int
+) -> dict[str, F64]:
     """``[N]`` out-of-fold logits of returns, contacts and hurried receivers, not calibrated."""
     return {
-        "return": _out_of_fold_blend(networks["return"], *parts["return"], folds, ridge),
-        "contact": _out_of_fold_blend(networks["contact"], *parts["contact"], folds),
+        "return": _out_of_fold_blend(returns, *parts["return"], folds, ridge),
+        "contact": _out_of_fold_blend(contacts, *parts["contact"], folds),
         "hurried": _out_of_fold_hurried(*parts["hurried"]),
     }
 
@@ -333,15 +332,15 @@ def _folds(rows: Rows) -> Iterator[tuple[Bools, dict[str, I16], dict[str, I16]]]
         yield fold == k, rows.take(fold != k).codes, rows.take(fold == k).codes
 
 
-def _out_of_fold_blend(network: Ensemble, rows: Rows, label: Bools, folds: int, ridge: F64 | None = None) -> F64:
+def _out_of_fold_blend(network: Ensemble, rows: Rows, label: Bools, folds: int, ridge: Ridge | None = None) -> F64:
     """``[N]`` out-of-fold logit of a blend: the network, trees, and the ridge regression if one is given."""
     logits = log_odds(unseen(sigmoid(network.logits(rows.codes)[..., 0]), rows.match, folds))
     for inside, outside, held_out in _folds(rows):
         observed = label[~inside]
-        others = [fit_trees(outside, observed).logits(held_out)]
+        blend = [logits[inside], fit_trees(outside, observed).logits(held_out)]
         if ridge is not None:
-            others.append(ridge_logits(fit_ridge(outside, observed, start=ridge), held_out))
-        logits[inside] = blended_logits(logits[inside], others)
+            blend.append(fit_ridge(outside, observed, start=ridge).logits(held_out))
+        logits[inside] = np.mean(blend, axis=0)
     return logits
 
 

@@ -15,23 +15,13 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
-from shuttle_marl.dynamics.models import (
-    GOOD,
-    HURRIED,
-    RIDGE_COLUMNS,
-    SPECS,
-    blended_logits,
-    log_odds,
-    mean_probabilities,
-    ridge_logits,
-    sigmoid,
-    softmax,
-)
-from shuttle_marl.dynamics.network import Ensemble, NetworkSpec
+from shuttle_marl.dynamics.models import HURRIED, RIDGE_COLUMNS, SPECS, Ridge, log_odds, mean_probabilities
+from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc
+from shuttle_marl.dynamics.network import Ensemble, NetworkSpec, in_chunks
 from shuttle_marl.dynamics.situations import Situations
 from shuttle_marl.dynamics.trees import Trees
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.shipped import NETWORKS, read_model
+from shuttle_marl.game.shipped import NETWORKS, model_folder, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 
@@ -82,68 +72,63 @@ class FittedModels:
     """The fitted models.
 
     Attributes:
-        networks: the ensembles by name (:data:`shuttle_marl.dynamics.models.SPECS`).
-        ridge: coefficients of the ridge part of the return model.
-        trees: by model, the correction of the calibrated logit of a fault (success), parts of the blends of return and contact,
-            and the models of hurried receivers (:data:`~shuttle_marl.dynamics.models.HURRIED`); each is optional.
-        calibration: ``[5, 2]`` slope and intercept of the calibrated logit of fault, return, contact, and hurried receivers below
-            and above the net.
+        m_choice, m_target: what strikers choose (``choice`` and ``target`` of :data:`shuttle_marl.dynamics.models.SPECS`).
+        m_succ, m_ret, m_contact, m_hurried: the outcome models (:mod:`shuttle_marl.dynamics.modules`).
         situations: effect of effort and long duels on the log-odds of a fault.
         share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
         opposite: whether striker and receiver have different hands; both are right-handed otherwise.
     """
 
-    networks: dict[str, Ensemble]
-    ridge: F64
-    trees: dict[str, Trees]
-    calibration: F64
+    m_choice: Ensemble
+    m_target: Ensemble
+    m_succ: MSucc
+    m_ret: MRet
+    m_contact: MContact
+    m_hurried: MHurried
     situations: Situations
     share: F64
     choices: PlayerChoices
     opposite: bool = False
 
+    @property
+    def choosers(self) -> dict[str, Ensemble]:
+        """The models of choices by name."""
+        return {"choice": self.m_choice, "target": self.m_target}
+
+    @property
+    def calibration(self) -> F64:
+        """``[5, 2]`` slope and intercept of the log-odds of a fault, return, contact above, and hurried receiver by height."""
+        lines = [*(module.line[None] for module in (self.m_succ, self.m_ret, self.m_contact)), self.m_hurried.lines]
+        return np.asarray(torch.cat(lines).numpy())
+
     def targets(self, codes: dict[str, I16]) -> F64:
         """``[N, 9]`` probability of each intended target given state, shot type and technique."""
-        return mean_probabilities(self.networks["target"], codes)
+        return mean_probabilities(self.m_target, codes)
 
     def choice(self, codes: dict[str, I16]) -> F64:
         """``[N, 13 * 3]`` probability of each shot type and technique given the state."""
-        return mean_probabilities(self.networks["choice"], codes)
+        return mean_probabilities(self.m_choice, codes)
 
     def fault(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that the striker faults, for a known target (``area``), at effort 0 and outside of long duels."""
-        probability = 1 - softmax(self.networks["success"].logits(codes))[..., GOOD]
-        shift = self.trees["success"].logits(codes) if "success" in self.trees else 0.0
-        return _calibrated(probability, self.calibration[0], shift)
+        return in_chunks(lambda part: torch.sigmoid(self.m_succ.fault_logit(part)), codes)
 
     def returned(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that the opponent returns a good stroke."""
-        return _calibrated(self._blended("return", codes), self.calibration[1])
+        return in_chunks(self.m_ret, codes)
 
     def above(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that a returned stroke is met above the net."""
-        return _calibrated(self._blended("contact", codes), self.calibration[2])
+        return in_chunks(self.m_contact, codes)
 
     @property
     def knows_hurried(self) -> bool:
         """Whether the strokes of the fit told hurried strikers from others."""
-        return any(name in self.trees for name in HURRIED)
+        return bool(self.m_hurried.known)
 
     def hurried(self, codes: dict[str, I16]) -> F64:
         """``[N, 2]`` probability that who returns a stroke is hurried, if they meet it below and above the net; 0 if unknown."""
-        out = np.zeros((len(codes["contact"]), len(HURRIED)))
-        for contact, name in enumerate(HURRIED):
-            if name in self.trees:
-                slope, intercept = self.calibration[3 + contact]
-                out[:, contact] = sigmoid(slope * self.trees[name].logits(codes) + intercept)
-        return out
-
-    def _blended(self, name: str, codes: dict[str, I16]) -> F64:
-        """``[K, N]`` probabilities of the members of a network, each blended with the other parts of the model."""
-        others = [ridge_logits(self.ridge, codes)] if name == "return" else []
-        if name in self.trees:
-            others.append(self.trees[name].logits(codes))
-        return sigmoid(blended_logits(self.networks[name].logits(codes)[..., 0], others))
+        return in_chunks(self.m_hurried, codes)
 
     def fault_without_target(self, rows: Rows) -> F64:
         """``[N]`` probability of a fault, marginalised over the target."""
@@ -162,13 +147,16 @@ class FittedModels:
 
     def save(self, folder: Path) -> str:
         """Write ``networks.safetensors``; returns the SHA-256 of its content."""
+        succ, ret, contact = self.m_succ, self.m_ret, self.m_contact
+        outcomes = {"success": succ, "return": ret, "contact": contact}
+        networks = {**self.choosers, **{name: part.network for name, part in outcomes.items()}}
         tensors = {
             f"{name}.{key}": value.half().numpy()
-            for name, network in self.networks.items()
+            for name, network in networks.items()
             for key, value in network.state_dict().items()
         }
         tensors |= {
-            "ridge": self.ridge,
+            "ridge": ret.ridge.weight.numpy(),
             "calibration": self.calibration,
             "share": self.share,
             "effort": self.situations.effort,
@@ -177,10 +165,10 @@ class FittedModels:
             "players.style": self.choices.style,
             "players.area": self.choices.area,
         }
-        for name, trees in self.trees.items():
-            tensors |= {f"trees.{name}.{key}": array for key, array in vars(trees).items()}
+        for name, trees in {**{name: part.trees for name, part in outcomes.items()}, **self.m_hurried.known}.items():
+            tensors |= {f"trees.{name}.{key}": array for key, array in trees.arrays.items()}
         described = {
-            "specs": {name: dataclasses.asdict(n.spec) for name, n in self.networks.items()},
+            "specs": {name: dataclasses.asdict(n.spec) for name, n in networks.items()},
             "duel": self.situations.duel,
             "duel_share": self.situations.duel_share,
             "players": self.choices.players,
@@ -208,11 +196,16 @@ class FittedModels:
             players = tuple(map(str, described["players"]))
             m = len(players)
             styles = (m, SLOTS["incoming_shot"], SLOTS["contact"], N_SHOTS * N_TECHNIQUES)
+            trees = {name: Trees.checked(part) for name in (*SPECS, *HURRIED) if (part := _part(f"trees.{name}", arrays))}
+            ridge = Ridge(checked(arrays["ridge"], np.float64, (1 + RIDGE_COLUMNS,)))
+            lines = checked(arrays["calibration"], np.float64, (5, 2))
             return cls(
-                networks=networks,
-                ridge=checked(arrays["ridge"], np.float64, (1 + RIDGE_COLUMNS,)),
-                trees={name: Trees.checked(part) for name in (*networks, *HURRIED) if (part := _part(f"trees.{name}", arrays))},
-                calibration=checked(arrays["calibration"], np.float64, (5, 2)),
+                m_choice=networks["choice"],
+                m_target=networks["target"],
+                m_succ=MSucc(networks["success"], trees["success"], lines[0]),
+                m_ret=MRet(networks["return"], trees["return"], ridge, lines[1]),
+                m_contact=MContact(networks["contact"], trees["contact"], lines[2]),
+                m_hurried=MHurried({name: trees[name] for name in HURRIED if name in trees}, lines[3:]),
                 situations=_situations(described, arrays),
                 share=checked(arrays["share"], np.float64, (len(DISCIPLINES),)),
                 choices=PlayerChoices(
@@ -223,6 +216,16 @@ class FittedModels:
             )
         except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError) as error:
             raise ModelError(f"{path}: no readable model ({error}); fit or install it again") from error
+
+
+def load_models(name: str = "default") -> FittedModels:
+    """The fitted models of a shipped model, or of the model in a folder.
+
+    Raises:
+        GameError: the model does not exist, or its card cannot be read.
+        ModelError: its file is missing or invalid.
+    """
+    return FittedModels.load(model_folder(name))
 
 
 def _part(name: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
@@ -241,7 +244,7 @@ def _network(fields: dict[str, Any], weights: dict[str, npt.NDArray[Any]]) -> En
     # Without memory: the description in a file may have any size, its weights are no larger than the file.
     with torch.device("meta"):
         network = Ensemble(spec)
-    state = {name: torch.from_numpy(checked(weight, np.float16, weight.shape)).float() for name, weight in weights.items()}
+    state = {name: torch.from_numpy(checked(weight, np.float16, weight.shape)).double() for name, weight in weights.items()}
     network.load_state_dict(state, assign=True)
     return network.requires_grad_(False).eval()
 
@@ -261,8 +264,3 @@ def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) 
         duel_share=float(duel[1]),
         hurried_share=checked(arrays["hurried_share"], np.float64, (SLOTS["incoming_shot"], SLOTS["shot"])),
     )
-
-
-def _calibrated(members: F64, line: F64, shift: F64 | float = 0.0) -> F64:
-    """Calibrated mean ``[N]`` of the members' probabilities ``[K, N]``; ``line`` is slope and intercept of the logit."""
-    return sigmoid(line[0] * log_odds(members.mean(axis=0)) + line[1] + shift)

@@ -34,8 +34,8 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import Tensors, checked, parsed, tensor_bytes
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.boosting import PARAMETERS, check_nodes, lightgbm, stored_trees
 from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes
-from shuttle_marl.dynamics.trees import PARAMETERS, check_nodes, lightgbm, stored_trees
 from shuttle_marl.game.shipped import HURRY, folder_of, read_model
 from shuttle_marl.game.tables import Game
 

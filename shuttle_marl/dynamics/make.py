@@ -131,7 +131,7 @@ def make_model(
     report("choices by the rally so far")
     history: dict[str, dict[str, float]] = {}
     if prior is None:
-        shifts, history = fit_history(fitted.models.networks, train, validation, (config or EnsembleConfig()).folds)
+        shifts, history = fit_history(fitted.models.choosers, train, validation, (config or EnsembleConfig()).folds)
     else:
         shifts = load_history(shipped.model_folder(prior))
     replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))

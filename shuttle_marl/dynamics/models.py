@@ -29,20 +29,19 @@ five).
 
 import itertools
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 import torch
 from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from shuttle_marl.base.arrays import F64, I16, I64, Bools
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
-from shuttle_marl.dynamics.network import Ensemble, EnsembleConfig, NetworkSpec, encode, fit_ensemble
+from shuttle_marl.dynamics.network import Ensemble, EnsembleConfig, NetworkSpec, attributes, encode, fit_ensemble, in_chunks
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
@@ -284,16 +283,35 @@ def all_targets(success: Ensemble, rows: Rows) -> F64:
     return np.stack([softmax(success.logits(rows.with_area(a))) for a in range(N_AREAS)], axis=2)
 
 
-def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> F64:
+class Ridge(nn.Module):
+    """Logistic regression on attributes and products of attributes.
+
+    Args:
+        weight: ``[1 + columns]`` coefficients, the intercept first.
+    """
+
+    weight: Tensor
+
+    def __init__(self, weight: F64) -> None:
+        super().__init__()
+        self.register_buffer("weight", torch.from_numpy(weight))
+
+    def forward(self, codes: Tensor) -> Tensor:
+        """``[N]`` logits, from ``[N, 15]`` codes of :data:`~shuttle_marl.dynamics.features.SLOTS`."""
+        return self.weight[0] + self.weight[1:][encode(_RIDGE, codes)].sum(dim=1)
+
+    def logits(self, codes: dict[str, I16]) -> F64:
+        """``[N]`` logits."""
+        return in_chunks(self, codes)
+
+
+def fit_ridge(codes: dict[str, I16], label: Bools, start: Ridge | None = None) -> Ridge:
     """Fit the ridge logistic regression.
 
     Args:
-        start: initial coefficients, such as those of a similar fit.
-
-    Returns:
-        Coefficients ``[1 + columns]``, the intercept first, in units of the unscaled inputs.
+        start: a similar fit, from which the search starts.
     """
-    active = encode(_RIDGE, codes)
+    active = encode(_RIDGE, attributes(codes)).numpy()
     n, width = len(active), RIDGE_COLUMNS
     indptr = np.arange(0, active.size + 1, active.shape[1])
     x = csr_matrix((np.tile(_SCALE, n), active.ravel(), indptr), shape=(n, width))
@@ -320,22 +338,6 @@ def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> 
             variance_at[key] = p * (1 - p)
         return gradient_of(variance_at[key] * (direction[0] + x @ direction[1:])) + penalty * direction
 
-    first = np.r_[log_odds(y.mean()), np.zeros(width)] if start is None else start / scale
+    first = np.r_[log_odds(y.mean()), np.zeros(width)] if start is None else start.weight.numpy() / scale
     solution = minimize(objective, first, jac=True, hessp=hessian_product, method="trust-ncg", options={"gtol": _GRADIENT})
-    weights: F64 = solution.x * scale
-    return weights
-
-
-def blended_logits(network: F64, others: Sequence[F64]) -> F64:
-    """Mean ``[..., N]`` of the logits of a network (``[..., N]``) and of the other parts of a blend (``[N]`` each)."""
-    return np.asarray((network + sum(others)) / (1 + len(others)))
-
-
-def ridge_logits(weights: F64, codes: dict[str, I16], chunk: int = 65536) -> F64:
-    """``[N]`` logits of the ridge regression."""
-    n = len(codes["shot"])
-    out = np.empty(n)
-    for start in range(0, n, chunk):
-        part = encode(_RIDGE, {name: code[start : start + chunk] for name, code in codes.items()})
-        out[start : start + chunk] = weights[0] + weights[1:][part].sum(axis=1)
-    return out
+    return Ridge(solution.x * scale)

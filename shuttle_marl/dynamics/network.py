@@ -6,6 +6,8 @@ predictions.
 """
 
 import dataclasses
+import functools
+import itertools
 import math
 from collections.abc import Callable
 from typing import Final
@@ -15,9 +17,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from shuttle_marl.base.arrays import F64, I16, I32, I64, Floats, Ints
+from shuttle_marl.base.arrays import F64, I16, I64, Floats, Ints
 from shuttle_marl.dynamics.features import SLOTS
 
+_CHUNK: Final = 1024
+"""Strokes of an evaluation: few enough that their hidden layers stay in the cache."""
 Loss = Callable[[Tensor, Tensor], Tensor]
 """From the logits ``[K, B', outputs]`` of a batch and its row numbers ``[B]`` to losses ``[K, B]``."""
 
@@ -39,23 +43,41 @@ class NetworkSpec:
     members: int = 10
 
 
-def encode(spec: NetworkSpec, codes: dict[str, I16]) -> I32:
-    """``[N, inputs + crosses]`` active columns of the multi-hot input."""
-    columns, offset = [], 0
-    for name in spec.inputs:
-        columns.append(codes[name].astype(np.int32) + offset)
-        offset += SLOTS[name]
-    for cross in spec.crosses:
-        index = np.zeros(len(columns[0]), dtype=np.int32)
-        for name in cross:
-            index = index * SLOTS[name] + codes[name]
-        columns.append(index + offset)
-        offset += math.prod(SLOTS[name] for name in cross)
-    return np.stack(columns, axis=1)
+def attributes(codes: dict[str, I16]) -> Tensor:
+    """``[N, 15]`` int32 codes in the order of :data:`~shuttle_marl.dynamics.features.SLOTS`, the inputs of all modules.
+
+    Attributes that are missing are 0: who reads them not may leave them out.
+    """
+    table = np.zeros((len(next(iter(codes.values()))), len(SLOTS)), dtype=np.int32)
+    for k, name in enumerate(SLOTS):
+        if name in codes:
+            table[:, k] = codes[name]
+    return torch.from_numpy(table)
+
+
+def encode(spec: NetworkSpec, codes: Tensor) -> Tensor:
+    """``[N, inputs + crosses]`` int32 active columns of the multi-hot input, from ``[N, 15]`` codes."""
+    strides, offsets = (part.to(codes.device) for part in _columns(spec))
+    # A product of doubles is exact here, and fast.
+    return (codes.double() @ strides + offsets).int()
+
+
+@functools.cache
+def _columns(spec: NetworkSpec) -> tuple[Tensor, Tensor]:
+    """``[15, C]`` weights of the codes in the number of an active column, and ``[C]`` first columns."""
+    crosses = [*((name,) for name in spec.inputs), *spec.crosses]
+    strides, widths = torch.zeros(len(SLOTS), len(crosses), dtype=torch.float64), []
+    for column, cross in enumerate(crosses):
+        width = 1
+        for name in reversed(cross):
+            strides[list(SLOTS).index(name), column] = width
+            width *= SLOTS[name]
+        widths.append(width)
+    return strides, torch.tensor([0, *itertools.accumulate(widths[:-1])], dtype=torch.float64)
 
 
 class Ensemble(nn.Module):
-    """K networks from ``[N, C]`` active columns to ``[K, N, outputs]`` logits.
+    """K networks from ``[N, 15]`` codes of :data:`~shuttle_marl.dynamics.features.SLOTS` to ``[K, N, outputs]`` logits.
 
     Rows of the weights are looked up and summed for all members at once; the multi-hot input is never materialised.
     """
@@ -87,8 +109,9 @@ class Ensemble(nn.Module):
                 weight.copy_(torch.randn(weight.shape, generator=generator) * scale)
             self.last_bias.copy_(prior.expand_as(self.last_bias))
 
-    def forward(self, columns: Tensor, dropout: float = 0.0, generator: torch.Generator | None = None) -> Tensor:
+    def forward(self, codes: Tensor, dropout: float = 0.0, generator: torch.Generator | None = None) -> Tensor:
         """Logits ``[K, N, outputs]``; ``dropout`` applies to both hidden layers."""
+        columns = encode(self.spec, codes)
 
         def drop(hidden: Tensor) -> Tensor:
             if dropout == 0:
@@ -105,15 +128,21 @@ class Ensemble(nn.Module):
         hidden = drop(torch.relu(torch.baddbmm(self.second_bias, hidden, self.second)))
         return torch.baddbmm(self.last_bias, hidden, self.last) + embedded(self.linear, columns)
 
-    def logits(self, codes: dict[str, I16], chunk: int = 1024) -> F64:
-        """``[K, N, outputs]`` logits of N strokes, in double precision."""
-        double = Ensemble(self.spec).double().requires_grad_(False)
-        double.load_state_dict(self.state_dict())
-        inputs = torch.from_numpy(encode(self.spec, codes))
-        out = np.empty((self.spec.members, len(inputs), self.spec.outputs))
-        for start in range(0, len(inputs), chunk):
-            out[:, start : start + chunk] = double(inputs[start : start + chunk]).numpy()
-        return out
+    def logits(self, codes: dict[str, I16]) -> F64:
+        """``[K, N, outputs]`` logits of N strokes."""
+        return in_chunks(self, codes, axis=1)
+
+
+def in_chunks(module: Callable[[Tensor], Tensor], codes: dict[str, I16], *, axis: int = 0) -> F64:
+    """Results of a module on N strokes, evaluated some thousands at a time.
+
+    Args:
+        axis: that of the strokes in a result.
+    """
+    table = attributes(codes)
+    with torch.no_grad():
+        parts = [module(table[start : start + _CHUNK]) for start in range(0, max(1, len(table)), _CHUNK)]
+    return np.concatenate([part.numpy() for part in parts], axis=axis)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -160,7 +189,7 @@ def fit_ensemble(
     seed: int,
     expand: Callable[[Tensor], Tensor] | None = None,
 ) -> Ensemble:
-    """Fit all members at once; weights are rounded to half precision, in which they are stored.
+    """Fit all members at once; weights are rounded to half precision, in which they are stored, and computed with in double.
 
     Args:
         codes: ``[M]`` codes of the inputs.
@@ -172,7 +201,7 @@ def fit_ensemble(
     spec = dataclasses.replace(spec, members=config.members or spec.members)
     model = Ensemble(spec)
     model.initialise(generator, torch.as_tensor(prior, dtype=torch.float32))
-    inputs = torch.from_numpy(encode(spec, codes))
+    inputs = attributes(codes)
     n = len(matches)
     fold = torch.from_numpy(fold_of_match(matches, config.folds))
     member_fold = torch.arange(spec.members) % config.folds
@@ -202,7 +231,7 @@ def fit_ensemble(
     # Half of the space in a file, which holds the model as it predicts.
     for weight in model.parameters():
         weight.copy_(weight.half())
-    return model.eval()
+    return model.double().eval()
 
 
 def unseen(values: F64, matches: Ints, folds: int) -> F64:

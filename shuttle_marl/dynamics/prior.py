@@ -1,5 +1,6 @@
 """Correction of a model by a few matches, and of its refits."""
 
+import copy
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -62,8 +63,8 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     known, good, met = (parts[name][0] for name in COMPONENTS)
     shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
     report("choices of strokes, as a correction")
-    networks, chosen = _with_choices(prior.models.networks, train, validation)
-    models = dataclasses.replace(prior.models, networks=networks, share=shares)
+    choosers, chosen = _with_choices(prior.models.choosers, train, validation)
+    models = dataclasses.replace(prior.models, m_choice=choosers["choice"], m_target=choosers["target"], share=shares)
     report("faults, returns and contacts, as corrections")
     fault, share = _faults(models, known)
     weights = models.situations.weights(known)
@@ -79,21 +80,24 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     }
     estimates = {name: shift_of(chance, parts[name][1]) for name, chance in chances.items()}
     shifts, deviations = ({name: estimate[i] for name, estimate in estimates.items()} for i in (0, 1))
-    calibration = models.calibration.copy()
-    calibration[: len(shifts), 1] += list(shifts.values())
-    models = dataclasses.replace(models, calibration=calibration)
+    models = dataclasses.replace(
+        models,
+        m_succ=models.m_succ.shifted(shifts["success"]),
+        m_ret=models.m_ret.shifted(shifts["return"]),
+        m_contact=models.m_contact.shifted(shifts["contact"]),
+    )
     logits = (log_odds(marginal(shifts["success"])), returned + shifts["return"], above + shifts["contact"])
     predicted = {name: Predicted(*parts[name], logit) for name, logit in zip(COMPONENTS, logits, strict=True)}
     if validation is not None:
         report("choices of players")
-        choices, chosen["choices"] = player_choices(networks, train, validation, None)
+        choices, chosen["choices"] = player_choices(choosers, train, validation, None)
         models = dataclasses.replace(models, choices=choices)
-    intended = intended_targets(networks["target"], networks["success"], known)
+    intended = intended_targets(models.m_target, models.m_succ.network, known)
     support = _moved(prior.support, shifts, support_of(known, intended, prior.game))
     between, theirs = prior.opposite
     opposite = between, _moved(theirs, shifts, support_of(known, intended, between, opposite=True))
     chosen |= {
-        "calibration": calibration.tolist(),
+        "calibration": models.calibration.tolist(),
         "situations": {"effort": models.situations.effort.tolist(), "duel": models.situations.duel},
         "prior": {"game": prior.game.hash, "shifts": shifts, "deviations": deviations},
     }
@@ -161,10 +165,8 @@ def _with_choices(
 
 
 def _shifted(network: Ensemble, shift: F64) -> Ensemble:
-    moved = Ensemble(network.spec)
-    moved.load_state_dict(network.state_dict())
-    moved.requires_grad_(False).eval()
-    moved.last_bias.data += torch.from_numpy(shift).float()
+    moved = copy.deepcopy(network)
+    moved.last_bias.add_(torch.from_numpy(shift))
     return moved
 
 

@@ -3,66 +3,67 @@
 They are evaluated with bit masks of the reachable leaves (QuickScorer, Lucchese et al., SIGIR 2015).
 """
 
-import dataclasses
 from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
+import torch
+from torch import Tensor, nn
 
 from shuttle_marl.base.arrays import F64, I16, I32, U8, Bools
-from shuttle_marl.base.compiling import compiled
-from shuttle_marl.base.extras import hinted
 from shuttle_marl.base.tensor_files import checked
+from shuttle_marl.dynamics.boosting import PARAMETERS, check_nodes, lightgbm, stored_trees
 from shuttle_marl.dynamics.features import SLOTS
+from shuttle_marl.dynamics.network import attributes, in_chunks
 
-_LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))], dtype=np.uint8)
+_LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))])
 """``[256]`` position of the lowest bit."""
 INPUTS: Final = tuple(SLOTS)
 """Inputs of the trees, in this order."""
-PARAMETERS: Final[dict[str, Any]] = {
-    "objective": "binary",
-    "learning_rate": 0.05,
-    "min_data_in_leaf": 100,
-    "lambda_l2": 10,
-    "cat_smooth": 20,
-    "max_cat_to_onehot": 4,
-    "deterministic": True,
-    "force_row_wise": True,
-    "num_threads": 1,
-    "seed": 0,
-    "verbose": -10,
-}
 _LEAVES: Final = 8
 _ROUNDS: Final = 300
 """Chosen by cross-validation over the training matches: 4 leaves with 200, 400 or 600 rounds, 8 with 100, 200 or 300."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Trees:
+class Trees(nn.Module):
     """T trees over attribute codes; their prediction is the sum of the leaves that a row reaches.
 
     Node m of tree t tests one code of a row and sends the row to one of two children: a later node of the tree, or leaf
-    -1 - child.
+    -1 - child. The trees themselves are :attr:`arrays`.
 
-    Attributes:
+    Args:
         attribute: ``[T, M]`` attribute that a node tests, as an index into :data:`INPUTS`.
         left: ``[T, M]`` bit mask of the codes that go to the first child.
         child: ``[T, M, 2]`` children; unused nodes have leaf 0.
         value: ``[T, M + 1]`` leaves.
     """
 
-    attribute: I32
-    left: I32
-    child: I32
-    value: F64
+    masks: Tensor
+    """``[attributes, codes, T]`` uint8 leaves that a tree can still reach, one bit each, by the code of one attribute."""
+    leaves: Tensor
+    """``[T * 256]`` leaf of each tree by the bits of those that are left."""
+
+    def __init__(self, *, attribute: I32, left: I32, child: I32, value: F64) -> None:
+        super().__init__()
+        self.arrays: dict[str, npt.NDArray[Any]] = {"attribute": attribute, "left": left, "child": child, "value": value}
+        nodes = np.minimum(_LOWEST, value.shape[1] - 1)
+        self.register_buffer("masks", torch.from_numpy(_masks(attribute, left, child)))
+        self.register_buffer("leaves", torch.from_numpy(value[:, nodes].ravel()))
 
     def __len__(self) -> int:
-        return len(self.value)
+        return self.masks.shape[2]
+
+    def forward(self, codes: Tensor) -> Tensor:
+        """``[N]`` sums of leaves, from ``[N, 15]`` codes: those are left that no test of a tree removes (QuickScorer)."""
+        left = self.masks[0].index_select(0, codes[:, 0])
+        for masks, column in zip(self.masks[1:], codes.T[1:], strict=True):
+            left &= masks.index_select(0, column)
+        index = left.int() + 256 * torch.arange(len(self), dtype=torch.int32, device=codes.device)
+        return self.leaves.index_select(0, index.flatten()).view(left.shape).sum(dim=1)
 
     def logits(self, codes: dict[str, I16]) -> F64:
         """``[N]`` sums of leaves."""
-        columns = np.stack([codes[name] for name in INPUTS], axis=1)
-        return np.asarray(_leaf_sums(columns, self._masks(), _LOWEST, self.value))
+        return in_chunks(self, codes)
 
     @classmethod
     def checked(cls, arrays: dict[str, npt.NDArray[Any]]) -> Self:
@@ -78,68 +79,29 @@ class Trees:
         check_nodes(attribute, child, len(INPUTS))
         return cls(attribute=attribute, left=left, child=child, value=value)
 
-    def _masks(self) -> U8:
-        """``[attributes, codes, T]`` leaves that a tree can still reach, one bit each, by the code of one attribute."""
-        trees, nodes = self.attribute.shape
-        # Leaves below each child, from the last node to the first, since children come after their parents.
-        below = np.zeros((trees, nodes, 2), dtype=np.uint8)
-        for node in range(nodes - 1, -1, -1):
-            child = self.child[:, node]
-            inner = below[np.arange(trees)[:, None], np.maximum(child, 0)]
-            below[:, node] = np.where(child < 0, 1 << (-1 - np.minimum(child, -1)), inner[..., 0] | inner[..., 1])
-        used = np.zeros((trees, nodes), dtype=bool)
-        used[:, 0] = True
-        for side in (0, 1):
-            tree_of, parent = np.nonzero(self.child[..., side] >= 0)
-            used[tree_of, self.child[tree_of, parent, side]] = True
-        masks = np.full((len(INPUTS), max(SLOTS.values()), trees), 255, dtype=np.uint8)
-        codes = np.arange(masks.shape[1])
-        for tree, node in np.argwhere(used):
-            first = (self.left[tree, node] >> codes) & 1 == 1
-            kept = np.where(first, below[tree, node, 0], below[tree, node, 1]).astype(np.uint8)
-            lost = np.where(first, below[tree, node, 1], below[tree, node, 0]).astype(np.uint8)
-            # A tree without a split has the same leaf on both sides.
-            masks[self.attribute[tree, node], :, tree] &= ~lost | kept
-        return masks
 
-
-def check_nodes(attribute: I32, child: I32, inputs: int) -> None:
-    """Check that nodes ``[..., M]`` test one of the inputs, and have later nodes or leaves as children.
-
-    Raises:
-        ValueError: one does not.
-    """
-    nodes = attribute.shape[-1]
-    if not attribute.size:
-        raise ValueError("trees without a node")
-    later, leaf = (child > np.arange(nodes)[:, None]) & (child < nodes), (child < 0) & (child >= -1 - nodes)
-    if not (((attribute >= 0) & (attribute < inputs)).all() and (later | leaf).all()):
-        raise ValueError("a node of a tree has an unknown attribute, or an unknown or earlier child")
-
-
-@compiled
-def _leaf_sums(columns: I16, masks: U8, lowest: U8, value: F64) -> F64:
-    """Sums of the leaves that are left when the leaves on the other side of each test are removed (QuickScorer)."""
-    out = np.zeros(len(columns))
-    left = np.empty(masks.shape[2], dtype=np.uint8)
-    for row in range(len(columns)):
-        left[:] = masks[0, columns[row, 0]]
-        for attribute in range(1, masks.shape[0]):
-            left &= masks[attribute, columns[row, attribute]]
-        for tree in range(len(value)):
-            out[row] += value[tree, lowest[left[tree]]]
-    return out
-
-
-def lightgbm() -> Any:
-    """LightGBM, which only fits need.
-
-    Raises:
-        ModuleNotFoundError: it is not installed.
-    """
-    with hinted():
-        import lightgbm as module  # noqa: PLC0415
-    return module
+def _masks(attribute: I32, left: I32, child: I32) -> U8:
+    trees, nodes = attribute.shape
+    # Leaves below each child, from the last node to the first, since children come after their parents.
+    below = np.zeros((trees, nodes, 2), dtype=np.uint8)
+    for node in range(nodes - 1, -1, -1):
+        to = child[:, node]
+        inner = below[np.arange(trees)[:, None], np.maximum(to, 0)]
+        below[:, node] = np.where(to < 0, 1 << (-1 - np.minimum(to, -1)), inner[..., 0] | inner[..., 1])
+    used = np.zeros((trees, nodes), dtype=bool)
+    used[:, 0] = True
+    for side in (0, 1):
+        tree_of, parent = np.nonzero(child[..., side] >= 0)
+        used[tree_of, child[tree_of, parent, side]] = True
+    masks = np.full((len(INPUTS), max(SLOTS.values()), trees), 255, dtype=np.uint8)
+    codes = np.arange(masks.shape[1])
+    for tree, node in np.argwhere(used):
+        first = (left[tree, node] >> codes) & 1 == 1
+        kept = np.where(first, below[tree, node, 0], below[tree, node, 1]).astype(np.uint8)
+        lost = np.where(first, below[tree, node, 1], below[tree, node, 0]).astype(np.uint8)
+        # A tree without a split has the same leaf on both sides.
+        masks[attribute[tree, node], :, tree] &= ~lost | kept
+    return masks
 
 
 def fit_trees(
@@ -157,7 +119,7 @@ def fit_trees(
         offset: ``[N]`` logits to which those of the trees are added; None: no offset.
     """
     lgb = lightgbm()
-    x = np.stack([codes[name] for name in INPUTS], axis=1).astype(np.int32)
+    x = attributes(codes).numpy()
     data = lgb.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(INPUTS))))
     parameters = {**PARAMETERS, "num_leaves": leaves, "learning_rate": rate}
     arrays, nodes = stored_trees(lgb.train(parameters, data, num_boost_round=rounds), leaves)
@@ -165,32 +127,3 @@ def fit_trees(
     for t, m, threshold in nodes:
         left[t, m] = sum(1 << int(code) for code in threshold.split("||"))
     return Trees(left=left, **arrays)
-
-
-def stored_trees(booster: Any, leaves: int) -> tuple[dict[str, npt.NDArray[Any]], list[tuple[int, int, Any]]]:
-    """The trees of LightGBM as arrays.
-
-    Returns:
-        ``attribute``, ``child`` and ``value`` as in :class:`Trees`; and (tree, node, threshold) of each node.
-    """
-    fitted = booster.dump_model()["tree_info"]
-    shape = (len(fitted), leaves - 1)
-    attribute = np.zeros(shape, dtype=np.int32)
-    child, value = np.full((*shape, 2), -1, dtype=np.int32), np.zeros((len(fitted), leaves))
-    nodes: list[tuple[int, int, Any]] = []
-    for t, tree in enumerate(fitted):
-        # LightGBM numbers nodes in the order of their splits, so children come after their parents.
-        stack = [tree["tree_structure"]]
-        while stack:
-            node = stack.pop()
-            if "split_index" not in node:
-                value[t, node.get("leaf_index", 0)] = node["leaf_value"]
-                continue
-            m = node["split_index"]
-            attribute[t, m] = node["split_feature"]
-            nodes.append((t, m, node["threshold"]))
-            for side, name in enumerate(("left_child", "right_child")):
-                below = node[name]
-                child[t, m, side] = below["split_index"] if "split_index" in below else -1 - below["leaf_index"]
-                stack.append(below)
-    return {"attribute": attribute, "child": child, "value": value}, nodes

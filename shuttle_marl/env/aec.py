@@ -5,7 +5,7 @@ import operator
 import secrets
 import warnings
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, Self, get_args
 
 import gymnasium
 import numpy as np
@@ -18,11 +18,12 @@ from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.base.arrays import F32, I8, U8
 from shuttle_marl.base.errors import ActionError, OptionError, seed_number, whole_number
+from shuttle_marl.base.extras import hinted
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, choose, stepper_of
+from shuttle_marl.game.rally.stepper import RallyDraws, Stepper, Stroke, choose, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 AGENTS: Final = ("player_0", "player_1")
 RENDER_MODES: Final = ("human", "rgb_array", "ansi")
 RenderMode = Literal["human", "rgb_array", "ansi"]
+OutcomesFrom = Literal["tables", "models"]
+"""What decides outcomes: the tables of the game, or the PyTorch modules that they were compiled from."""
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
 """Metadata of the PettingZoo environments, without their names."""
 
@@ -45,6 +48,33 @@ TOO_LONG: Final = "too many strokes"
 
 _INDEX: Final = {agent: i for i, agent in enumerate(AGENTS)}
 _LISTED: Final = 20
+
+
+class PlayedRally(NamedTuple):
+    """A rally that has ended.
+
+    Attributes:
+        rally: number of the rally in its episode.
+        score: before the rally, as :meth:`ShuttleEnv.score_of` player 0.
+        positions: where the receiver of each stroke waited; None in the game without recovery.
+    """
+
+    seed: int
+    episode: int
+    rally: int
+    score: tuple[int, int, int, int] | None
+    strokes: tuple[Stroke, ...]
+    positions: tuple[int | None, ...]
+
+
+class Recorder(Protocol):
+    """What an environment tells of its rallies, such as a log (:func:`shuttle_marl.recording.RecordRallies`)."""
+
+    def add(self, rally: PlayedRally) -> None:
+        """Record a rally that has ended."""
+
+    def close(self) -> None:
+        """Finish; the environment was closed."""
 
 
 class ShuttleEnv(AECEnv[str, Observation, int]):
@@ -61,6 +91,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     Attributes:
         game: the tables of the game, or the game of a pair.
         state_space: space of :meth:`state`.
+        recorder: gets every rally that ends; None: nobody does.
         last_seed: the last seed; an episode depends only on it and on its number.
         episode: number of the episode since the last seed, from 0.
     """
@@ -75,6 +106,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self,
         *,
         game: Game | str | None,
+        outcomes: OutcomesFrom,
         max_strokes: int | None,
         render_mode: RenderMode | None,
         extra_width: int,
@@ -89,7 +121,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.episode = -1
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
-        self._stepper = stepper_of(self.game)
+        self._stepper = _stepper(self.game, outcomes)
         self._hides = self.game.recovery is not None
         n, width = self._stepper.n_actions, RALLY_WIDTH + extra_width + self._hides
         self.action_spaces = {agent: spaces.Discrete(n) for agent in AGENTS}
@@ -117,6 +149,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._reason: str | None = None
         self._winner: int | None = None
         self._renderer: CourtRenderer | None = None
+        self.recorder: Recorder | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         if self._live:
@@ -131,7 +164,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         return copy.deepcopy(self)  # a shallow copy would play into the rally of the original
 
     def _content(self) -> dict[str, Any]:
-        return {**self.__dict__, "_renderer": None}  # a window belongs to one environment
+        return {**self.__dict__, "_renderer": None, "recorder": None}  # windows and logs belong to one environment
 
     def fork(self, seed: int | None = None, belief: "Belief" = None) -> Self:
         """Copy with fresh luck, for planning: the same situation, and other outcomes of the strokes to come.
@@ -283,6 +316,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             self._live, self._position = False, None
             self._reason = OUTCOMES[outcome]
             self._winner = striker if outcome != FAULT else 1 - striker
+            if self.recorder is not None:
+                self.recorder.add(self._played())
             self._end_rally(self._winner)
         elif self._hides:
             self._select()
@@ -327,8 +362,21 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._renderer.show(self.snapshot())
         return None
 
+    def _played(self) -> "PlayedRally":
+        assert self.last_seed is not None
+        return PlayedRally(
+            self.last_seed, self.episode, self._number, self.score_of(0), tuple(self._strokes), tuple(self._positions)
+        )
+
+    @property
+    def _number(self) -> int:
+        """Number of the rally in its episode."""
+        return 0
+
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window and finish the log of rallies, if there are any."""
+        if self.recorder is not None:
+            self.recorder.close()
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -469,6 +517,16 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
 _OF_API_TEST: Final = {"options": 1}
 """Options that PettingZoo's conformance test passes to ``reset``."""
+
+
+def _stepper(game: Game, outcomes: OutcomesFrom) -> Stepper:
+    if outcomes not in get_args(OutcomesFrom):
+        raise OptionError(f"outcomes {outcomes!r}: expected one of {', '.join(get_args(OutcomesFrom))}")
+    if outcomes == "tables":
+        return stepper_of(game)
+    with hinted():
+        from shuttle_marl.dynamics.live import model_stepper  # noqa: PLC0415  torch
+    return model_stepper(game)
 
 
 def refuse_options(options: dict[str, Any] | None, known: Collection[str] = ()) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32
 from shuttle_marl.base.errors import OptionError, suggesting
-from shuttle_marl.env.aec import AGENTS, METADATA, CheckedEnv, RenderMode, ShuttleEnv
+from shuttle_marl.env.aec import AGENTS, METADATA, CheckedEnv, OutcomesFrom, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.rally.stepper import RallyDraws
@@ -39,6 +39,7 @@ class raw_env(ShuttleEnv):
         first_server: first server, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
+        outcomes: ``tables``; or ``models``: the PyTorch modules of the model decide, which is slower and the same game.
         max_strokes: maximum number of strokes, after which the match is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -56,10 +57,11 @@ class raw_env(ShuttleEnv):
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
         game: Game | str | None = None,
+        outcomes: OutcomesFrom = "tables",
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
+        super().__init__(game=game, outcomes=outcomes, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
         if first_server not in (None, 0, 1):
             raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a random server")
         if reward not in ("match", "rally"):
@@ -74,6 +76,10 @@ class raw_env(ShuttleEnv):
         """Own points, the opponent's points, own games and the opponent's games before the current rally."""
         points, games, other = self._score.by_game[-1], self._score.games, 1 - player
         return points[player], points[other], games[player], games[other]
+
+    @property
+    def _number(self) -> int:
+        return self._rally
 
     def _begin_episode(self) -> int:
         self._draws = self._draws_of_episode()

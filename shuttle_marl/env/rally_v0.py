@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from shuttle_marl.base.errors import OptionError, suggesting
-from shuttle_marl.env.aec import METADATA, CheckedEnv, RenderMode, ShuttleEnv
+from shuttle_marl.env.aec import METADATA, CheckedEnv, OutcomesFrom, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
 from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.tables import Game
@@ -38,6 +38,7 @@ class raw_env(ShuttleEnv):
     Args:
         server: server, 0 or 1; None: random.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
+        outcomes: ``tables``; or ``models``: the PyTorch modules of the model decide, which is slower and the same game.
         max_strokes: maximum number of strokes, after which the rally is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -53,10 +54,11 @@ class raw_env(ShuttleEnv):
         *,
         server: Literal[0, 1] | None = None,
         game: Game | str | None = None,
+        outcomes: OutcomesFrom = "tables",
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
+        super().__init__(game=game, outcomes=outcomes, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
         if server not in (None, 0, 1):
             raise OptionError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.server = server

@@ -358,15 +358,13 @@ class RallySampler:
         """``[R]`` numbers of the rallies of the last iteration."""
         return np.arange(self._first, self._next, dtype=np.int64)
 
-    def usual(self, numbers: Ints) -> Bools:
-        """``[R]`` whether rallies start with a serve and, in self-play, are played by the learner alone."""
-        opponent = self._opponents[numbers % len(self._opponents)]
-        if not (self._opponents < 0).any():
-            return np.ones(len(numbers), np.bool_)
+    def served(self, numbers: Ints) -> Bools:
+        """``[R]`` whether rallies start with a serve."""
+        alone = self._opponents[numbers % len(self._opponents)] < 0
         if not len(self._starts.states):
-            return opponent < 0
+            return np.ones(len(numbers), np.bool_)
         bits = draws.draw(draws.extend(np.full(1, self._seed_key), numbers), START)
-        return (opponent < 0) & ((bits & np.uint64(_WHOLE - 1)).astype(np.int64) >= self._starts.fraction[0])
+        return ~alone | ((bits & np.uint64(_WHOLE - 1)).astype(np.int64) >= self._starts.fraction[0])
 
     def note_next(self) -> None:
         """Record the next iteration on a tape, so that :meth:`record` need not replay it."""

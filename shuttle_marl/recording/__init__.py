@@ -6,6 +6,7 @@ the format.
 """
 
 from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.recording.environments import RecordRallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
@@ -23,6 +24,7 @@ __all__ = [
     "RallyLog",
     "RallyLogWriter",
     "RallyRecorder",
+    "RecordRallies",
     "RecordingError",
     "Replay",
     "Sampling",

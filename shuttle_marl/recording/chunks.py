@@ -8,10 +8,9 @@ import io
 import itertools
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Final
 
-import lz4.frame
 import numpy as np
 import pyarrow as pa
 import zstandard
@@ -229,24 +228,9 @@ def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
         raise DamagedLogError("a server who is hurried")
 
 
-def compression(header: LogHeader) -> CompressionType:
-    """Compression of the chunks of a log.
-
-    LZ4 if there are figures per stroke, which training writes at millions of strokes a second: it takes half the time of zstd.
-    """
-    return CompressionType.LZ4 if {"log_probability", "value"} & set(header.columns) else CompressionType.ZSTD
-
-
-_SIZE_OF_FRAME: Final[dict[str, Callable[[bytes], int]]] = {
-    "zstd": lambda packed: zstandard.get_frame_parameters(packed).content_size,
-    "lz4": lambda packed: lz4.frame.get_frame_info(packed)["content_size"],
-}
-"""Uncompressed size according to the frame [bytes], by the MCAP name of the compression."""
-_DECOMPRESS: Final[dict[str, Callable[[bytes, int], bytes]]] = {
-    "zstd": lambda packed, size: zstandard.ZstdDecompressor().decompress(packed, max_output_size=size),
-    "lz4": lambda packed, size: lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size),
-}
-"""Decompression of a frame to at most a number of bytes."""
+COMPRESSION: Final = CompressionType.ZSTD
+"""Compression of the chunks of a log."""
+_ZSTD: Final = "zstd"
 
 
 def message_of_chunk(body: bytes) -> Message:
@@ -256,12 +240,12 @@ def message_of_chunk(body: bytes) -> Message:
         DamagedLogError: checksum or sizes do not match, or not a chunk of a rally log.
     """
     chunk = Chunk.read(stream(body))
-    if chunk.compression not in _DECOMPRESS or chunk.uncompressed_size > MAX_CHUNK:
+    if chunk.compression != _ZSTD or chunk.uncompressed_size > MAX_CHUNK:
         raise DamagedLogError(f"a chunk of {chunk.uncompressed_size} bytes packed as {chunk.compression!r}")
     # Decompression allocates the size in the frame; an unchecked size would let a damaged file use all memory.
-    if _SIZE_OF_FRAME[chunk.compression](chunk.data) != chunk.uncompressed_size:
+    if zstandard.get_frame_parameters(chunk.data).content_size != chunk.uncompressed_size:
         raise DamagedLogError("the sizes in a chunk disagree")
-    data = _DECOMPRESS[chunk.compression](chunk.data, chunk.uncompressed_size)
+    data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
     if zlib.crc32(data) != chunk.uncompressed_crc:
         raise DamagedLogError("the checksum of a chunk does not match")
     found = [*itertools.islice(records(data), _MAX_RECORDS + 1)]

@@ -19,7 +19,7 @@ from mcap.writer import Writer
 
 from shuttle_marl.base.files import NO_ROOM, problem
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.recording.chunks import MAX_CHUNK, MAX_RALLIES, MAX_STROKES, RALLY_TIME, arrow_schema, compression
+from shuttle_marl.recording.chunks import COMPRESSION, MAX_CHUNK, MAX_RALLIES, MAX_STROKES, RALLY_TIME, arrow_schema
 from shuttle_marl.recording.header import LogHeader, RecordingError
 from shuttle_marl.recording.log_file import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, TOPIC, advice, unfinished
 
@@ -225,8 +225,7 @@ class LogFileWriter:
             self.closed = True
 
     def _start(self) -> None:
-        packed = compression(self.header)
-        self._mcap = Writer(cast(IO[Any], self._sink), chunk_size=1, compression=packed, enable_data_crcs=True)
+        self._mcap = Writer(cast(IO[Any], self._sink), chunk_size=1, compression=COMPRESSION, enable_data_crcs=True)
         self._mcap.start(profile=PROFILE, library=self.header.software)
         self._mcap.add_metadata(METADATA, self.header.to_metadata())
         self._columns = arrow_schema(len(self.header.strokes), self.header.columns).serialize().to_pybytes()

@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 
 from shuttle_marl.base.files import open_file, problem
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, compression, decode, message_of_chunk
+from shuttle_marl.recording.chunks import COMPRESSION, FRAME, UNDECODABLE, decode, message_of_chunk
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError
 from shuttle_marl.recording.log_file import SUFFIX, damage, existing_parts, part_path, read_header, set_aside, unfinished
@@ -39,7 +39,7 @@ def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]
 
 
 def _whole_batches(path: Path, header: LogHeader, start: int) -> Iterator[tuple[int, bytes, Rallies]]:
-    done, name = header.first_rally, compression(header).name.lower().encode()
+    done, name = header.first_rally, COMPRESSION.name.lower().encode()
     packed = struct.pack("<I", len(name)) + name
     with open_file(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         at = start

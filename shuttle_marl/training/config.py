@@ -87,8 +87,10 @@ class TrainingConfig:
     """Continue the run in --out (or the default folder) from its last checkpoint."""
     overwrite: bool = False
     """Replace the run in --out."""
-    record: str = "sample:100"
-    """Rallies in the rally log: all (gigabytes in a minute), none, or sample:N for one in N; does not change the weights."""
+    record: str = "all"
+    """Rallies in the rally log: all (some 1.5 bytes a stroke), none, or sample:N for one in N; does not change the weights."""
+    figures: str = "sample:100"
+    """Rallies of the log whose strokes have the learner's log-probability and value, 8 bytes a stroke: all, none, or sample:N."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
@@ -134,7 +136,8 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
 
-        Sampling.parse(self.record)
+        for text in (self.record, self.figures):
+            Sampling.parse(text)
         check_bounds(self, TrainingError)
         if not self.opponent:
             raise TrainingError("--opponent: expected one or more policies, or self")

@@ -8,36 +8,37 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import I64
+from shuttle_marl.base.arrays import I64, Bools
 from shuttle_marl.game.rally.record import columns_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import resume
-from shuttle_marl.training.config import TrainingConfig
+from shuttle_marl.training.config import SelfPlayConfig, TrainingConfig
+from shuttle_marl.training.self_play import n_opponents
 
 RALLIES: Final = "rallies.mcap"
 """The rally log in the folder of a run."""
-_COLUMNS: Final = {"sac": ("update",)}
-_FIGURES: Final = ("update", "log_probability", "value")
+_FIGURES: Final = ("log_probability", "value")
 
 
 class RunLog:
-    """Log of the rallies of a run.
+    """Log of the rallies of a learner.
 
     Args:
         header: header of the log; its first policy is the learner, the others are its opponents.
+        figures: rallies of the log whose strokes have the learner's log-probability and value.
     """
 
-    def __init__(self, recorder: RallyRecorder, header: LogHeader) -> None:
-        self._recorder, self._header = recorder, header
+    def __init__(self, recorder: RallyRecorder, header: LogHeader, figures: Sampling) -> None:
+        self._recorder, self._header, self._figures = recorder, header, figures
         self._sampling = Sampling.parse(header.record)
         self._thread = ThreadPoolExecutor(1, "recording replays")
         self._pending: Future[Rallies] | None = None
 
     def record(self, sampler: RallySampler, segment: int, update: int) -> None:
-        """Record the rallies of the last iteration; in self-play, only those from the serve without other opponents.
+        """Record the rallies of the last iteration that began with a serve.
 
         A thread builds the columns while the learner learns; :meth:`settle` waits for it. If all rallies are recorded, the
         sampler records the next iteration while it plays; a sample is replayed.
@@ -52,13 +53,15 @@ class RunLog:
         """
         if self._sampling.every == 1:
             sampler.note_next()
-        numbers = sampler.numbers[sampler.usual(sampler.numbers)]
-        pairing = np.full(len(numbers), segment)
-        numbers = numbers[self._sampling.keeps(self._header, pairing, numbers)]
+        numbers = sampler.numbers[sampler.served(sampler.numbers)]
+        numbers = numbers[self._kept(self._sampling, segment, numbers)]
         if not len(numbers):
             return
         self.settle()
         self._pending = self._thread.submit(self._rallies, sampler, numbers, segment, update)
+
+    def _kept(self, sampling: Sampling, segment: int, numbers: I64) -> Bools:
+        return sampling.keeps(self._header, np.full(len(numbers), segment), numbers)
 
     def settle(self) -> None:
         """Wait for the columns of the last rallies, and pass them to the recorder."""
@@ -67,15 +70,17 @@ class RunLog:
             self._recorder.add(pending.result())
 
     def _rallies(self, sampler: RallySampler, numbers: I64, segment: int, update: int) -> Rallies:
-        rallies = sampler.record(numbers, figures="value" in self._header.columns)
+        rallies = sampler.record(numbers)
         n = len(rallies)
-        own = len(self._header.policies) == 1  # opponents of self-play variants are not in the log
-        return dataclasses.replace(
-            rallies,
-            pairing=np.full(n, segment, np.uint32),
-            update=np.full(n, update, np.uint32),
-            policy=np.zeros((n, 2), np.uint16) if own else rallies.policy,
-        )
+        rallies = dataclasses.replace(rallies, pairing=np.full(n, segment, np.uint32), update=np.full(n, update, np.uint32))
+        if "value" not in self._header.columns:
+            return rallies
+        kept = self._kept(self._figures, segment, numbers)
+        chance, value = np.full((2, len(rallies.stroke)), np.nan, np.float32)
+        if kept.any():
+            some, strokes = sampler.record(numbers[kept], figures=True), np.repeat(kept, rallies.length)
+            chance[strokes], value[strokes] = some.log_probability, some.value
+        return dataclasses.replace(rallies, log_probability=chance, value=value)
 
     def flush(self) -> int:
         """Write all rallies to disk, and return their number."""
@@ -112,22 +117,51 @@ def open_log(
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
     """
-    if not Sampling.parse(config.record).every:
+    figures = None if config.algorithm == "sac" else Sampling.parse(config.figures)
+    if isinstance(config, SelfPlayConfig) and config.self_play:
+        others = [Player(name=f"{config.variant}-{k}") for k in range(n_opponents(config))]
+    elif config.self_play:
+        others = []
+    else:
+        others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=True)]
+    players = (Player(name=f"{config.algorithm}-{config.seed}"), *others)
+    path, record = folder / RALLIES, config.record
+    return learner_log(path, game, players, seeds, seed=config.seed, record=record, figures=figures, rallies=rallies)
+
+
+def learner_log(
+    path: Path,
+    game: Game,
+    players: tuple[Player, ...],
+    seeds: Sequence[int],
+    *,
+    seed: int,
+    record: str,
+    figures: Sampling | None = None,
+    rallies: int = 0,
+) -> RunLog | None:
+    """Open a log of a learner's rallies, or continue it; None if nothing is recorded.
+
+    Args:
+        players: the learner, then the opponents of its sampler in their order.
+        seeds: seed of the sampler in each segment.
+        figures: rallies whose strokes have log-probability and value; None: a log without these columns.
+
+    Raises:
+        RecordingError: the log cannot be written, or holds fewer rallies.
+    """
+    if not Sampling.parse(record).every:
         return None
-    names = () if config.self_play else config.opponent
     header = LogHeader(
-        seed=config.seed,
+        seed=seed,
         game=game.hash,
         strokes=game.catalogue.names,
-        policies=(
-            Player(name=f"{config.algorithm}-{config.seed}"),
-            *(Player(name=name, hash=policy.hash) for name, policy in zip(names, opponents, strict=True)),
-        ),
+        policies=players,
         pairings=tuple(seeds),
         matches_per_draw=1,
         rules=SINGLE_RALLY,
         draws="training",
-        record=config.record,
-        columns=columns_of(game, *_COLUMNS.get(config.algorithm, _FIGURES)),
+        record=record,
+        columns=columns_of(game, "update", *(_FIGURES if figures else ())),
     )
-    return RunLog(RallyRecorder(resume(folder / RALLIES, header, rallies)), header)
+    return RunLog(RallyRecorder(resume(path, header, rallies)), header, figures or Sampling(every=0))

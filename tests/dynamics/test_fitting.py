@@ -15,7 +15,7 @@ from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, 
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.make import resampled
-from shuttle_marl.dynamics.models import fit_ridge, ridge_logits
+from shuttle_marl.dynamics.models import fit_ridge
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import fit_choice_shifts
 from shuttle_marl.game.court import BACK, FOREHAND, N_SIDES, area_of, mirrored, third_of
@@ -91,7 +91,7 @@ def test_ridge_learns_an_interaction() -> None:
     backhand, contact = rows.codes["technique"] == 1, rows.codes["contact"] == 1
     truth = expit(np.where(backhand ^ contact, 1.5, -1.5))
     label = np.random.default_rng(2).random(len(rows)) < truth
-    p = expit(ridge_logits(fit_ridge(rows.codes, label), rows.codes))
+    p = expit(fit_ridge(rows.codes, label).logits(rows.codes))
     for group in (backhand & contact, backhand & ~contact, ~backhand & contact, ~backhand & ~contact):
         # Shrunk, but on the right side and most of the way.
         assert p[group].mean() == pytest.approx(truth[group].mean(), abs=0.15)

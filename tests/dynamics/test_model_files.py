@@ -19,12 +19,14 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import load_strokes
+from shuttle_marl.dynamics.boosting import PARAMETERS
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.make import load_support
-from shuttle_marl.dynamics.models import ridge_logits
-from shuttle_marl.dynamics.trees import INPUTS, PARAMETERS, Trees, fit_trees
+from shuttle_marl.dynamics.modules import MContact, MRet
+from shuttle_marl.dynamics.network import attributes
+from shuttle_marl.dynamics.trees import INPUTS, Trees, fit_trees
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, model_folder, read_model_card
 from shuttle_marl.game.stroke import Catalogue
@@ -47,7 +49,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     GAME: lambda folder: Game.load(folder / GAME).hash,
     BC: lambda folder: clones.__wrapped__(folder).style.tobytes(),
     CARD: lambda folder: json.dumps(read_model_card(folder)),
-    NETWORKS: lambda folder: FittedModels.load(folder).ridge.tobytes(),
+    NETWORKS: lambda folder: FittedModels.load(folder).m_ret.ridge.weight.numpy().tobytes(),
     SUPPORT: lambda folder: load_support(folder).fault_range.tobytes(),
 }
 
@@ -187,13 +189,13 @@ def test_arrays_say_what_the_library_says() -> None:
     lightgbm = pytest.importorskip("lightgbm")
     rows, label, truth = sample()
     trees = fit_trees(rows.codes, label, leaves=6, rounds=40)
-    x = np.stack([rows.codes[name] for name in INPUTS], axis=1).astype(np.int32)
+    x = attributes(rows.codes).numpy()
     data = lightgbm.Dataset(x, label.astype(int), categorical_feature=list(range(len(INPUTS))))
     booster = lightgbm.train({**PARAMETERS, "num_leaves": 6}, data, num_boost_round=40)
     assert np.abs(booster.predict(x, raw_score=True) - trees.logits(rows.codes)).max() < 1e-12
     assert np.abs(expit(trees.logits(rows.codes)) - truth).mean() < 0.1
     again = fit_trees(rows.codes, label, leaves=6, rounds=40)
-    assert all(np.array_equal(value, vars(again)[name]) for name, value in vars(trees).items())
+    assert all(np.array_equal(value, again.arrays[name]) for name, value in trees.arrays.items())
 
 
 def test_blends_are_means_of_logits() -> None:
@@ -202,16 +204,20 @@ def test_blends_are_means_of_logits() -> None:
     rows = rows.take(np.arange(2000))
     codes, trees = rows.codes, fit_trees(rows.codes, label[:2000], rounds=10)
     models = FittedModels.load(model_folder())
-    models = dataclasses.replace(models, trees={"return": trees, "contact": trees}, calibration=np.tile([1.0, 0.0], (5, 1)))
-    of_trees, ridge = trees.logits(codes), ridge_logits(models.ridge, codes)
-    of_return, of_contact = (models.networks[name].logits(codes)[..., 0] for name in ("return", "contact"))
-    assert models.returned(codes) == pytest.approx(expit((of_return + ridge + of_trees) / 3).mean(axis=0))
+    line, ridge = np.array([1.0, 0.0]), models.m_ret.ridge
+    returns, contacts = MRet(models.m_ret.network, trees, ridge, line), MContact(models.m_contact.network, trees, line)
+    models = dataclasses.replace(models, m_ret=returns, m_contact=contacts)
+    of_trees, of_ridge = trees.logits(codes), ridge.logits(codes)
+    of_return, of_contact = (part.network.logits(codes)[..., 0] for part in (returns, contacts))
+    assert models.returned(codes) == pytest.approx(expit((of_return + of_ridge + of_trees) / 3).mean(axis=0))
     assert models.above(codes) == pytest.approx(expit((of_contact + of_trees) / 2).mean(axis=0))
 
 
-def with_trees(model: Path, trees: dict[str, Trees]) -> Path:
-    """The model, with other trees."""
-    dataclasses.replace(FittedModels.load(model), trees=trees).save(model)
+def with_trees(model: Path, trees: Trees) -> Path:
+    """The model, with other trees of contacts."""
+    models = FittedModels.load(model)
+    contacts = MContact(models.m_contact.network, trees, models.calibration[2])
+    dataclasses.replace(models, m_contact=contacts).save(model)
     write_card(model, read_model_card(model))
     return model
 
@@ -219,9 +225,8 @@ def with_trees(model: Path, trees: dict[str, Trees]) -> Path:
 def test_trees_are_stored_with_the_model(model: Path) -> None:
     rows, label, _ = sample()
     trees = fit_trees(rows.codes, label, rounds=10)
-    loaded = FittedModels.load(with_trees(model, {"contact": trees})).trees
-    assert set(loaded) == {"contact"}
-    assert np.array_equal(loaded["contact"].logits(rows.codes), trees.logits(rows.codes))
+    loaded = FittedModels.load(with_trees(model, trees)).m_contact.trees
+    assert np.array_equal(loaded.logits(rows.codes), trees.logits(rows.codes))
 
 
 @pytest.mark.parametrize(("name", "change"), [
@@ -234,6 +239,6 @@ def test_trees_are_stored_with_the_model(model: Path) -> None:
 def test_forged_trees_are_refused(model: Path, name: str, change: Any) -> None:
     rows, label, _ = sample()
     trees = fit_trees(rows.codes, label, rounds=5)
-    changed = dataclasses.replace(trees, **{name: np.ascontiguousarray(change(getattr(trees, name)))})
+    trees.arrays[name] = np.ascontiguousarray(change(trees.arrays[name]))
     with pytest.raises(ModelError, match="networks"):
-        FittedModels.load(with_trees(model, {"return": changed}))
+        FittedModels.load(with_trees(model, trees))

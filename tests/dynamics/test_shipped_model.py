@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.commands import dynamics
 from shuttle_marl.dynamics.card import as_markdown
 from shuttle_marl.dynamics.compiled import (
@@ -21,6 +22,7 @@ from shuttle_marl.dynamics.compiled import (
 )
 from shuttle_marl.dynamics.evaluate import health
 from shuttle_marl.dynamics.features import codes_of_pairs
+from shuttle_marl.dynamics.fit import THREADS
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import log_odds
@@ -29,7 +31,6 @@ from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.shipped import BC, CHOICE_UNITS, NETWORKS, read_model, read_model_card
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy import baselines
-from tests.reduced import reduced_game, reduced_model
 
 ULP = 1.0 / ONE
 
@@ -45,7 +46,10 @@ def test_no_probability_leaves_what_its_data_carries() -> None:
     game, support = default_game(), load_support(model_folder())
     good, returned, _ = game.stroke_probabilities(game.block_pairs(0))
     # A range bounds the mean over the situations of a stroke: efforts, duels, hurried strikers and others.
-    situations, codes = FittedModels.load(model_folder()).situations, codes_of_pairs(game, opposite=False)
+    situations, codes = (
+        FittedModels.load(model_folder()).situations,
+        codes_of_pairs(game, np.arange(game.n_base_pairs), opposite=False),
+    )
     alone = log_odds(1 - good) - situations.duel * is_long_duel_pair(game)
     weights = situations.spread(codes["own_shot"], np.full(len(good), -1), np.where(is_duel_pair(game), -1, 0))
     fault = situations.mixed(alone, weights)
@@ -100,20 +104,12 @@ def test_the_card_says_what_the_tables_say() -> None:
 
 
 @pytest.mark.slow
-def test_tables_are_the_torch_models_with_two_threads() -> None:
-    """On a third of the strokes: the models are asked for one pair at a time, whatever others there are."""
-    import torch
-
-    game, folder = reduced_game(), Path(reduced_model())
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)  # the tables were computed with one
-    try:
-        models, support = FittedModels.load(model_folder()), load_support(folder)
+def test_tables_of_all_legal_pairs_are_those_of_the_modules() -> None:
+    game, folder = default_game(), model_folder()
+    models, support = FittedModels.load(folder), load_support(folder)
+    with own_settings(THREADS):
         reference = compile_game(game, pair_probabilities(models, game, support))
-    finally:
-        torch.set_num_threads(before)
-    assert reference.hash == game.hash
-    assert default_game().hash == read_model_card(model_folder())["game_hash"]
+    assert reference.hash == game.hash == read_model_card(folder)["game_hash"]
 
 
 def test_fitted_models_round_trip(tmp_path: Path) -> None:

@@ -136,14 +136,14 @@ def test_some_rallies_may_begin_anywhere() -> None:
     states = np.flatnonzero(GAME.playable)[500:700]
     sampler.restart(states, 0.25)
     sampler.collect(20_000, network(0))
-    usual = sampler.usual(sampler.numbers)
-    assert abs(usual.mean() - 0.75) < 0.05
+    served = sampler.served(sampler.numbers)
+    assert abs(served.mean() - 0.75) < 0.05
     found = sampler.take()
     counted = dict(zip(found.state.tolist(), found.visits.tolist(), strict=True))
     # Every rally begins with a serve or in one of those states.
-    assert counted[ROOT] == usual.sum()
-    assert sum(counted.get(s, 0) for s in states.tolist()) >= (~usual).sum()
-    played = sampler.record(sampler.numbers[usual])
+    assert counted[ROOT] == served.sum()
+    assert sum(counted.get(s, 0) for s in states.tolist()) >= (~served).sum()
+    played = sampler.record(sampler.numbers[served])
     assert (played.stroke[np.cumsum(played.length) - played.length] < GAME.n_strokes).all()
     with pytest.raises(KernelError, match="fraction"):
         sampler.restart(states, 1.5)

@@ -26,6 +26,8 @@ from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.recording.replay import check
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
 from shuttle_marl.training.league.mixtures import merged, sharpened
 from shuttle_marl.training.league.population import TABLES, Payoffs
@@ -33,6 +35,7 @@ from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised, uniform
 from shuttle_marl.training.league.state import LEAGUE, LeagueState
 from tests.exact.exact_games import random_policy, tiring_game
+from tests.recording.conftest import read_rallies
 from tests.recovery import Prefers, small_recovery_game
 from tests.stops import Killed, stop
 from tests.waiting import wait_until
@@ -203,6 +206,21 @@ def test_a_league_that_stops_anywhere_is_resumed_to_the_same_results(
         train_league(config)
     train_league(dataclasses.replace(config, resume=(tmp_path / "run" / "config.json").exists()))
     assert final(tmp_path / "run") == final(whole)
+
+
+def test_every_rally_of_a_league_is_recorded(whole: Path, model: str) -> None:
+    logs = sorted((whole / "rallies").glob("*.mcap"))
+    assert len(logs) == len(list((whole / "learners").glob("*.json"))) >= 9
+    names = set()
+    for path in logs:
+        assert check(path, load_game(model)).problems == ()
+        played = read_rallies(path)
+        own = played.policy[played.row_of_stroke, played.striker] == 0
+        turn = json.loads((whole / "learners" / path.with_suffix(".json").name).read_text())["result"]
+        assert own.sum() == turn["strokes"]
+        with RallyLog(path) as log:
+            names |= {player.name.partition("-")[0] for player in log.policies}
+    assert names == {"main", "league", "frozen", "best"}
 
 
 def _with_worker(config: LeagueTrainingConfig) -> tuple[Any, int]:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-import lz4.frame
 import numpy as np
 import pytest
 import zstandard
@@ -248,16 +247,16 @@ def test_an_impossible_target_is_refused_in_words(
     assert "File name too long" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("name", "pack"), [("zstd", zstandard.compress), ("lz4", lz4.frame.compress)])
-def test_a_chunk_that_says_less_than_it_unpacks_to_is_refused_before_it_does(name: str, pack: Callable[[bytes], bytes]) -> None:
-    bomb = Chunk(name, pack(bytes(1 << 28)), 0, 0, 0, 1 << 10)
+def test_a_chunk_that_says_less_than_it_unpacks_to_is_refused_before_it_does() -> None:
+    bomb = Chunk("zstd", zstandard.compress(bytes(1 << 28)), 0, 0, 0, 1 << 10)
     with pytest.raises(DamagedLogError, match="the sizes in a chunk disagree"):
         message_of_chunk(body_of(bomb))
-    honest = Chunk(name, pack(bytes(1 << 10)), 0, 1, 0, 1 << 10)
+    honest = Chunk("zstd", zstandard.compress(bytes(1 << 10)), 0, 1, 0, 1 << 10)
     with pytest.raises(DamagedLogError, match="the checksum of a chunk"):
         message_of_chunk(body_of(honest))
-    with pytest.raises(DamagedLogError, match="packed as 'gzip'"):
-        message_of_chunk(body_of(dataclasses.replace(honest, compression="gzip")))
+    for other in ("gzip", "lz4"):
+        with pytest.raises(DamagedLogError, match=f"packed as '{other}'"):
+            message_of_chunk(body_of(dataclasses.replace(honest, compression=other)))
 
 
 def test_a_chunk_of_many_records_is_refused() -> None:

@@ -345,7 +345,7 @@ def test_too_few_seeds_or_jobs_are_named(seeds: int, jobs: int, tmp_path: Path) 
     assert not (tmp_path / "run").exists()
 
 
-LOGGED: dict[str, Any] = {**SMALL, "evaluate_every": 100, "strokes": 256 * 8}
+LOGGED: dict[str, Any] = {**SMALL, "evaluate_every": 100, "strokes": 256 * 8, "figures": "all"}
 LOG = "rallies.mcap"
 
 
@@ -355,6 +355,7 @@ LOG = "rallies.mcap"
         (PPOConfig(**LOGGED), ("bc",)),
         (PPOConfig(**LOGGED, opponent=("random", "safe", "bc")), ("random", "safe", "bc")),
         (PPOConfig(**LOGGED, opponent=("self",)), ()),
+        (PPOConfig(**LOGGED, opponent=("self",), variant="best-response"), ("best-response-0",)),
         (SACConfig(**LOGGED), ("bc",)),
     ],
 )
@@ -362,7 +363,8 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
     done = train(dataclasses.replace(config, out=tmp_path / "run"))
     path = done.folder / LOG
     assert check(path, GAME).problems == ()
-    opponents = {name: tabulate(resolve(name, GAME), GAME) for name in names}
+    known = [name for name in names if name != "best-response-0"]  # that changes during the run
+    opponents = {name: tabulate(resolve(name, GAME), GAME) for name in known}
     with RallyLog(path) as log:
         assert replay(log, GAME, opponents).wrong == ()
         assert [player.name for player in log.policies] == [f"{config.algorithm}-0", *names]
@@ -386,6 +388,21 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
         assert found.value[own].std() > 0
     else:
         assert found.optional_columns == ("update",)
+
+
+def test_every_rally_is_recorded_by_default(tmp_path: Path) -> None:
+    """And of one in N also the learner's probabilities and values."""
+    done = train(PPOConfig(**{**LOGGED, "figures": "sample:4"}, out=tmp_path / "run"))
+    assert PPOConfig().record == "all"
+    found = read_rallies(done.folder / LOG)
+    own = found.policy[found.row_of_stroke, found.striker] == 0
+    assert own.sum() == read_card(done.folder / "agent")["strokes"]
+    known = np.isfinite(found.value)
+    assert (known == np.isfinite(found.log_probability)).all()
+    assert 0.15 < known[own].mean() < 0.35
+    # Whole rallies.
+    for row in range(len(found)):
+        assert len(set(known[(found.row_of_stroke == row) & own])) <= 1
 
 
 def test_the_log_probability_is_that_of_the_weights(tmp_path: Path) -> None:

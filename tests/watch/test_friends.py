@@ -1,5 +1,6 @@
 """Games of two persons by a link: what is hidden, who has a seat, and what a server allows."""
 
+import time
 from typing import Any
 
 import msgspec
@@ -90,16 +91,16 @@ def test_a_seat_is_kept_and_nobody_else_takes_it(policies: PolicyTables) -> None
     for seat in (host, guest):
         again = asked(answers, token=seat.token, key=seat.key)
         assert (again.refused, again.seat) == (None, seat.seat)
-    for seat in (messages.FriendSeat(host.token, "guessed"), messages.FriendSeat("wrong", host.key)):
+    for wrong in (messages.FriendSeat(host.token, "guessed"), messages.FriendSeat("wrong", host.key)):
         with pytest.raises(WatchError, match="open its link again"):
-            answers(messages.RallyRequest(id=1, rally=0, friend=seat))
+            answers(messages.RallyRequest(id=1, rally=0, friend=wrong))
     with pytest.raises(WatchError, match="no hints"):
         answers(messages.OptionsRequest(id=1, rally=0, friend=messages.FriendSeat(host.token, host.key)))
 
 
 def test_an_absent_person_is_away_and_comes_back(policies: PolicyTables, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [1000.0]
-    monkeypatch.setattr(friends.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
     answers = Answers(policies, plan_of(), STAGER)
     host, guest = begun(answers)
     clock[0] += friends.AWAY + 1
@@ -112,7 +113,7 @@ def test_the_number_of_games_is_limited_and_forgotten_ones_make_room(
     policies: PolicyTables, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [1000.0]
-    monkeypatch.setattr(friends.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(friends, "MAX_GAMES", 3)
     games = Friends(policies)
     opened = [games.answer(messages.FriendRequest(id=1)) for _ in range(4)]

@@ -19,7 +19,7 @@ import bisect
 import functools
 from array import array
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +54,12 @@ class Stroke(NamedTuple):
     p_ret: float
 
 
+class _Flat(Protocol):
+    """A flat table."""
+
+    def __getitem__(self, entry: int, /) -> int: ...
+
+
 class Stepper:
     """A game, or that of a pair, prepared for playing strokes one at a time; read-only. :func:`stepper_of` shares one per game.
 
@@ -75,18 +81,18 @@ class Stepper:
         self._masks = np.pad(masks, ((0, 0), (0, self.n_actions - self._n)))
         # A memoryview yields Python integers four times as fast as an array, without the memory of a list.
         self._rank = _view(game.reply_rank)
-        self._limits = [[_view(limits) for limits in tables.limits] for tables in game.seats]
+        self._limits: Sequence[Sequence[_Flat]] = [[_view(limits) for limits in tables.limits] for tables in game.seats]
         self._pair_start = _view(game.base_pair_start)
         self._first_reply = _view(game.first_reply)
-        self._hurry = [_view(tables.hurry) for tables in game.seats]
+        self._hurry: Sequence[_Flat] = [_view(tables.hurry) for tables in game.seats]
         self._arrival = _view(4 * game.reply_edge + game.edge_attack[game.reply_edge])
         self._incoming = _view(game.edge_incoming)
         self._size, self._levels = game.n_base_states, game.levels
         self._next_block = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
         self._only = _view(np.full(self._size, -1, np.int8))
         if waiting:
-            self._met = [[_view(limits) for limits in tables.limits] for tables in waiting]
-            self._late = [_view(tables.hurry) for tables in waiting]
+            self._met: Sequence[Sequence[_Flat]] = [[_view(limits) for limits in tables.limits] for tables in waiting]
+            self._late: Sequence[_Flat] = [_view(tables.hurry) for tables in waiting]
             feasible = waiting[0].mask(np.arange(self._size)).astype(np.int8)
             self._position_masks = np.pad(feasible, ((0, 0), (self._n, 0)))
             self._place, self._choices = _view(waiting[0].place), _view(waiting[0].choices)

@@ -82,6 +82,8 @@ class LeagueTrainingConfig:
     ray: str | None = None
     """Ray cluster that replaces the workers: local (Ray on this machine), auto (the cluster of this machine), HOST:PORT of its
     head, or ray://HOST:PORT; with --strokes, it does not change the result."""
+    record: str = "all"
+    """Rallies of the learners in rally logs: all (some 1.5 bytes a stroke), none, or sample:N for one in N."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
@@ -94,6 +96,9 @@ class LeagueTrainingConfig:
     """Replace the run in --out."""
 
     def __post_init__(self) -> None:
+        from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
+
+        Sampling.parse(self.record)
         check_bounds(self, LeagueTrainingError)
         if self.budget is not None and self.strokes is not None:
             raise LeagueTrainingError("--budget and --strokes: give one of them")

@@ -29,6 +29,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
+from shuttle_marl.recording import Player, Sampling
 from shuttle_marl.training.config import SELF, A2CConfig, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import TABLES
@@ -36,11 +37,14 @@ from shuttle_marl.training.league.schedule import order
 from shuttle_marl.training.league.state import Turn, TurnResult
 from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
 from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
+from shuttle_marl.training.rally_log import RunLog, learner_log
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
 from shuttle_marl.training.run import read_state, write_state
 
 T = TypeVar("T")
 
+RALLIES: Final = "rallies"
+"""Folder of the rally logs of turns in the folder of a run."""
 LEARNERS: Final = "learners"
 """Folder of the states of learners in the folder of a run."""
 _CONFIGS: Final[dict[str, type[TrainingConfig]]] = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}
@@ -82,15 +86,21 @@ def input_files(turn: Turn) -> list[Path]:
     return [*(policy_file(Path(TABLES), name) for name in turn.opponents), *before]
 
 
-def output_files(turn: Turn, result: TurnResult) -> list[Path]:
+def output_files(config: LeagueTrainingConfig, turn: Turn, result: TurnResult) -> list[Path]:
     """Files in the folder of a run that a turn writes, the description last."""
     about, state = _paths(Path(), turn.member, turn.round)
-    return [policy_file(Path(TABLES), result.hash), network_path(Path(), turn.member, turn.round), state, about]
+    log = [] if Sampling.parse(config.record).every == 0 else [rallies_path(Path(), turn.member, turn.round)]
+    return [policy_file(Path(TABLES), result.hash), network_path(Path(), turn.member, turn.round), *log, state, about]
 
 
 def network_path(folder: Path, member: str, number: int) -> Path:
     """File of the network of a learner after a round."""
     return folder / LEARNERS / f"{member}-{number}.network.safetensors"
+
+
+def rallies_path(folder: Path, member: str, number: int) -> Path:
+    """Log of the rallies of a learner in a round."""
+    return folder / RALLIES / f"{member}-{number}.mcap"
 
 
 def prune_states(folder: Path, before: int) -> None:
@@ -159,14 +169,43 @@ class _Turn:
 
     def take(self) -> TurnResult:
         """Train until the turn is over, then save."""
+        log = self._log()
+        try:
+            seconds = self._train(log)
+        except BaseException:
+            if log is not None:
+                log.abort()
+            raise
+        if log is not None:
+            log.close()
+        return self._save(seconds)
+
+    def _log(self) -> RunLog | None:
+        turn = self.turn
+        others = [Player(name=f"frozen-{name[:12]}", hash=name) for name in turn.opponents]
+        others += [Player(name="best-response")] if turn.response_fraction else []
+        path, record = rallies_path(self.folder, turn.member, turn.round), self.config.record
+        return learner_log(
+            path, self.game, (Player(name=turn.member), *others), [turn.seed % SEEDS], seed=turn.seed, record=record
+        )
+
+    def _train(self, log: RunLog | None) -> float:
+        """Train until the turn is over; seconds that it took."""
         turn, trainer = self.turn, self.trainer
         started, progress = time.monotonic(), 0.0
         first, last = turn.remaining
+
+        def collected() -> None:
+            if log is not None:
+                log.record(trainer.collector.sampler, 0, trainer.iteration - 1)
+
         with ThreadPoolExecutor(1) as self.solver:
             while progress < 1:
                 check_interrupt()
                 try:
-                    trainer.iterate(first + (last - first) * progress)
+                    trainer.iterate(first + (last - first) * progress, collected)
+                    if log is not None:
+                        log.settle()
                 except DivergedError as error:
                     raise DivergedError(
                         f"{turn.member} in round {turn.round}: learning diverged ({error}); train again with a lower "
@@ -176,7 +215,7 @@ class _Turn:
                     progress = trainer.strokes / turn.strokes
                 else:
                     progress = (time.monotonic() - started) / max(turn.seconds or 0.0, 1e-9)
-        return self._save(round(time.monotonic() - started, 2))
+        return round(time.monotonic() - started, 2)
 
     def _update_response(self, iteration: int) -> None:
         """Replace the last opponent by a best response; it is solved in parallel, and used one interval later."""
@@ -279,7 +318,7 @@ class Workers:
             tasks.append(cluster.submit(take_remotely, config, turn, self._game, files))
         for turn, task in zip(missing, tasks, strict=True):
             result, files = task.result()
-            for path in output_files(turn, result):
+            for path in output_files(config, turn, result):
                 replace_file(folder / path, files[path])
         return [take_turn(folder, config, turn) for turn in turns]
 
@@ -320,4 +359,4 @@ def take_remotely(
         for path, content in files.items():
             replace_file(folder / path, content)
         result = take_turn(folder, config, turn, game)
-        return result, {path: (folder / path).read_bytes() for path in output_files(turn, result)}
+        return result, {path: (folder / path).read_bytes() for path in output_files(config, turn, result)}
