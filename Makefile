@@ -8,6 +8,8 @@ MATCHES ?= 200
 TORCH_INDEX ?=
 # Additional flags of pytest, for example '-k league'.
 PYTEST_FLAGS ?=
+# Part of the tables that `make reproduce-all` makes again.
+PART ?= 1/1
 # Number of test processes; 0: run all tests in one process.
 JOBS ?= auto
 
@@ -32,7 +34,7 @@ SITE_FLAGS ?=
 
 PAGE := shuttle_marl/watch/page
 
-.PHONY: help demo test test-slow test-all install lint format docs live site notebooks dist hub reproduce lock clean
+.PHONY: help demo test test-slow test-all install lint format docs live site notebooks dist hub reproduce reproduce-all lock clean
 .NOTPARALLEL:
 
 help:
@@ -48,6 +50,7 @@ help:
 	@echo 'make dist       build the wheel and the source distribution, into dist'
 	@echo 'make hub        write agents and data sets with cards for the Hugging Face hub, into build/hub'
 	@echo 'make reproduce  list the tables of the documentation; TABLE=name makes one again and compares'
+	@echo 'make reproduce-all  make all of them again and compare, hours; PART=1/8 the first eighth'
 	@echo 'make lock       resolve all versions again and write them to constraints.txt'
 	@echo 'make clean      remove .venv and caches'
 
@@ -124,6 +127,9 @@ hub: $(TEST_STAMP)
 
 reproduce: $(TEST_STAMP)
 	$(BIN)/python -m docs.tools.reproduce $(TABLE)
+
+reproduce-all: $(TEST_STAMP)
+	$(BIN)/python -m docs.tools.reproduce --part $(PART)
 
 # Versions are resolved in a separate environment. The local part of a version (`+cpu`) is removed, so that a pin is valid on
 # every platform.

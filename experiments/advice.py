@@ -27,7 +27,7 @@ from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
-from shuttle_marl.data import Split, load_strokes
+from shuttle_marl.data import Split, read_matches
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.game.pairs import pair_game, people_of
@@ -129,7 +129,7 @@ def advice(
         out: JSON file for the result, with its provenance.
         json_output: print JSON.
     """
-    every = of_splits(strokes_of(load_strokes(data)), split).marked(load_hurry(model_folder(model)))
+    every = of_splits(strokes_of(read_matches(data)), split).marked(load_hurry(model_folder(model)))
     skill, parts = load_skill(model_folder(model)), []
     shots: Counter[str] = Counter()
     for number, name in enumerate(every.matches):

@@ -28,7 +28,7 @@ from shuttle_marl.analysis import pictures
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import Outcome, Split, load_strokes, matches_of
+from shuttle_marl.data import Outcome, Split, matches_of, read_matches
 from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.exact.away import of_pair, over
@@ -225,7 +225,7 @@ def human(
         picture: draw strength against likeness into this file (PNG, SVG or PDF).
         json: print JSON.
     """
-    strokes = strokes_of(load_strokes(data)).marked(load_hurry(model_folder(model)))
+    strokes = strokes_of(read_matches(data)).marked(load_hurry(model_folder(model)))
     inside = strokes.in_matches(matches_of(split))
     if not inside.any():
         raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")

@@ -21,7 +21,7 @@ from shuttle_marl.analysis.marks import MARKS, basis_of, judged_strokes
 from shuttle_marl.analysis.positions import GOOD, places_of
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
-from shuttle_marl.data import load_strokes, matches_of
+from shuttle_marl.data import matches_of, read_matches
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.game.rally.stepper import waited_at
 from shuttle_marl.game.recovery import POSITIONS
@@ -40,7 +40,7 @@ _RALLIES: Final = 40
 
 def marks_of(data: Path, game: Game) -> dict[str, Any]:
     """Accuracy, marks and who was marked better, over the matches of a data set."""
-    strokes = load_strokes(data)
+    strokes = read_matches(data)
     found = judged_strokes(strokes, basis_of(game))
     match, player, won = (strokes[name].to_numpy(zero_copy_only=False) for name in ("match", "player", "outcome"))
     known, marks = found.judged.known[found.position], np.array(found.judged.marks)[found.position]

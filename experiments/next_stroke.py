@@ -31,7 +31,7 @@ from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.upstream import Split, matches_of
 from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
@@ -68,7 +68,7 @@ def next_stroke(
         out: JSON file to write the result to, with its origin.
         json: print JSON instead of the table.
     """
-    strokes = load_strokes(data)
+    strokes = read_matches(data)
     scored, train = _of_split(strokes, split), _of_split(strokes, "train")
     began = time.monotonic()
     imitator = Imitator.fit(train, seed=seed)

@@ -11,7 +11,9 @@ from shuttle_marl.base.environment_ids import register_when_imported
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis import analyse_rally, rank_players
-    from shuttle_marl.dynamics import load_models
+    from shuttle_marl.coach import report, scouting_report
+    from shuttle_marl.data import read_matches, to_df
+    from shuttle_marl.dynamics import fit_model, load_models
     from shuttle_marl.env import match_v0, rally_v0
     from shuttle_marl.env.batched import RallyEnv, VersusEnv
     from shuttle_marl.exact import best_response, crossplay, evaluate, nash_conv, solve
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from shuttle_marl.league import LeagueConfig, run_league
     from shuttle_marl.policy import register, resolve
     from shuttle_marl.recording import RallyLog, RallyLogWriter, RecordRallies
-    from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, train
+    from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, agent_network, train
 
 __version__ = "0.3.0.dev0"
 
@@ -40,11 +42,13 @@ __all__ = [
     "States",
     "VersusEnv",
     "__version__",
+    "agent_network",
     "analyse_rally",
     "best_response",
     "crossplay",
     "default_game",
     "evaluate",
+    "fit_model",
     "load_game",
     "load_models",
     "match_v0",
@@ -53,17 +57,23 @@ __all__ = [
     "play_matches",
     "rally_v0",
     "rank_players",
+    "read_matches",
     "register",
+    "report",
     "resolve",
     "run_league",
+    "scouting_report",
     "solve",
     "tabulate",
+    "to_df",
     "train",
 ]
 
 _NAMES = {
     "analysis": ("analyse_rally", "rank_players"),
-    "dynamics": ("load_models",),
+    "coach": ("report", "scouting_report"),
+    "data": ("read_matches", "to_df"),
+    "dynamics": ("fit_model", "load_models"),
     "env": ("match_v0", "rally_v0"),
     "env.batched": ("RallyEnv", "VersusEnv"),
     "exact": ("best_response", "crossplay", "evaluate", "nash_conv", "solve"),
@@ -72,7 +82,7 @@ _NAMES = {
     "league": ("LeagueConfig", "run_league"),
     "policy": ("register", "resolve"),
     "recording": ("RallyLog", "RallyLogWriter", "RecordRallies"),
-    "training": ("A2CConfig", "PPOConfig", "SACConfig", "train"),
+    "training": ("A2CConfig", "PPOConfig", "SACConfig", "agent_network", "train"),
 }
 """Names by the package that they are imported from."""
 

@@ -1,5 +1,8 @@
 """Lists how every table of the documentation is made, and makes one again: ``python -m docs.tools.reproduce [TABLE] [--save]``.
 
+``--part K/N`` makes every N-th table again, for the jobs of a scheduled workflow, ``--part 1/1`` all of them, and ``--seconds S``
+those that fit into so much time, other ones every day. Speeds, which differ between machines, are left out of both.
+
 A table is made from a result file by :mod:`docs.tools.tables`; the result file is made by a command. The result of a second run
 of that command is compared with the saved one, number by number, within a tolerance: 0 where a seed determines the result, a
 relative difference where versions of PyTorch or the machine change it. Speeds are compared within a factor of two, and differ by
@@ -7,6 +10,7 @@ more between machines. ``--save`` keeps the time, the greatest difference and th
 differs. A time in words is an estimate.
 """
 
+import datetime
 import json
 import math
 import os
@@ -212,26 +216,70 @@ def check(table: str, *, save: bool = False) -> list[str]:
     return found
 
 
-def main(table: str = "", /, *, save: bool = False) -> None:
-    """List the tables, or make one again and compare it.
+def part_of(part: str) -> list[str]:
+    """Names of the compared results of part K/N, speeds left out.
+
+    Raises:
+        ReproduceError: the part is not of this form.
+    """
+    found = re.fullmatch(r"(\d{1,3})/(\d{1,3})", part)
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise ReproduceError(f"--part {part}: expected K/N with K from 1 to N")
+    names = [name for name, result in RESULTS.items() if result.compared and result.tolerance < 1] + list(COMPUTED)
+    return names[int(found[1]) - 1 :: int(found[2])]
+
+
+def within(seconds: float, day: int) -> list[str]:
+    """Names of the results that take less than so many seconds together, without data; each day the list starts elsewhere."""
+    known, names = measured(), part_of("1/1")
+    quick = [name for name in names if name in known and not (name in RESULTS and _DATA in RESULTS[name].command)]
+    chosen, first = [], day % max(1, len(quick))
+    for name in quick[first:] + quick[:first]:
+        if known[name]["seconds"] <= seconds:
+            seconds -= known[name]["seconds"]
+            chosen.append(name)
+    return chosen
+
+
+def main(table: str = "", /, *, save: bool = False, part: str = "", seconds: float = 0.0) -> None:
+    """List the tables, or make some again and compare them.
 
     Args:
         table: Name of the table or of its result file.
         save: Keep the time, the greatest difference, and the new result if it differs.
+        part: K/N: make every N-th result again.
+        seconds: Make results again that take so long together.
     """
     console = Console(soft_wrap=True, markup=False, highlight=False)
+    if part or seconds:
+        names = part_of(part) if part else within(seconds, datetime.datetime.now(datetime.UTC).toordinal())
+        if failed := [name for name in names if not _made_again(name, console, save=save)]:
+            raise ReproduceError(f"{len(failed)} of {len(names)} results differ or cannot be made: {', '.join(failed)}")
+        return
     if not table:
         rows = [("table", "command", "time", "tolerance", "found", "game"), *listed()]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             console.print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
         return
+    if not _made_again(table, console, save=save):
+        raise ReproduceError(f"{table}: another result")
+
+
+def _made_again(table: str, console: Console, *, save: bool) -> bool:
+    """Make a table again, and print whether it is the same."""
     begun = time.perf_counter()
-    found = check(table, save=save)
-    if found:
-        shown = "\n".join(found[:20])
-        raise ReproduceError(f"{table}: {len(found)} differences\n{shown}")
-    console.print(f"{table}: reproduced in {time.perf_counter() - begun:.0f} s")
+    try:
+        found = check(table, save=save)
+    except ReproduceError as error:
+        if not os.environ.get("SHUTTLESET") and table in RESULTS and _DATA in RESULTS[table].command:
+            console.print(f"{error}: not made again")
+            return True
+        found = [str(error)]
+    duration = f"{time.perf_counter() - begun:.0f} s"
+    first = f"{table}: {len(found)} differences in {duration}" if found else f"{table}: reproduced in {duration}"
+    console.print("\n".join([first, *found[:20]]))
+    return not found
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ number as its step on a quantile scale. One model predicts the shot type, anothe
 and players are hidden in part of the training strokes, so the same trees predict with and without them, and treat unknown players
 as an average player.
 
-    imitator = Imitator.fit(load_strokes("train.parquet"))
-    probability = imitator.predict(load_strokes("new.parquet"))  # [N, 13, 9]
+    imitator = Imitator.fit(read_matches("train.parquet"))
+    probability = imitator.predict(read_matches("new.parquet"))  # [N, 13, 9]
 """
 
 import dataclasses

@@ -17,7 +17,7 @@ from experiments.truth.matches import strokes_of
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import Split, load_strokes, matches_of
+from shuttle_marl.data import Split, matches_of, read_matches
 from shuttle_marl.game.shipped import model_folder
 
 
@@ -50,7 +50,7 @@ def pairs(
     if cross is not None and cross < 2:
         raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
     console = Console(stderr=True, highlight=False)
-    table = load_strokes(data)
+    table = read_matches(data)
     every = AnnotatedStrokes(strokes=strokes_of(table), game=table["game"].to_numpy().astype(np.int64))
     if cross is not None:
         sources = dict(zip(table["match"].to_pylist(), table["source"].to_pylist(), strict=True))

@@ -25,7 +25,7 @@ from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import Split, load_strokes
+from shuttle_marl.data import Split, read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.policy import UniformPolicy
@@ -75,7 +75,7 @@ def truth(
     if cross is not None and cross < 2:
         raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
     console = Console(stderr=True, highlight=False)
-    strokes = strokes_of(load_strokes(data))
+    strokes = strokes_of(read_matches(data))
     fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
     if cross is not None:
         judged = of_splits(strokes, "train") if train_only else of_splits(strokes, "train", "validation")

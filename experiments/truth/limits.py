@@ -28,7 +28,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
 
 
@@ -57,7 +57,7 @@ def limits(
     if cross < 2 or halvings < 1:
         raise ShuttleError(f"--cross {cross} --halvings {halvings}: expected 2 or more parts, and 1 or more halvings")
     console = Console(stderr=True, highlight=False)
-    strokes = strokes_of(load_strokes(data))
+    strokes = strokes_of(read_matches(data))
     fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
     parts = cross_parts(of_splits(strokes, "train", "validation"), cross, fitter, seed=seed)
     real, promised = judged_by(parts)

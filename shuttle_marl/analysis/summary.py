@@ -10,7 +10,7 @@ import pyarrow as pa
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import ShuttleError, whole_number
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import receiver_hands
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
@@ -211,7 +211,7 @@ def strokes_of(path: Path | str, *, rallies: int = RALLIES, seed: int = 0) -> pa
         with RallyLog(path) as log:
             strokes = strokes_of_log(log, rallies=rallies, seed=seed)
     else:
-        strokes = load_strokes(path)
+        strokes = read_matches(path)
     if not strokes.num_rows:
         raise AnalysisError(f"{path}: no strokes; record or convert some first")
     return strokes

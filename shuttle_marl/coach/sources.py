@@ -20,7 +20,7 @@ from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
 from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.coach.words import of_100, words
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import area_inferred
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Outcome
@@ -51,7 +51,7 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         DataError: the file cannot be read.
         AnalysisError: no such match, or several.
     """
-    strokes = load_strokes(path) if columns is None else import_matches(path, columns).strokes
+    strokes = read_matches(path) if columns is None else import_matches(path, columns).strokes
     played = match_strokes(strokes, match)
     name = played["match"][0].as_py()
     report = match_report(played, game=game)

@@ -96,7 +96,14 @@ def working(what: str) -> Status:
     return console(stderr=True).status(f"{what} …")
 
 
-def run(commands: Command | dict[str, Command], *, prog: str, description: str, argv: Sequence[str] | None = None) -> int:
+def run(
+    commands: Command | dict[str, Command],
+    *,
+    prog: str,
+    description: str,
+    argv: Sequence[str] | None = None,
+    prepared: Callable[[list[str]], list[str]] = list,
+) -> int:
     """Parse the command line, call the command, and return the exit status.
 
     Args:
@@ -104,6 +111,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         prog: name of the program in help texts.
         description: description in the help.
         argv: arguments; None: ``sys.argv[1:]``.
+        prepared: arguments from those that were given.
 
     Returns: 0; 1 after a :class:`ShuttleError` (with its message on standard error), if a required extra is not installed, or
         if a file or the output cannot be used; 130 after an interrupt; 141 if the output pipe is closed.
@@ -112,6 +120,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
     commands = {name: _apart(each) for name, each in commands.items()} if isinstance(commands, dict) else _apart(commands)
     try:
         _check_encoding(args)
+        args = prepared(args)
         if isinstance(commands, dict) and args and args[0] in commands:  # alone, so that its errors point to its own help
             tyro.cli(commands[args[0]], prog=f"{prog} {args[0]}", args=args[1:], registry=_NUMBERS)
         elif isinstance(commands, dict):
@@ -143,11 +152,13 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
     return 0
 
 
-def entry_point(commands: Command | dict[str, Command], prog: str, description: str) -> Callable[..., int]:
+def entry_point(
+    commands: Command | dict[str, Command], prog: str, description: str, prepared: Callable[[list[str]], list[str]] = list
+) -> Callable[..., int]:
     """The function ``main(argv=None)`` of a command, which runs its command line and returns the exit status."""
 
     def main(argv: Sequence[str] | None = None) -> int:
-        return run(commands, prog=prog, description=description, argv=argv)
+        return run(commands, prog=prog, description=description, argv=argv, prepared=prepared)
 
     return main
 

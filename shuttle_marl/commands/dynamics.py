@@ -64,14 +64,14 @@ def fit(
         jobs: number of refits at once; default: one for each core, at most 4.
         overwrite: replace an existing model.
     """
-    from shuttle_marl.dynamics.make import make_model  # noqa: PLC0415  torch
+    from shuttle_marl.dynamics.make import fit_model  # noqa: PLC0415  torch
 
     check_free(out, overwrite=overwrite)
     jobs = min(4, os.cpu_count() or 1) if jobs is None else jobs
     if jobs < 1:
         raise ShuttleError(f"--jobs {jobs}: expected 1 or more")
     with hands_told(hand):
-        card = make_model(
+        card = fit_model(
             data, out, seed=seed, refits=refits, validation_share=validation_share, prior=prior, jobs=jobs, report=_report
         )
     warnings = card["health"]["warnings"]

@@ -102,11 +102,11 @@ def pairs(
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
     from shuttle_marl.analysis.outlook import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
-    from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.data import read_matches  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
-    strokes = None if data is None else load_strokes(data)
+    strokes = None if data is None else read_matches(data)
     names = players_of(pairs, game, players)
     numbers = range(len(names) * (len(names) - 1) // 2)
     progress = iter(track(numbers, "pairs", console=cli.console(stderr=True), transient=True))

@@ -43,7 +43,7 @@ def scout(
     from shuttle_marl.coach.scout_page import scouting_page  # noqa: PLC0415
     from shuttle_marl.coach.sources import gaps  # noqa: PLC0415
     from shuttle_marl.coach.words import words  # noqa: PLC0415
-    from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.data import read_matches  # noqa: PLC0415
     from shuttle_marl.game.pairs import people_of  # noqa: PLC0415
 
     if list_players:
@@ -57,7 +57,7 @@ def scout(
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
     names = (player,) if opponent is None else (opponent, player)
     with hands_told(options.hand), cli.working("analysing the match-up"):
-        strokes = None if data is None else load_strokes(data)
+        strokes = None if data is None else read_matches(data)
         report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
     if options.anonymous:
         names = (report.opponent.name,) if report.player is None else (report.opponent.name, report.player.name)

@@ -1,5 +1,6 @@
-"""Train an agent with PPO, A2C or SAC."""
+"""Train an agent with PPO, A2C or SAC. `--config FILE` takes settings from a JSON file, such as config.json of a run."""
 
+import dataclasses
 import os
 from typing import Annotated, Final
 
@@ -75,4 +76,26 @@ def sac(config: tyro.conf.OmitArgPrefixes[SACConfig], seeds: Seeds = 1, jobs: Jo
 COMMANDS: Final[dict[str, Command]] = {"ppo": ppo, "a2c": a2c, "sac": sac}
 
 
-main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", __doc__ or "")
+def _with_settings(words: list[str]) -> list[str]:
+    """The command line with the settings of ``--config FILE`` as flags before the others, which replace them.
+
+    Raises:
+        TrainingError: the file holds no settings of the algorithm.
+    """
+    if "--config" not in words[1:-1] or words[0] not in _CONFIGS:
+        return words
+    at = words.index("--config", 1)
+    kind, flags = _CONFIGS[words[0]], list[str]()
+    config, usual = kind.load(words[at + 1]), kind()
+    for field in dataclasses.fields(kind):
+        value, flag = getattr(config, field.name), field.name.replace("_", "-")
+        if isinstance(value, bool):
+            flags.append(f"--{flag}" if value else f"--no-{flag}")
+        elif value != getattr(usual, field.name):
+            flags += [f"--{flag}", *(value if isinstance(value, tuple) else [str(value)])]
+    return [words[0], *flags, *words[1:at], *words[at + 2 :]]
+
+
+_CONFIGS: Final[dict[str, type[TrainingConfig]]] = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}
+
+main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", __doc__ or "", prepared=_with_settings)

@@ -249,7 +249,7 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     Raises:
         WatchError: two sources, or no such rally.
     """
-    from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.data import read_matches  # noqa: PLC0415
     from shuttle_marl.data.hands import unknown_hands  # noqa: PLC0415
     from shuttle_marl.watch.recorded import LogRallies, RealRallies  # noqa: PLC0415
 
@@ -259,7 +259,7 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     if options.replay is not None:
         recorded = LogRallies(options.replay, game)
     elif options.real is not None:
-        strokes = load_strokes(options.real)
+        strokes = read_matches(options.real)
         for sentence in unknown_hands(strokes):
             cli.console(stderr=True).print(printable(sentence), soft_wrap=True)
         recorded = RealRallies(options.real, game, strokes)
@@ -271,7 +271,7 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
 def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Downloads":
     """The report of the match of a recorded rally, and the table of its strokes, by the name and the media type of the file."""
     from shuttle_marl.base.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
-    from shuttle_marl.data import load_strokes, named  # noqa: PLC0415
+    from shuttle_marl.data import named, read_matches  # noqa: PLC0415
     from shuttle_marl.recording import RallyLog  # noqa: PLC0415
 
     path = options.replay or options.real
@@ -289,7 +289,7 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
         from shuttle_marl.coach import sources  # noqa: PLC0415  Jinja
 
         if isinstance(match, str):
-            return sources.match_strokes(load_strokes(path), match)
+            return sources.match_strokes(read_matches(path), match)
         with RallyLog(path) as log:
             return sources.log_strokes(log, *match)
 

@@ -1,12 +1,12 @@
 """Annotated matches: schema of strokes, readers, cleaning, splits, and download.
 
-Most users only need :func:`load_strokes`.
+Most users only need :func:`read_matches`.
 """
 
 from shuttle_marl.data.cleaning import clean_matches
-from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome, named
+from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome, named, to_df
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.data.table import Report, anonymised, load_account, load_strokes, provenance_of, validate, write_parquet
+from shuttle_marl.data.table import Report, anonymised, load_account, provenance_of, read_matches, validate, write_parquet
 from shuttle_marl.data.upstream import SPLITS, Split, matches_of, split_of
 
 __all__ = [
@@ -23,11 +23,12 @@ __all__ = [
     "anonymised",
     "clean_matches",
     "load_account",
-    "load_strokes",
     "matches_of",
     "named",
     "provenance_of",
+    "read_matches",
     "split_of",
+    "to_df",
     "validate",
     "write_parquet",
 ]

@@ -8,7 +8,7 @@ import dataclasses
 import enum
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -18,6 +18,7 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I64, Bools, Floats, Ints
 from shuttle_marl.base.errors import printable
+from shuttle_marl.base.extras import hinted
 from shuttle_marl.base.files import Fraction, StoredCount
 from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
@@ -129,6 +130,21 @@ def named(strokes: pa.Table) -> pa.Table:
         column = pa.DictionaryArray.from_arrays(codes, pa.array(names))
         strokes = strokes.set_column(at, field.with_type(column.type), column)
     return strokes
+
+
+def to_df(table: pa.Table, library: Literal["pandas", "polars"] = "pandas") -> Any:
+    """A data frame of a table: of strokes with names instead of codes, of a rally log as it is.
+
+    Raises:
+        ModuleNotFoundError: the library is not installed.
+    """
+    if set(NAMES) <= set(table.column_names):
+        table = named(table)
+    with hinted():
+        if library == "pandas":
+            return table.to_pandas()
+        import polars  # noqa: PLC0415  an extra
+    return polars.from_arrow(table)
 
 
 def unnamed(name: str, column: pa.ChunkedArray) -> pa.ChunkedArray:

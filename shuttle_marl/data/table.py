@@ -33,9 +33,12 @@ _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
 
-def load_strokes(path: Path | str) -> pa.Table:
-    """Load strokes from a Parquet file, from a CSV file that needs no column map, or from a folder with the raw files, which are
-    cleaned.
+def read_matches(path: Path | str, columns: Path | str | None = None) -> pa.Table:
+    """Read the strokes of matches: from a Parquet file, a CSV file, a file of another program, or a folder with the raw files,
+    which are cleaned.
+
+    Args:
+        columns: column map of the file, see ``docs/own_data.md``; None: it needs none.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`.
@@ -43,20 +46,22 @@ def load_strokes(path: Path | str) -> pa.Table:
     Raises:
         DataError: missing or unreadable file or folder, or another schema.
     """
+    if columns is not None:
+        return import_matches(Path(path), Path(columns)).strokes
     cleaned = _cleaned(Path(path))
     return read_parquet(Path(path)) if cleaned is None else cleaned.strokes
 
 
 def load_account(path: Path | str) -> Account:
-    """The account of strokes that :func:`load_strokes` loads; see :func:`load_counted`."""
+    """The account of strokes that :func:`read_matches` loads; see :func:`load_counted`."""
     return load_counted(path)[1]
 
 
 def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
-    """Strokes as :func:`load_strokes` loads them, and their account.
+    """Strokes as :func:`read_matches` loads them, and their account.
 
     Raises:
-        DataError: as :func:`load_strokes`; or the file has no account.
+        DataError: as :func:`read_matches`; or the file has no account.
     """
     if (cleaned := _cleaned(Path(path))) is not None:
         return cleaned.strokes, cleaned.account
@@ -65,8 +70,8 @@ def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
 
 
 def _cleaned(path: Path) -> Cleaned | None:
-    """The strokes of a CSV file or of a folder with the raw files; None for others."""
-    if path.suffix.lower() == ".csv" and path.is_file():
+    """The strokes of a file of another program or of a folder with the raw files; None for others."""
+    if _is_no_table(path):
         return import_matches(path)
     return clean_matches(path) if path.is_dir() else None
 

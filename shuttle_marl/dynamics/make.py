@@ -20,7 +20,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import checked, tensor_bytes
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.copies import copies
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.card import strokes_hash, write_card
@@ -65,18 +65,22 @@ _RULE: Final = (
 _CITATIONS: Final = {"ShuttleSet": "arXiv:2306.04948 (ShuttleSet)", "ShuttleSet22": "arXiv:2306.15664 (ShuttleSet22)"}
 
 
+def _silent(line: str) -> None:
+    """Report nothing."""
+
+
 @own_settings(THREADS)
-def make_model(
-    data: Path,
-    out: Path,
+def fit_model(
+    data: Path | str,
+    out: Path | str,
     *,
-    seed: int,
+    seed: int = 0,
     refits: int | None = None,
     validation_share: float | None = None,
     prior: str | None = None,
     config: EnsembleConfig | None = None,
     jobs: int = 1,
-    report: Callable[[str], None],
+    report: Report = _silent,
 ) -> dict[str, Any]:
     """Fit and compile models, and write them with their card.
 
@@ -88,6 +92,7 @@ def make_model(
         prior: name or folder of a model to correct; None: fit without prior.
         config: settings of the networks; None: the default, and quick refits.
         jobs: number of refits at once, one process each; it does not change the result.
+        report: called with a line before each stage.
 
     Returns:
         The model card.
@@ -97,8 +102,9 @@ def make_model(
             (:data:`shuttle_marl.dynamics.evaluate.REQUIRED`).
     """
     check_processes(jobs)
+    data, out = Path(data), Path(out)
     report("reading strokes")
-    strokes = load_strokes(data)
+    strokes = read_matches(data)
     if twice := copies(strokes):
         raise ShuttleError(f"{data}: {twice[0]} The fit would count its strokes twice, and check itself with them; remove one")
     rows = rows_from_strokes(strokes)
@@ -248,7 +254,7 @@ def add_recovery(data: Path, folder: Path, *, report: Report) -> dict[str, Any]:
         GameError: the model card cannot be read.
     """
     report("reading strokes")
-    card, strokes = shipped.read_model_card(folder), load_strokes(data)
+    card, strokes = shipped.read_model_card(folder), read_matches(data)
     if "prior" in card["chosen"]:
         raise ShuttleError(f"{folder}: a model that corrects another one has the positions of that; fit it again")
     if strokes_hash(strokes) != card["data"]["hash"]:
@@ -483,7 +489,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
         ShuttleError: the data contain no match of the split.
     """
     report("reading strokes")
-    rows = marked_rows(load_strokes(data), load_hurry(folder))
+    rows = marked_rows(read_matches(data), load_hurry(folder))
     share = shipped.read_model_card(folder)["data"].get("validation_share")
     if share is None:
         train, test = rows_of(rows, "train"), rows_of(rows, split)

@@ -9,6 +9,8 @@ import dataclasses
 from pathlib import Path
 from typing import Any, Final
 
+import numpy.typing as npt
+
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import FileReadError, hash_in, problem, read_sealed, replace_with_card
 from shuttle_marl.base.tensor_files import read_tensors
@@ -58,12 +60,7 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
             f"{folder}: this agent was trained on game {str(card.get('game'))[:12]}{other}; this is {trained.hash[:12]}. "
             "Train it again, or play on its game with --game"
         )
-    path = folder / NETWORK  # never a file name from the card
-    try:
-        digest = hash_in(card, NETWORK)
-        weights = read_tensors(path, digest).arrays
-    except (OSError, ValueError) as error:
-        raise PolicyError(f"{path}: cannot be used ({problem(error)}); the file is damaged or was replaced") from error
+    digest, weights = read_weights(folder, card)
 
     def evaluate() -> TabulatedPolicy:
         from shuttle_marl.policy.network import PolicyNetwork  # noqa: PLC0415  numba
@@ -71,6 +68,20 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
         return PolicyNetwork.of_tensors(weights, game).table(game)
 
     return dataclasses.replace(cached_table(game, f"network {_EVALUATION} {digest}", evaluate), game=seat)
+
+
+def read_weights(folder: Path, card: dict[str, Any]) -> tuple[str, dict[str, npt.NDArray[Any]]]:
+    """Hash and weights of the network of an agent.
+
+    Raises:
+        PolicyError: they are missing or damaged.
+    """
+    path = folder / NETWORK  # never a file name from the card
+    try:
+        digest = hash_in(card, NETWORK)
+        return digest, read_tensors(path, digest).arrays
+    except (OSError, ValueError) as error:
+        raise PolicyError(f"{path}: cannot be used ({problem(error)}); the file is damaged or was replaced") from error
 
 
 def read_card(folder: Path) -> dict[str, Any]:

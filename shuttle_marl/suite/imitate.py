@@ -131,10 +131,10 @@ def parts(arena: Arena) -> tuple[HumanStrokes, HumanStrokes]:
     """
     if arena.data is None:
         raise SuiteError("imitate-v0 needs annotated matches: --data names the folder of `data download`")
-    from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.data import read_matches  # noqa: PLC0415
     from shuttle_marl.data.upstream import matches_of  # noqa: PLC0415
 
-    strokes = human_strokes(load_strokes(arena.data), arena.game)
+    strokes = human_strokes(read_matches(arena.data), arena.game)
     match = np.array(strokes.match)
     train = np.isin(match, list(matches_of("train")))
     unseen = np.isin(match, list(matches_of("validation")))

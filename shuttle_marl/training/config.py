@@ -9,7 +9,7 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from shuttle_marl.base.bounds import (
     Count,
@@ -23,7 +23,8 @@ from shuttle_marl.base.bounds import (
     Within,
     check_bounds,
 )
-from shuttle_marl.base.errors import ShuttleError, did_you_mean, suggesting
+from shuttle_marl.base.errors import ShuttleError, did_you_mean, printable, suggesting
+from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
@@ -39,6 +40,16 @@ _LONGEST: Final = 1e6
 _TOLERATED: Final = 1.2
 _FASTEST: Final = 10**7
 """Upper bound of the strokes per second of training, for runs with a time budget."""
+
+
+def _is_like(value: Any, default: Any) -> bool:
+    """Whether a value of a JSON file may stand where a default stands; numbers and text where that is None."""
+    if isinstance(default, tuple):
+        return isinstance(value, list) and all(isinstance(each, str) for each in value)
+    if default is None:
+        return value is None or isinstance(value, str | int | float)
+    kinds = (int, float) if isinstance(default, float) else type(default)
+    return isinstance(value, kinds) and isinstance(value, bool) == isinstance(default, bool)
 
 
 class TrainingError(ShuttleError):
@@ -222,6 +233,31 @@ class TrainingConfig:
             "--width and --hidden": 16 * self.width * (self.hidden * self.width + 3 * n_strokes),
             "--strokes with so small --batch and --checkpoint-every": 100 * self.segments,
         }
+
+    @classmethod
+    def load(cls, path: Path | str, **changes: Any) -> Self:
+        """The settings of a JSON file, such as ``config.json`` of a run; those that it lacks have their defaults.
+
+        Args:
+            **changes: other values of some settings.
+
+        Raises:
+            TrainingError: no readable file, of another algorithm, or a setting that does not exist or has another type.
+        """
+        try:
+            settings = read_json(Path(path), dict[str, Any])
+        except FileReadError as error:
+            raise TrainingError(f"{path}: no settings ({error})") from error
+        if (algorithm := settings.pop("algorithm", cls.algorithm)) != cls.algorithm:
+            raise TrainingError(f"{path}: settings of {printable(str(algorithm)):.50}, expected those of {cls.algorithm}")
+        known = {field.name: field.default for field in dataclasses.fields(cls)}
+        for name, value in settings.items():
+            if name not in known:
+                raise TrainingError(f"{path}: no setting {printable(name)!r:.60}{did_you_mean(name, list(known))}")
+            if not _is_like(value, known[name]):
+                raise TrainingError(f"{path}: {name} is {printable(str(value))!r:.60}, expected a value such as {known[name]!r}")
+        lists = {name: tuple(value) for name, value in settings.items() if isinstance(value, list)}
+        return cls(**{**settings, **lists, **changes})
 
     def fixed(self) -> dict[str, Any]:
         """Settings that determine the result, as JSON."""

@@ -5,6 +5,7 @@ area, contact height and technique. The first layer is the sum of an embedding o
 of the other parts of the state, separately for the striker's own last stroke and the incoming one; so all smashes share weights.
 """
 
+from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -21,8 +22,10 @@ from shuttle_marl.base.interrupts import check_interrupt
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.observation import SWAP_TOKENS
 from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy.agents import read_card, read_weights
 from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
 from shuttle_marl.training.config import TrainingError
 
@@ -247,6 +250,28 @@ def logit_network(actor: ProbabilisticActor) -> nn.Module:
     """The network of an actor from observations to logits."""
     network: nn.Module = actor.module[0].module
     return network
+
+
+def agent_network(folder: Path | str, game: Game | None = None) -> nn.Module:
+    """The network of a trained agent, from ``[..., 7]`` observations (:meth:`~shuttle_marl.game.tables.Game.observation`) to
+    logits of all strokes ``[..., n]``; in the game with recovery from ``[..., 8]`` to strokes and positions, ``[..., n + 9]``.
+
+    Args:
+        folder: of the agent, such as ``runs/ppo-0/agent``.
+        game: that of the agent; None: the benchmark's.
+
+    Raises:
+        PolicyError: the folder holds no agent, a damaged one, or one of another game.
+    """
+    game = game or default_game()
+    _, weights = read_weights(Path(folder), read_card(Path(folder)))
+    try:
+        layers = sum(name.startswith("0.layers.") and name.endswith(".weight") for name in weights)
+        network = head(game, game.n_actions, width=weights["1.weight"].shape[1], hidden=layers, scale=1.0, layer=Logits)
+        network.load_state_dict({name: torch.from_numpy(np.array(part)) for name, part in weights.items()})
+    except (KeyError, RuntimeError, IndexError) as error:
+        raise PolicyError(f"{folder}: the network of another game, or of another program ({error!s:.200})") from error
+    return network.eval()
 
 
 def set_temperature(network: nn.Module, temperature: float) -> None:

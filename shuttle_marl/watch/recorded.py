@@ -14,7 +14,7 @@ import pyarrow as pa
 from shuttle_marl.analysis.rally import LogPlayers, Players, legal_states
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import printable
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.hurried import hurry_of, marked_rows
@@ -175,7 +175,7 @@ class RealRallies(Recorded):
     """
 
     def __init__(self, path: Path, game: Game, strokes: pa.Table | None = None) -> None:
-        table = load_strokes(path) if strokes is None else strokes
+        table = read_matches(path) if strokes is None else strokes
         self._game = game
         self._columns = {name: table[name].combine_chunks().to_numpy(zero_copy_only=False) for name in table.column_names}
         rows = marked_rows(table, hurry_of(game.seats[0]))

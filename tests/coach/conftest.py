@@ -12,7 +12,7 @@ from shuttle_marl.analysis.advice import Refitted, refitted
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import REFITS, resolve_game
 from shuttle_marl.watch.building import BuildError
@@ -42,7 +42,7 @@ def found(model: str) -> Refitted:
 
 @pytest.fixture(scope="session")
 def sample() -> pa.Table:
-    return load_strokes(SAMPLE)
+    return read_matches(SAMPLE)
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,7 @@ from shuttle_marl.analysis.match import MatchReport, matches_in
 from shuttle_marl.analysis.scouting import players_of, scout
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.coach import match_page, scout_page, sources
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.game.scoring import wins_game
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
@@ -34,13 +34,13 @@ PAIRS = 20
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("matches") / "strokes.parquet"
-    write_parquet(path, load_strokes(Path(str(ROOT))))
+    write_parquet(path, read_matches(Path(str(ROOT))))
     return path
 
 
 @pytest.fixture(scope="module")
 def strokes(file: Path) -> pa.Table:
-    return load_strokes(file)
+    return read_matches(file)
 
 
 @pytest.fixture

@@ -5,7 +5,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import pandas as pd
+import polars
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -13,7 +15,7 @@ import pytest
 
 from shuttle_marl.base.errors import command
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import DataError, clean_matches, load_account, load_strokes, upstream
+from shuttle_marl.data import DataError, clean_matches, load_account, read_matches, upstream
 from shuttle_marl.data.schema import STROKES, violations
 from shuttle_marl.data.table import provenance_of, write_parquet
 from shuttle_marl.game.court import AREAS
@@ -59,7 +61,7 @@ def test_convert_and_summary_of_the_file(root: Path, tmp_path: Path, capsys: pyt
     told = capsys.readouterr().out
     assert "unknown shot type" in told
     assert "Please cite" in told
-    assert load_strokes(out).num_rows == 12
+    assert read_matches(out).num_rows == 12
     for source in (root, out):
         assert main(["summary", str(source), "--json"]) == 0
         assert json.loads(capsys.readouterr().out) == SUMMARY
@@ -109,7 +111,7 @@ def test_validate_an_empty_folder(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_validate_a_bad_table(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = load_strokes(root).to_pylist()
+    rows = read_matches(root).to_pylist()
     rows[3]["technique"] = 9
     rows[4]["height"] = 7
     path = tmp_path / "bad.parquet"
@@ -141,8 +143,8 @@ def file(tmp_path: Path, strokes: pa.Table) -> Path:
 
 
 def test_round_trip(tmp_path: Path, strokes: pa.Table, file: Path) -> None:
-    assert load_strokes(file).equals(strokes)
-    assert load_strokes(str(tmp_path / "raw")).equals(strokes)
+    assert read_matches(file).equals(strokes)
+    assert read_matches(str(tmp_path / "raw")).equals(strokes)
     assert load_account(file) == load_account(tmp_path / "raw") == clean_matches(tmp_path / "raw").account
     metadata = pq.read_schema(file).metadata
     assert b"39bbf3fd99b0b709ff6d1647383959b6fa5f5b74" in metadata[b"shuttle_marl.provenance"]
@@ -159,14 +161,13 @@ def test_other_programs_read_names(file: Path, strokes: pa.Table) -> None:
     assert table[table["outcome"] == "winner"]["area"].isin(AREAS).all()
     for form in (table, table.assign(shot=table["shot"].astype(str)), table.assign(shot=table["shot"].cat.codes)):
         form.to_parquet(file)
-        assert load_strokes(file).equals(strokes)
+        assert read_matches(file).equals(strokes)
     table.assign(shot="dropshot").to_parquet(file)
     with pytest.raises(DataError, match=r"column 'shot' is no int8 .*'dropshot'; expected short-serve, long-serve"):
-        load_strokes(file)
+        read_matches(file)
 
 
 def test_polars_and_duckdb_read_names(file: Path, strokes: pa.Table) -> None:
-    polars, duckdb = pytest.importorskip("polars"), pytest.importorskip("duckdb")
     counted = polars.read_parquet(file).group_by("shot").len().rows()
     assert {str(shot) for shot, _ in counted} <= set(SHOTS)
     query = f"select shot, count(*) from '{file}' where outcome = 'returned' group by shot"
@@ -178,7 +179,7 @@ def test_damaged_parquet(file: Path) -> None:
     content[8:1500] = bytes(1492)
     file.write_bytes(content)
     with pytest.raises(DataError, match=r"strokes\.parquet: no readable Parquet file \(it was changed after it was written"):
-        load_strokes(file)
+        read_matches(file)
 
 
 @pytest.mark.parametrize(("change", "told"), [
@@ -191,7 +192,7 @@ def test_another_schema(tmp_path: Path, strokes: pa.Table, change: Any, told: st
     path = tmp_path / "other.parquet"
     pq.write_table(change(strokes), path)
     with pytest.raises(DataError) as caught:
-        load_strokes(path)
+        read_matches(path)
     assert told in str(caught.value)
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from shuttle_marl.base.files import FileWriteError
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import load_account, load_strokes, matches_of, upstream
+from shuttle_marl.data import load_account, matches_of, read_matches, upstream
 from shuttle_marl.data.schema import DROP_REASONS, STROKES
 from shuttle_marl.data.upstream import SPLITS, DownloadError, discipline, download, player_id
 
@@ -175,14 +175,14 @@ def test_the_sample_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", str(SAMPLE)]) == 0
     assert main(["summary", str(SAMPLE), "--json"]) == 0
     summary = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert summary["strokes"]["kept"] == load_strokes(SAMPLE).num_rows > 3000
+    assert summary["strokes"]["kept"] == read_matches(SAMPLE).num_rows > 3000
     assert summary["area_agreement"] is None
-    assert set(load_strokes(SAMPLE)["source"].to_pylist()) == {"simulated"}
+    assert set(read_matches(SAMPLE)["source"].to_pylist()) == {"simulated"}
 
 
 def test_the_card_tells_of_this_sample() -> None:
     provenance = json.loads(pq.read_schema(SAMPLE).metadata[b"shuttle_marl.provenance"])
-    text = SCRIPT["card"](load_strokes(SAMPLE), load_account(SAMPLE), provenance, size=SAMPLE.stat().st_size)
+    text = SCRIPT["card"](read_matches(SAMPLE), load_account(SAMPLE), provenance, size=SAMPLE.stat().st_size)
     assert (SAMPLE.parent / "CARD.md").read_text(encoding="utf-8") == text
 
 
@@ -192,7 +192,7 @@ def test_a_small_one_can_be_drawn_again(tmp_path: Path, capsys: pytest.CaptureFi
     assert (tmp_path / "one/strokes.parquet").read_bytes() == (tmp_path / "again/strokes.parquet").read_bytes()
     assert main(["validate", str(tmp_path / "one/strokes.parquet")]) == 0
     assert "1 matches" in (tmp_path / "one/CARD.md").read_text(encoding="utf-8")
-    assert set(load_strokes(tmp_path / "one/strokes.parquet")["player"].to_pylist()) == {"random", "safe"}
+    assert set(read_matches(tmp_path / "one/strokes.parquet")["player"].to_pylist()) == {"random", "safe"}
 
 
 DATASHEET = Path(__file__).parents[2] / "docs" / "datasheet.md"

@@ -14,7 +14,7 @@ from shuttle_marl.commands.data import main
 from shuttle_marl.commands.dynamics import main as dynamics
 from shuttle_marl.commands.report import main as report
 from shuttle_marl.commands.scout import main as scout
-from shuttle_marl.data import Account, DataError, clean_matches, load_strokes, write_parquet
+from shuttle_marl.data import Account, DataError, clean_matches, read_matches, write_parquet
 from shuttle_marl.data.hands import hands_of, telling_hands, unknown_hands
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import STROKES, violations
@@ -66,7 +66,7 @@ def both(tmp_path: Path) -> Path:
     (["left"] * 10 + ["centre"] * 9, "right"),
 ])  # fmt: skip
 def test_the_side_of_ten_strokes_around_the_head_tells_the_hand(tmp_path: Path, sides: list[str], shown: str) -> None:
-    strokes = load_strokes(club(tmp_path, {"Ada": sides, "Bea": []}))
+    strokes = read_matches(club(tmp_path, {"Ada": sides, "Bea": []}))
     assert hand(strokes)["ada"] == shown
     known = [side for side in sides if side != "centre"]
     ada = hands_of(strokes)["ada"]
@@ -79,7 +79,7 @@ def test_only_overhead_strokes_around_the_head_count(tmp_path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     for change in (("above,around the head", "above,forehand"), ("above,around the head", "below,around the head")):
         path.write_text(text.replace(*change), encoding="utf-8")
-        assert hands_of(load_strokes(path))["ada"].n == 0
+        assert hands_of(read_matches(path))["ada"].n == 0
 
 
 def test_the_contact_point_counts_before_the_area(tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_the_contact_point_counts_before_the_area(tmp_path: Path) -> None:
 
 
 def test_a_dropped_stroke_or_another_rally_tells_nothing(both: Path) -> None:
-    strokes = load_strokes(both)
+    strokes = read_matches(both)
     rows = strokes.to_pylist()
     gaps = pa.Table.from_pylist([row for row in rows if row["stroke"] != 2], schema=STROKES)
     assert {name: found.n for name, found in hands_of(gaps).items()} == {"ada": 0, "bea": 0}
@@ -112,7 +112,7 @@ def test_inferred_areas_tell_no_hand_and_are_where_the_receiver_meets_it(both: P
     areas = {}
     for told in ((), ("Ada=left",)):
         with telling_hands(told):
-            strokes = load_strokes(both)
+            strokes = read_matches(both)
         assert hands_of(strokes)["ada"].n == 0
         areas[told] = strokes["area"].to_pylist()
     lifts_to_ada, lifts_to_bea = range(1, 36, 3), range(37, 72, 3)
@@ -147,13 +147,13 @@ def test_every_language_has_words_for_hands() -> None:
 def test_one_row_tells_the_hand_of_all(both: Path) -> None:
     lines = both.read_text(encoding="utf-8").splitlines()
     both.write_text("\n".join([f"{lines[0]},hand", *(f"{line}," for line in lines[1:-1]), f"{lines[-1]},left"]), encoding="utf-8")
-    assert hand(load_strokes(both)) == {"ada": "left", "bea": "left"}
+    assert hand(read_matches(both)) == {"ada": "left", "bea": "left"}
 
 
 def test_a_column_hand_with_techniques_is_the_technique(tmp_path: Path) -> None:
     path = club(tmp_path, {"Ada": ["left"] * 12, "Bea": []})
     path.write_text(path.read_text(encoding="utf-8").replace("technique", "hand", 1), encoding="utf-8")
-    strokes = load_strokes(path)
+    strokes = read_matches(path)
     assert strokes["technique"].to_pylist() == [1, 0, 2] * 12
     assert hand(strokes) == {"ada": "right", "bea": "unknown"}
 
@@ -196,7 +196,7 @@ def test_an_option_tells_the_hand_before_all_else(both: Path) -> None:
 ])  # fmt: skip
 def test_an_option_that_is_wrong_lists_the_players(both: Path, words: list[str], wrong: str) -> None:
     with pytest.raises(DataError) as caught, telling_hands(words):
-        load_strokes(both)
+        read_matches(both)
     assert f"{wrong}; expected NAME=right or NAME=left, players: ada, bea" in str(caught.value)
 
 
@@ -206,18 +206,18 @@ def test_hands_told_of_no_strokes() -> None:
 
 
 def test_a_table_without_the_column_is_filled_when_it_is_loaded(both: Path, tmp_path: Path) -> None:
-    strokes = load_strokes(both)
+    strokes = read_matches(both)
     pq.write_table(strokes.drop_columns("hand"), tmp_path / "old.parquet")
-    assert load_strokes(tmp_path / "old.parquet").equals(strokes)
+    assert read_matches(tmp_path / "old.parquet").equals(strokes)
     with telling_hands(["bea=right"]):
-        assert hand(load_strokes(tmp_path / "old.parquet")) == {"ada": "left", "bea": "right"}
+        assert hand(read_matches(tmp_path / "old.parquet")) == {"ada": "left", "bea": "right"}
     given = pa.array([HANDS.index("right") if name == "ada" else None for name in strokes["player"].to_pylist()], pa.int8())
     pq.write_table(strokes.set_column(STROKES.get_field_index("hand"), STROKES.field("hand"), given), tmp_path / "given.parquet")
-    assert hand(load_strokes(tmp_path / "given.parquet")) == {"ada": "right", "bea": "unknown"}
+    assert hand(read_matches(tmp_path / "given.parquet")) == {"ada": "right", "bea": "unknown"}
 
 
 def test_a_player_has_one_hand(both: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    strokes = load_strokes(both)
+    strokes = read_matches(both)
     rows = strokes.to_pylist()
     rows[4] |= {"hand": 1}
     rows[6] |= {"hand": 0}
@@ -252,7 +252,7 @@ def test_pseudonyms_hide_the_names_in_the_provenance(both: Path, tmp_path: Path,
     out = tmp_path / "own.parquet"
     assert main(["import", str(both), "--out", str(out), "--anonymous", "--json"]) == 0
     (sentence,) = json.loads(capsys.readouterr().out)["lost"]
-    assert sentence in unknown_hands(load_strokes(out))
+    assert sentence in unknown_hands(read_matches(out))
     provenance = pq.read_schema(out).metadata[b"shuttle_marl.provenance"].decode()
     assert json.loads(provenance)["lost"] == [sentence]
     assert "bea (" not in provenance
@@ -263,7 +263,7 @@ def test_convert_takes_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[
     layout.match("one", [game([rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝")])])
     out = tmp_path / "strokes.parquet"
     assert main(["convert", str(tmp_path / "raw"), "--out", str(out), "--hand", "viktor-axelsen=left"]) == 0
-    assert hand(load_strokes(out))["viktor-axelsen"] == "left"
+    assert hand(read_matches(out))["viktor-axelsen"] == "left"
     assert "inferred: hands of players, told by --hand: 0 right-handed, 1 left-handed\n" in capsys.readouterr().out
 
 

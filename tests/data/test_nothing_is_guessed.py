@@ -16,7 +16,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import DataError, load_account, load_strokes
+from shuttle_marl.data import DataError, load_account, read_matches
 from shuttle_marl.data.column_map import COLUMNS, TEMPLATE_CSV
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Cleaned
@@ -321,14 +321,14 @@ def test_a_table_that_went_through_pandas(tmp_path: Path, capsys: pytest.Capture
     assert read(tmp_path).strokes.num_rows == 5
     flags = ["import", str(tmp_path / "own.csv"), "--columns", str(tmp_path / "map.toml"), "--out", str(tmp_path / "t.parquet")]
     assert main(flags) == 0
-    strokes, frame = load_strokes(tmp_path / "t.parquet"), pandas.read_parquet(tmp_path / "t.parquet")
+    strokes, frame = read_matches(tmp_path / "t.parquet"), pandas.read_parquet(tmp_path / "t.parquet")
     frame.to_parquet(tmp_path / "p.parquet", index=False)
-    assert load_strokes(tmp_path / "p.parquet").equals(strokes)
+    assert read_matches(tmp_path / "p.parquet").equals(strokes)
     capsys.readouterr()
     assert main(["validate", str(tmp_path / "p.parquet")]) == 0
     assert "another program wrote this file" in capsys.readouterr().out
     frame[frame["rally"] == 2].to_parquet(tmp_path / "p.parquet")
-    assert load_strokes(tmp_path / "p.parquet").num_rows == load_account(tmp_path / "p.parquet").strokes == 2
+    assert read_matches(tmp_path / "p.parquet").num_rows == load_account(tmp_path / "p.parquet").strokes == 2
     for change, says in (
         ({"rally": frame["rally"] + 0.5}, "column 'rally' is no int16"),
         ({"player": None}, "column 'player' lacks 5 values"),
@@ -337,7 +337,7 @@ def test_a_table_that_went_through_pandas(tmp_path: Path, capsys: pytest.Capture
     ):
         frame.assign(**change).to_parquet(tmp_path / "p.parquet")
         with pytest.raises(DataError, match=says):
-            load_strokes(tmp_path / "p.parquet")
+            read_matches(tmp_path / "p.parquet")
 
 
 def test_too_little_memory_is_no_damage(
@@ -372,7 +372,7 @@ def hostile(folder: Path, kind: str) -> list[str]:
     elif kind in contents:
         path.write_text(contents[kind])
     elif kind == "names":
-        strokes = load_strokes(Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet")
+        strokes = read_matches(Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet")
         name = pa.DictionaryArray.from_arrays(pa.array(np.zeros(2000, np.int8)), pa.array(["x" * 1_000_000]))
         numbers = pa.array(np.zeros(2000, np.int8))
         columns = {field.name: name if pa.types.is_string(field.type) else numbers for field in strokes.schema}

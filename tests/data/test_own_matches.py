@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import DataError, load_strokes
+from shuttle_marl.data import DataError, read_matches
 from shuttle_marl.data.column_map import COLUMNS, TEMPLATE_CSV, template_map
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, Outcome, violations
@@ -18,7 +18,7 @@ def test_the_template_is_a_file_to_start_from(tmp_path: Path, capsys: pytest.Cap
     assert main(["template", "--out", str(tmp_path)]) == 0
     files = [str(tmp_path / name) for name in ("strokes.csv", "columns.toml")]
     assert main(["import", files[0], "--columns", files[1], "--out", str(tmp_path / "x.parquet")]) == 0
-    strokes = load_strokes(tmp_path / "x.parquet")
+    strokes = read_matches(tmp_path / "x.parquet")
     assert strokes["reason"].to_pylist() == [
         REASONS.index(word) for word in ["returned"] * 2 + ["landed"] + ["returned"] * 2 + ["out"]
     ]

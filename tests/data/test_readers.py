@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import DataError, Outcome, load_strokes
+from shuttle_marl.data import DataError, Outcome, read_matches
 from shuttle_marl.data.column_map import COLUMNS, WORDS
 from shuttle_marl.data.inference import read_score, winners_by_score
 from shuttle_marl.data.own import import_matches
@@ -58,7 +58,7 @@ def test_each_format_is_recognised_and_accounted_for(name: str, tmp_path: Path, 
     assert told["inferred"]
     assert told["lost"] or name == "CSV"
     assert main(["validate", str(tmp_path / "o.parquet")]) == 0
-    assert load_strokes(tmp_path / "o.parquet").num_rows == told["kept"]
+    assert read_matches(tmp_path / "o.parquet").num_rows == told["kept"]
     capsys.readouterr()
     assert main(["import", str(path)]) == 0
     text = capsys.readouterr().out

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.data import DataError, clean_matches, load_strokes, upstream
+from shuttle_marl.data import DataError, clean_matches, read_matches, upstream
 from shuttle_marl.data.schema import violations
 from tests.data.upstream_layout import COLUMNS, HEADER, Layout, plain_game, write_rows
 
@@ -125,7 +125,7 @@ def test_bad_files(path: Path, change: Callable[[Path], object], told: str) -> N
 def test_a_fifo_in_the_place_of_the_data(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "fifo")
     with pytest.raises(DataError, match="not a regular file"):
-        load_strokes(tmp_path / "fifo")
+        read_matches(tmp_path / "fifo")
 
 
 def replace_in(file: str, old: str, new: str) -> Callable[[Path], None]:

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from shuttle_marl.commands import analysis, data, report
-from shuttle_marl.data import DataError, load_strokes
+from shuttle_marl.data import DataError, read_matches
 from shuttle_marl.data.schema import REASONS, Cleaned, Outcome
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import SHOTS
@@ -485,7 +485,7 @@ def test_strokes_without_a_time_in_badminton_db(
     assert data.main(["import", str(tmp_path / "m.json"), "--out", str(tmp_path / "o.parquet"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["rows"] == told["kept"] + sum(told["dropped"].values()) == content.count("StrokeNum")
-    strokes = load_strokes(tmp_path / "o.parquet")
+    strokes = read_matches(tmp_path / "o.parquet")
     assert 0 < int(strokes["clock"].null_count) <= nulls
     assert set(told["dropped"]) <= {"unknown shot type"}
     known = np.array(strokes["clock"].to_pylist(), dtype=float)

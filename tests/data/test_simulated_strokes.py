@@ -8,7 +8,7 @@ import pytest
 from shuttle_marl.analysis import strokes_of_log
 from shuttle_marl.analysis.strokes import SimulationError, simulate, simulated_rallies
 from shuttle_marl.data.schema import STROKES, Account, violations
-from shuttle_marl.data.table import load_account, load_strokes, write_parquet
+from shuttle_marl.data.table import load_account, read_matches, write_parquet
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
@@ -40,7 +40,7 @@ def test_it_is_a_sound_stroke_table(tmp_path) -> None:
     assert account.strokes == account.strokes_kept == strokes.num_rows
     assert account.area_agreement is None
     write_parquet(strokes, tmp_path / "s.parquet", account=account, provenance={})
-    assert load_strokes(tmp_path / "s.parquet").equals(strokes)
+    assert read_matches(tmp_path / "s.parquet").equals(strokes)
     assert load_account(tmp_path / "s.parquet") == account
 
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 from scipy.special import expit
 
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.card import strokes_hash
 from shuttle_marl.dynamics.compiled import SHOT_SHARE, between_hands, catalogue_of, replies_of
@@ -25,7 +25,7 @@ SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
 
 def sample() -> Rows:
-    return rows_from_strokes(load_strokes(SAMPLE))
+    return rows_from_strokes(read_matches(SAMPLE))
 
 
 @pytest.mark.slow
@@ -42,7 +42,7 @@ def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
 
 
 def test_contexts_of_a_rally_with_a_missed_serve() -> None:
-    table = load_strokes(SAMPLE)
+    table = read_matches(SAMPLE)
     first = table.filter(pa.compute.equal(table["rally"], table["rally"][0])).slice(0, 4)
     assert first["stroke"].to_pylist() == [1, 2, 3, 4]
     whole = rows_from_strokes(first)
@@ -65,7 +65,7 @@ def test_contexts_of_a_rally_with_a_missed_serve() -> None:
 
 def test_the_hash_of_strokes_is_that_of_their_columns() -> None:
     """A description that is worded otherwise must not make a model look as if it were fitted on other data."""
-    table = load_strokes(SAMPLE)
+    table = read_matches(SAMPLE)
     fields = [field.with_metadata({"description": "other words"}) for field in table.schema]
     assert strokes_hash(table.cast(pa.schema(fields))) == strokes_hash(table)
     assert strokes_hash(table.slice(1)) != strokes_hash(table)
@@ -117,7 +117,7 @@ def test_scores_have_known_values() -> None:
 
 
 def test_nobody_plays_from_the_back_what_belongs_to_the_net_or_around_the_head_on_the_forehand_side() -> None:
-    rows = rows_from_strokes(load_strokes(SAMPLE))
+    rows = rows_from_strokes(read_matches(SAMPLE))
     for part in (rows, rows.take(rows.match % 2 == 0)):
         catalogue = catalogue_of(part)
         choices = np.full((len(catalogue), 2, N_SHOTS, N_TECHNIQUES), 0.5)  # every stroke is chosen often enough
@@ -133,7 +133,7 @@ def test_nobody_plays_from_the_back_what_belongs_to_the_net_or_around_the_head_o
 
 
 def test_a_legal_stroke_is_one_that_the_average_player_chooses() -> None:
-    rows = rows_from_strokes(load_strokes(SAMPLE))
+    rows = rows_from_strokes(read_matches(SAMPLE))
     catalogue = catalogue_of(rows)
     drop, of_drop = SHOTS.index("drop"), catalogue.shot == SHOTS.index("drop")
     lifts = np.flatnonzero(catalogue.shot == SHOTS.index("lift"))
@@ -151,7 +151,7 @@ def test_a_legal_stroke_is_one_that_the_average_player_chooses() -> None:
 
 
 def test_between_different_hands_strokes_fly_to_the_other_side() -> None:
-    rows = rows_from_strokes(load_strokes(SAMPLE))
+    rows = rows_from_strokes(read_matches(SAMPLE))
     catalogue = catalogue_of(rows)
     side = catalogue.other_side
     assert (side[side] == np.arange(len(catalogue))).all()
@@ -204,7 +204,7 @@ def test_winners_stand_where_they_would_have_been_met() -> None:
 
 
 def test_only_annotated_winners_and_out_strokes_change_their_areas() -> None:
-    table = load_strokes(SAMPLE)
+    table = read_matches(SAMPLE)
     recorded = table["area"].fill_null(-1).to_numpy()
     assert np.array_equal(rows_from_strokes(table).codes["area"], recorded), "simulated strokes record the target itself"
     annotated = table.set_column(table.schema.get_field_index("source"), "source", pa.array(["ShuttleSet"] * len(table)))
@@ -216,7 +216,7 @@ def test_only_annotated_winners_and_out_strokes_change_their_areas() -> None:
 
 
 def test_a_resample_has_as_many_matches_of_each_discipline_and_copies_share_a_fold() -> None:
-    rows = rows_from_strokes(load_strokes(SAMPLE))
+    rows = rows_from_strokes(read_matches(SAMPLE))
     again = resampled(rows, [0, 1])
     first = [np.unique(part.match, return_index=True)[1] for part in (rows, again)]
     number = len(first[0])

@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.tensor_files import read_tensors
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.compiled import (
     MIN_END,
@@ -88,7 +88,7 @@ def test_late_strikers_are_found_in_matches_of_the_fit_and_in_others(fitted: tup
 
 
 def test_a_table_without_positions_knows_no_hurried_striker() -> None:
-    table = load_strokes(SAMPLE)
+    table = read_matches(SAMPLE)
     places = [name for name in table.column_names if name.endswith(("_x", "_y")) or name == "hurried"]
     for name in places:
         field = STROKES.field(name)
@@ -101,7 +101,7 @@ def test_a_table_without_positions_knows_no_hurried_striker() -> None:
 
 
 def test_movement_is_in_the_frame_of_the_striker() -> None:
-    table = load_strokes(SAMPLE).slice(0, 2)
+    table = read_matches(SAMPLE).slice(0, 2)
     rows = rows_from_strokes(table)
     serve, reply = table.to_pylist()
     found = dict(zip(MOVEMENT, rows.movement[1].tolist(), strict=True))
@@ -148,7 +148,7 @@ SERVE, SMASH, NETTED, CROSS, LIFTED = (
 
 def rally(shots: list[int]) -> pa.Table:
     """The first rally of the sample that is as long, with other shot types."""
-    table = load_strokes(SAMPLE)
+    table = read_matches(SAMPLE)
     key = np.stack([table[name].to_numpy(zero_copy_only=False) for name in ("game", "rally", "stroke")])
     starts = np.flatnonzero(key[2] == 1)
     lengths = np.diff(np.r_[starts, len(table)])

@@ -18,7 +18,7 @@ from scipy.special import expit
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import read_tensors
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.boosting import PARAMETERS
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
@@ -180,7 +180,7 @@ SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
 def sample() -> tuple[Rows, np.ndarray, np.ndarray]:
     """Strokes, and labels that depend on two attributes together."""
-    rows = rows_from_strokes(load_strokes(SAMPLE))
+    rows = rows_from_strokes(read_matches(SAMPLE))
     truth = expit(np.where((rows.codes["shot"] % 3 == 0) ^ (rows.codes["contact"] == 1), 1.5, -1.5))
     return rows, np.random.default_rng(2).random(len(rows)) < truth, truth
 

@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.tensor_files import read_tensors
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.card import as_markdown, write_card
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
@@ -140,7 +140,7 @@ def test_shares_are_shrunk_to_those_of_the_cell_around() -> None:
 
 
 def test_positions_are_named_from_the_forehand_side_of_the_receiver() -> None:
-    table = load_strokes(SAMPLE).slice(0, 2)
+    table = read_matches(SAMPLE).slice(0, 2)
     serve, reply = table.to_pylist()
     assert serve["outcome"] == Outcome.RETURNED
     for hand, side in ((None, 1), (0, 1), (1, -1)):

@@ -11,7 +11,7 @@ import pytest
 
 from shuttle_marl.analysis import add_values
 from shuttle_marl.commands.exact import main
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.card import add_truth, write_card
 from shuttle_marl.game.shipped import Estimate, factor_of, factors_of, load_game, read_model_card
 from shuttle_marl.game.tables import GameError
@@ -79,7 +79,7 @@ def test_best_responses_and_holes_state_the_part_to_expect(model: Path, capsys: 
 
 
 def test_decisions_have_a_part_to_expect(model: Path) -> None:
-    strokes = load_strokes(SAMPLE).slice(0, 400)
+    strokes = read_matches(SAMPLE).slice(0, 400)
     unknown = add_values(strokes, baselines.load(None, load_game(str(model))))
     assert unknown["decision_expected"].null_count == 400
     add_truth(model, TRUTH)

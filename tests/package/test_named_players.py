@@ -8,14 +8,14 @@ import pytest
 
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.data import main as data
-from shuttle_marl.data import anonymised, load_strokes
+from shuttle_marl.data import anonymised, read_matches
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "datasets" / "sample" / "strokes.parquet"
 
 
 def test_pseudonyms_replace_players_and_matches_alone() -> None:
-    strokes = load_strokes(SAMPLE)
+    strokes = read_matches(SAMPLE)
     hidden = anonymised(strokes)
     assert hidden.schema == strokes.schema
     same = [name for name in strokes.schema.names if name not in ("player", "opponent", "match")]

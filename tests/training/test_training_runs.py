@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -436,3 +437,25 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
 def test_a_run_on_a_gpu_mixes_no_devices_and_is_resumed(name: str, tmp_path: Path) -> None:
     config = dataclasses.replace(CONFIGS[name], device="cuda", out=tmp_path / "run")
     assert train(config).iterations == train(dataclasses.replace(config, resume=True)).iterations
+
+
+def test_settings_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = {"strokes": 512, "opponent": ("random", "safe"), "exploitability": False, "bonus": ("smash=0.1",)}
+    config = PPOConfig(**SMALL | options)
+    train(dataclasses.replace(config, out=tmp_path / "run"))
+    file = tmp_path / "run" / "config.json"
+    assert PPOConfig.load(file) == dataclasses.replace(config, out=None)
+    assert PPOConfig.load(str(file), seed=5).seed == 5
+    assert main(["ppo", "--seed", "4", "--config", str(file), "--out", str(tmp_path / "again"), "--strokes", "256"]) == 0
+    again = PPOConfig.load(tmp_path / "again" / "config.json")
+    assert again == dataclasses.replace(config, seed=4, strokes=256)
+    for text, wrong in (
+        ('{"stroke": 1}', "no setting 'stroke'.*strokes"),
+        ('{"algorithm": "sac"}', "settings of sac, expected those of ppo"),
+        ('{"strokes": "many"}', "strokes is 'many', expected a value such as 60000000"),
+        ('{"opponent": [1]}', "opponent is"),
+        ("[]", "no settings"),
+    ):
+        (tmp_path / "other.json").write_text(text)
+        assert main(["ppo", "--config", str(tmp_path / "other.json")]) == 1
+        assert re.search(wrong, capsys.readouterr().err), wrong

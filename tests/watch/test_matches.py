@@ -18,7 +18,7 @@ from shuttle_marl.analysis.marks import basis_of
 from shuttle_marl.analysis.rally import LogPlayers, Players, analyse_rally, legal_states
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.watch import MatchOptions
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
@@ -116,7 +116,7 @@ def test_a_stroke_tried_in_a_recorded_rally_keeps_what_was_played_before_it(tabl
 
 
 def test_real_rallies_have_the_hurried_strikers_of_the_table(tables: PolicyTables) -> None:
-    strokes = load_strokes(SAMPLE)
+    strokes = read_matches(SAMPLE)
     marked = pa.array((np.arange(len(strokes)) % 3 == 0) & (strokes["stroke"].to_numpy() > 1))
     at = strokes.schema.get_field_index("hurried")
     shown = RealRallies(SAMPLE, tables.game, strokes.set_column(at, strokes.schema.field(at), marked))
@@ -130,14 +130,14 @@ def test_real_rallies_have_the_hurried_strikers_of_the_table(tables: PolicyTable
 
 def with_hands(left: str | None) -> pa.Table:
     """The strokes of the sample, in which one player or nobody is known, as a left-hander."""
-    strokes = load_strokes(SAMPLE)
+    strokes = read_matches(SAMPLE)
     hand = pa.array([1 if player == left else None for player in strokes["player"].to_pylist()], pa.int8())
     return strokes.set_column(strokes.schema.get_field_index("hand"), strokes.schema.field("hand"), hand)
 
 
 @pytest.mark.parametrize("known", [True, False])
 def test_real_rallies_have_the_hands_of_the_table_and_land_where_they_did(known: bool, tables: PolicyTables) -> None:
-    strokes = load_strokes(SAMPLE)
+    strokes = read_matches(SAMPLE)
     player, discipline = strokes["player"][0].as_py(), strokes["discipline"][0].as_py()
     shown = RealRallies(SAMPLE, tables.game, with_hands(player if known else None))
     same = []
@@ -152,7 +152,7 @@ def test_real_rallies_have_the_hands_of_the_table_and_land_where_they_did(known:
 
 
 def test_real_rallies_of_different_hands_are_legal_in_the_game_of_their_people(tables: PolicyTables) -> None:
-    strokes, people = load_strokes(SAMPLE), ("kento-momota", "viktor-axelsen")
+    strokes, people = read_matches(SAMPLE), ("kento-momota", "viktor-axelsen")
     for name in ("player", "opponent"):  # the average player of the sample is a left-hander here
         renamed = pa.array([people[0] if player == "bc" else player for player in strokes[name].to_pylist()])
         strokes = strokes.set_column(strokes.schema.get_field_index(name), strokes.schema.field(name), renamed)

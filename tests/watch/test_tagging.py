@@ -19,7 +19,7 @@ import pytest
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.watch import TagOptions
-from shuttle_marl.data import load_strokes
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
 from shuttle_marl.game import default_game
@@ -462,7 +462,7 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         page.set_viewport_size({"width": 390, "height": 844})
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         page.goto("about:blank")
-    strokes = load_strokes(out)
+    strokes = read_matches(out)
     assert [SHOTS[code] for code in strokes["shot"].to_pylist()] == ["short-serve", "lift", "smash"]
     assert [AREAS[code] for code in strokes["area"].to_pylist()] == ["back-right", "back-left", "front-left"]
     assert strokes["frame"].to_pylist() == [30, 45, 75]

@@ -1,0 +1,24 @@
+"""Which results are made again together: parts of all of them, and other quick ones every day."""
+
+import pytest
+
+from docs.tools.reproduce import ReproduceError, measured, part_of, within
+from docs.tools.results import RESULTS
+
+
+def test_parts_hold_every_result_once() -> None:
+    whole = part_of("1/1")
+    parts = [part_of(f"{k}/5") for k in range(1, 6)]
+    assert sorted(name for part in parts for name in part) == sorted(whole)
+    assert {name for name, result in RESULTS.items() if result.compared and result.tolerance < 1} <= set(whole)
+    assert "throughput" not in whole
+    for wrong in ("6/5", "0/5", "1", "a/b"):
+        with pytest.raises(ReproduceError, match="expected K/N"):
+            part_of(wrong)
+
+
+def test_every_quick_result_has_its_day() -> None:
+    days = [within(100, day) for day in range(30)]
+    assert all(sum(measured()[name]["seconds"] for name in chosen) <= 100 for chosen in days)
+    assert {"ranking", "paths"} <= {name for chosen in days for name in chosen}
+    assert all(days)
