@@ -8,8 +8,9 @@ chosen on the training matches; figures of all others are beside those of all.
 
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -17,14 +18,17 @@ from scipy import stats
 from experiments.saving import show_figures
 from shuttle_marl.analysis.decisions import theme_of, usual_of
 from shuttle_marl.analysis.marks import MARKS, basis_of, judged_strokes
+from shuttle_marl.analysis.positions import GOOD, places_of
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.data import matches_of, read_matches
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.game.rally.stepper import waited_at
+from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.shipped import RELIABLE, load_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.watch.match import Match
+from shuttle_marl.watch.match import CourtRally, Match
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
 
@@ -89,41 +93,67 @@ def _winners(match: Any, player: Any, strokes: Any, outcome: Any) -> dict[str, t
     return out
 
 
+class _Puzzle(NamedTuple):
+    """A question; the first one in order is asked."""
+
+    again: bool
+    usual: int
+    share: float
+    stroke: int
+    right: str
+    theme: str
+    rule: bool
+
+
 def puzzles_of(game: Game) -> dict[str, Any]:
-    """Right answers of the puzzles of thirty days, chosen as the page does, and how many a rule of thumb solves."""
-    basis, tables, elite = basis_of(game), PolicyTables(game), Side(policy="bc")
-    shots: Counter[str] = Counter()
-    themes: Counter[str] = Counter()
-    solved = 0
+    """Right answers of the puzzles of thirty days, chosen as the page does, and how many a rule of thumb solves.
+
+    The rule: smash above the net, play a net shot below it, and wait in the middle.
+
+    Args:
+        game: with recovery.
+    """
+    tables, elite = PolicyTables(game), Side(policy="bc")
+    asked: list[_Puzzle] = []
     for day in range(DAYS):
         match = Match(Plan(seed=20260501 + day, sides=(elite, elite)), tables)
-        asked, themes_of_day = set[str](), set[str]()
+        today: list[_Puzzle] = []
         for number in range(_RALLIES):
-            if len(asked) == PUZZLES:
+            if len(today) == PUZZLES:
                 break
-            rally, best = match.rally(number), None
-            states = rally.states(game).astype(np.int64).tolist()
-            for i, (state, stroke) in enumerate(zip(states, rally.stroke.tolist(), strict=True)):
-                judged = basis.judged(np.array([state]))
-                played = int(game.rank(np.array([state]), np.array([stroke]))[0])
-                found = judged.question(played)
-                theme = theme_of(rally, i, above=bool(game.contact(state)))
-                if found is None or (right := SHOTS[judged.shot[found[0]]]) in asked or theme == "serve":
-                    continue
-                again = theme in themes_of_day
-                key = again, usual_of(right), float(judged.share[found[0]])
-                if (number >= STRICT or not again) and (best is None or key < best[0]):
-                    best = key, right, theme, int(game.contact(state))
-            if best is not None:
-                _, right, theme, contact = best
-                asked.add(right)
-                themes_of_day.add(theme)
-                shots[right] += 1
-                themes[theme] += 1
-                solved += right == ("smash" if contact else "net-shot")
-    total = sum(shots.values())
-    right_shots, of_themes = ({name: n / total for name, n in found.most_common()} for found in (shots, themes))
-    return {"puzzles": total, "right": right_shots, "themes": of_themes, "rule_of_thumb": solved / total}
+            known, themes = {one.right for one in today}, {one.theme for one in today}
+            found = [
+                one._replace(again=one.theme in themes)
+                for one in _questions(match.rally(number), tables)
+                if one.right not in known and (number >= STRICT or one.theme not in themes)
+            ]
+            today += sorted(found)[:1]
+        asked += today
+    rights, of_theme = (Counter(values) for values in ([one.right for one in asked], [one.theme for one in asked]))
+    total = len(asked)
+    right, of_themes = ({name: n / total for name, n in counted.most_common()} for counted in (rights, of_theme))
+    solved = {theme: sum(one.rule for one in asked if one.theme == theme) / n for theme, n in of_theme.items()}
+    rule = sum(one.rule for one in asked) / total
+    return {"puzzles": total, "right": right, "themes": of_themes, "rule_of_thumb": rule, "rule_of_thumb_by_theme": solved}
+
+
+def _questions(rally: CourtRally, tables: PolicyTables) -> Iterator[_Puzzle]:
+    """The questions of a rally, in the order of the page."""
+    game = tables.game
+    for i, (state, stroke) in enumerate(zip(rally.states(game).tolist(), rally.stroke.tolist(), strict=True)):
+        judged, above = basis_of(game).judged(np.array([state])), bool(game.contact(state))
+        question = judged.question(int(game.rank(np.array([state]), np.array([stroke]))[0]))
+        theme = theme_of(rally, i, above=above)
+        if question is not None and theme != "serve":
+            right = SHOTS[judged.shot[question[0]]]
+            rule = right == ("smash" if above else "net-shot")
+            yield _Puzzle(False, usual_of(right), float(judged.share[question[0]]), i, right, theme, rule)
+        places = places_of(game, state, int(rally.striker[i]), tables.solution)
+        waited = waited_at(rally, game, i, state)
+        if places is not None and waited is not None and (usual := places.question(waited)) is not None:
+            good = places.loss <= GOOD
+            right = f"wait:{POSITIONS[places.position[places.perfect.argmax()]]}"
+            yield _Puzzle(False, usual, float(places.people[good].sum()), i, right, "wait", usual > 0)
 
 
 def marks(*, data: Path, model: str = "default", out: Path | None = None, json_output: Json = False) -> None:
@@ -136,7 +166,8 @@ def marks(*, data: Path, model: str = "default", out: Path | None = None, json_o
         json_output: print JSON.
     """
     game = load_game(model)
-    result = {**marks_of(data, game), "puzzles": puzzles_of(game)}
+    hidden = load_game(f"{model}:recovery")
+    result = {**marks_of(data, game), "puzzles": puzzles_of(hidden)}
     show_figures(result, out, as_json=json_output)
 
 

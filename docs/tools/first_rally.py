@@ -9,8 +9,8 @@ import msgspec
 
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.options import Appearance
-from shuttle_marl.commands.watch import MatchOptions
-from shuttle_marl.game.shipped import default_game
+from shuttle_marl.commands.watch import GAME, MatchOptions
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.first_rally import FILE, FirstRally, first_key
 from shuttle_marl.watch.messages import RallyRequest
@@ -20,7 +20,7 @@ from shuttle_marl.watch.stager import Stager
 
 def first_rally() -> FirstRally:
     """The first rally of the default match."""
-    game, match, appearance = default_game(), MatchOptions(), Appearance()
+    game, match, appearance = load_game(GAME), MatchOptions(), Appearance()
     plan, stager = match.plan(game), Stager(appearance.athletes, appearance.hands)
     answers = Answers(PolicyTables(game), plan, stager)
     reply, motion = answers.rally(RallyRequest(id=0, plan=plan, rally=0))

@@ -30,8 +30,8 @@ _CENTRE: Final = 1500.0
 _TAU: Final = 0.5
 """Constant of the system: how much volatility changes."""
 
-THEMES: Final = ("return", "third", "defence", "attack", "net")
-"""Situations of puzzles: return of serve, third stroke, after a hard stroke, above the net, and all others."""
+THEMES: Final = ("return", "third", "defence", "attack", "net", "wait")
+"""Situations of puzzles: return of serve, third stroke, after a hard stroke, above the net, other strokes, and where to wait."""
 _HARD: Final = ("smash", "half-smash", "net-kill", "push", "drive")
 USUAL: Final = ("drive", "lift", "drop", "block", "half-smash", "push", "cross-court-net-shot", "net-shot", "smash")
 """Right answers of questions, the rarest first."""

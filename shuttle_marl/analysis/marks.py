@@ -25,7 +25,7 @@ from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate, moved
-from shuttle_marl.game.pairs import without_skill
+from shuttle_marl.game.pairs import without_recovery, without_skill
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes, refits_of
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import Game
@@ -127,7 +127,7 @@ class Basis:
     """Values of the choices in a game.
 
     Args:
-        game: of one player alone, without the skill of people.
+        game: of one player alone, without the skill of people and without recovery.
 
     Attributes:
         refits: number of refits.
@@ -179,9 +179,9 @@ _LOCK: Final = threading.Lock()
 
 
 def basis_of(game: Game) -> Basis:
-    """The basis of a game, or of the one without the skill of people; computed once, also if several threads ask."""
+    """The basis of a game: that without the skill of people, whose receivers wait as people do; computed once for all threads."""
     with _LOCK:
-        return _computed(without_skill(game))
+        return _computed(without_recovery(without_skill(game)))
 
 
 @functools.lru_cache(maxsize=2)

@@ -16,7 +16,7 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.shipped import origin_of
+from shuttle_marl.game.shipped import load_game, origin_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.pages.languages import Language, current
 from shuttle_marl.policy.baselines import imitation
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from shuttle_marl.watch.tagging import TagFile
 
 
+GAME: Final = "default:recovery"
+"""Game of matches: players choose where to wait, too."""
 _APPEARANCE: Final = Appearance()
 FAMOUS: Final = {"men": ("bc:viktor-axelsen", "bc:kento-momota"), "women": ("bc:an-se-young", "bc:chen-yufei")}
 """Players of the default match; of a model that does not imitate them, an agent and the average pro."""
@@ -225,7 +227,7 @@ def watch(
 
 
 def _game(match: MatchOptions, rallies: RallyOptions, model: RallyGameOptions) -> Game:
-    """The game of the recorded rallies, of two players, or of a model.
+    """The game of the recorded rallies, of two players, or of a model; by default, matches are played with recovery.
 
     Raises:
         WatchError: players and recorded rallies, which have their own; or a date without players.
@@ -233,10 +235,12 @@ def _game(match: MatchOptions, rallies: RallyOptions, model: RallyGameOptions) -
     if match.players is None:
         if match.date is not None:
             raise WatchError(f"--date {match.date}: is the day of the skill of --players; give both")
+        if model.game is None and rallies.replay is None and rallies.real is None:
+            return load_game(GAME if model.profile is None else GAME.replace(":", f":{model.profile}-"))
         return model.load_for(rallies.replay or rallies.real)
     if rallies.replay is not None or rallies.real is not None:
         raise WatchError("--players and recorded rallies, which name their own players; leave out --players")
-    return pair_game(*match.players, date=match.date, discipline=model.profile, game=model.game or "default")
+    return pair_game(*match.players, date=match.date, discipline=model.profile, game=model.game or GAME)
 
 
 def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":

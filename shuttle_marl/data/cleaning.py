@@ -19,7 +19,7 @@ from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import command
 from shuttle_marl.data.hands import unknown_hands, with_hands
 from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, Account, Cleaned, Outcome, stroke_table
-from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
+from shuttle_marl.data.shuttleset import AREA_OF_LABEL, NEAREST_OF_LABEL, RawGame, list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
@@ -36,8 +36,8 @@ MAX_EXCHANGED: Final = 0.2
 MIRRORED: Final = ("ShuttleSet", range(9, 21))
 """Matches with mirrored area labels in the lower half."""
 
-# Index into court.AREAS by area label of the files, from the view of the player of that half; labels above 9 are outside.
-_LABEL_AREA: Final = np.array([-1, 0, 2, 6, 8, 3, 5, 1, 4, 7] + [-1] * 7, dtype=np.int8)
+_LABEL_AREA: Final = np.array([-1, *AREA_OF_LABEL, *(-1 for _ in NEAREST_OF_LABEL)], dtype=np.int8)
+"""Index into court.AREAS by area label of the files; -1 outside."""
 _OUT, _NET, _SHORT, _FOUL = (REASONS.index(name) for name in ("out", "net", "short", "foul"))
 _RETURNED, _UNKNOWN = REASONS.index("returned"), REASONS.index("unknown")
 

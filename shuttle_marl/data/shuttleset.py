@@ -73,6 +73,10 @@ _MAX_NUMBER: Final = 9999
 """Maximum number of rallies, strokes of a rally, and matches of a list."""
 _MAX_FRAMES: Final = 10_000_000
 
+AREA_OF_LABEL: Final = (0, 2, 6, 8, 3, 5, 1, 4, 7)
+"""Index into court.AREAS by area label 1 to 9, from the view of the player of that half."""
+NEAREST_OF_LABEL: Final = (2, 5, 8, 7, 6, 3, 0)
+"""Nearest area of the labels 10 to 16, which lie outside of the court and follow each other around it."""
 _SHOT_CODES: Final = {**{name: SHOTS.index(shot) for name, shot in SHOT_NAMES.items()}, UNKNOWN_SHOT: -1, "": -1}
 _REASON_CODES: Final = {**{name: REASONS.index(reason) for name, reason in REASON_NAMES.items()}, "": -1}
 

@@ -30,6 +30,7 @@ from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.facts import hall_facts, rally_facts, rounded
 from shuttle_marl.watch.first_rally import FirstRally
+from shuttle_marl.watch.friends import Friends
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import LADDER, Plan, Side
@@ -81,7 +82,7 @@ class Answers:
         self._values, self._stager, self._log = StrokeValues(policies), stager, log
         self._overviews, self._motions = OnceCache(_MAX_OVERVIEWS), OnceCache(_MAX_MOTIONS)
         self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
-        self._tags, self._shipped = tags, shipped
+        self._tags, self._shipped, self._friends = tags, shipped, Friends(policies)
         self._shown = threading.Event()
 
     def __call__(self, request: messages.Request) -> bytes:
@@ -90,6 +91,10 @@ class Answers:
         Raises:
             ShuttleError: it cannot be answered.
         """
+        if isinstance(request, messages.Query) and request.friend is not None:
+            if isinstance(request, messages.OptionsRequest):
+                raise WatchError("there are no hints in a game with a friend")
+            request = self._friends.seen_by(request)
         if isinstance(request, messages.RallyRequest):
             reply, motion = self.rally(request)
             return messages.encode_reply(request.id, reply, [motion])
@@ -103,6 +108,7 @@ class Answers:
             messages.MatchRequest: self.match,
             messages.LikenessRequest: self._likeness,
             messages.RatingRequest: self._rating,
+            messages.FriendRequest: self._friends.answer,
             messages.OpeningRequest: lambda asked: self.opening(asked.line),
             messages.TagRequest: self._tag,
             messages.SuggestRequest: self._suggest,
@@ -159,7 +165,14 @@ class Answers:
         self._shown.set()
         rally = self._played(request)
         motion, begun = self._motion(request, rally)
-        if self._log is not None and request.plan is not None and request.person is not None and not request.person.practice:
+        person = request.person
+        # Of two persons, the log is that of the one who opened the game.
+        if (
+            self._log is not None
+            and request.plan is not None
+            and person is not None
+            and not (person.practice or (person.friend and person.seat))
+        ):
             self._log.add(request.plan, rally)
         # A page that has the motion up to the branch needs only the frames after it.
         first = begun if request.have else 0

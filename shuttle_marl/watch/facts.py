@@ -99,7 +99,7 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
         reason=None if rally.open else OUTCOMES[rally.ending],
         after=result,
         strokes=[_stroke(game, rally, motion, i, int(state)) for i, state in enumerate(rally.states(game))],
-        turn=None if rally.turn is None else _turn(game, rally, rally.turn),
+        turn=_turn(game, rally, rally.turn) if rally.turn is not None and rally.chooses(game) else None,
         players=(_player(motion, 0), _player(motion, 1)),
     )
 

@@ -28,6 +28,8 @@ from shuttle_marl.watch.policies import PolicyTables
 
 PERSON: Final = "you"
 """Name under which a person plays."""
+FRIEND: Final = "friend"
+"""Name of another person at the other seat."""
 _SEEDS: Final = 4096
 
 
@@ -39,7 +41,7 @@ class CourtRally(Rally):
         names: printable names of the players at seats 0 and 1.
         athletes: ``male`` or ``female``, of seats 0 and 1.
         turn: state in which a person has to choose; None: the rally is over.
-        receives: whether they choose a position there, as the receiver of a stroke that is not told.
+        receives: whether they are the receiver there, of a stroke that is not told, and choose a position if they can.
         chosen: numbers of the strokes that no policy chose.
         key: random seed of the staging.
     """
@@ -56,6 +58,10 @@ class CourtRally(Rally):
     def chooser(self) -> int:
         """Seat that has to choose at ``turn``."""
         return (self.server + len(self) + self.receives) % 2
+
+    def chooses(self, game: Game) -> bool:
+        """Whether a person has a choice at ``turn``."""
+        return self.turn is not None and (not self.receives or stepper_of(game).chooses_position(self.turn))
 
     @classmethod
     def at(cls, score: Score, **fields: Any) -> "CourtRally":
@@ -103,6 +109,8 @@ class Match:
         names = [side_name(side) for side in sides]
         if person is not None and number >= person.rally:
             names[person.seat] = PERSON
+            if person.friend:
+                names[1 - person.seat] = FRIEND
         rally = play_rally(
             policies.game,
             (policies.policy(sides[0], 0), policies.policy(sides[1], 1)),
@@ -159,7 +167,7 @@ def play_rally(
             if not stepper.is_legal(state, stroke):
                 raise WatchError(f"rally {number + 1}: the stroke chosen as number {i + 1} is not legal there")
         elif person is not None and person.chooses(number, i, striker):
-            turn = state
+            turn, receives = state, striker != person.seat
             break
         else:
             policy, tables = policies[striker], game.seats[striker]

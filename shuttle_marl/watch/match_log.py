@@ -12,7 +12,7 @@ from shuttle_marl.game.rally.record import Rallies, columns_of, stroke_dtype
 from shuttle_marl.policy import history
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
-from shuttle_marl.watch.match import PERSON, CourtRally
+from shuttle_marl.watch.match import FRIEND, PERSON, CourtRally
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
 
@@ -68,7 +68,7 @@ class MatchLog:
         policies = self._policies.between(sides)
         players = tuple(
             Player(name=name)
-            if name == PERSON or side.policy == history.NAME
+            if name in (PERSON, FRIEND) or side.policy == history.NAME
             else Player(name=name, hash=policies.table(side, seat).hash)
             for seat, (name, side) in enumerate(zip(rally.names, sides, strict=True))
         )

@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.plan import DUEL, MAX_RALLIES, CatalogueIndex, Chosen, Person, Plan
+from shuttle_marl.watch.plan import DUEL, MAX_RALLIES, CatalogueIndex, Chosen, Person, Plan, RallyNumber, StrokeNumber
 
 Point = tuple[float, float, float]
 Box = tuple[float, float, float, float]
@@ -32,18 +32,30 @@ class Request(Struct, forbid_unknown_fields=True, tag_field="op", frozen=True):
     id: int
 
 
+Secret = Annotated[str, Meta(pattern="^[A-Za-z0-9_-]{1,64}$")]
+
+
+class FriendSeat(Struct, forbid_unknown_fields=True, frozen=True):
+    """The seat of a person in a game of two persons: token of the game, and key of the seat, which nobody else knows."""
+
+    token: Secret
+    key: Secret
+
+
 class Query(Request, kw_only=True, frozen=True):
     """A request about a rally.
 
     Attributes:
-        plan: plan of its match; None: a recorded rally.
+        plan: plan of its match; None: a recorded rally, or one of the game of two persons.
         tried: strokes that replace those of a recorded rally.
+        friend: the seat of who asks about a game of two persons, whose plan the server has.
     """
 
     rally: Annotated[int, Meta(ge=0, lt=1 << 40)]
     plan: Plan | None = None
     person: Person | None = None
     tried: Chosen = {}
+    friend: FriendSeat | None = None
 
     def __post_init__(self) -> None:
         if self.plan is not None and self.rally >= MAX_RALLIES:
@@ -104,6 +116,23 @@ class RatingRequest(Request, kw_only=True, tag="rating", frozen=True):
     deviation: Annotated[float, Meta(ge=0, le=1000)]
     volatility: Annotated[float, Meta(gt=0, le=1)]
     scores: Annotated[tuple[Annotated[float, Meta(ge=0, le=1)], ...], Meta(max_length=20_000)]
+
+
+class FriendRequest(Request, kw_only=True, tag="friend", frozen=True):
+    """A person opens a game of two persons, takes a seat in it, chooses, or asks how it stands.
+
+    Attributes:
+        token: token of the game; None: a new one.
+        key: key of the seat; None: the next free one.
+        rally, stroke: numbers of the stroke for which they choose.
+        choice: a stroke, or as the receiver a position; None: none.
+    """
+
+    token: Secret | None = None
+    key: Secret | None = None
+    rally: RallyNumber = 0
+    stroke: StrokeNumber = 0
+    choice: CatalogueIndex | None = None
 
 
 class OpeningRequest(Request, tag="opening", frozen=True):
@@ -479,13 +508,36 @@ class Question(Struct):
     usual: int
 
 
+class Place(Struct):
+    """A position of the receiver of a stroke.
+
+    Attributes:
+        people, perfect: probabilities of people's choices and of perfect play.
+        loss: rallies that it loses to the best one if the striker strikes as perfect play does.
+        win: probability that the striker wins with the stroke played against it, under perfect play from then on.
+    """
+
+    position: int
+    people: float
+    perfect: float
+    loss: float
+    win: float
+
+
+class OpenSide(StrokeFacts, kw_only=True):
+    """The stroke that gains most by where the receiver waits: rallies more than against one who waits as people do."""
+
+    gain: float
+
+
 class StrokeValue(Struct, kw_only=True):
     """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
 
     ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
     (:mod:`shuttle_marl.analysis.marks`). ``change`` and ``quality`` (:mod:`shuttle_marl.analysis.decisions`) are None where too
     few real strokes stand behind it. ``support`` is the number of real strokes behind the rarer of both; None: unknown.
-    ``positions`` are the probabilities with which perfect play waits for the stroke; None: the receiver has no choice.
+    ``places`` are the positions of the receiver, None: they have no choice; ``open`` is the open side, None: there is none, or
+    the position is not known; ``wait`` is how usual the answer is to the question where to wait, None: it is not asked.
     """
 
     win: float
@@ -500,7 +552,9 @@ class StrokeValue(Struct, kw_only=True):
     question: Question | None
     options: list[Option]
     support: int | None
-    positions: list[float] | None
+    places: list[Place] | None
+    open: OpenSide | None
+    wait: int | None
 
 
 class Analysis(Struct):
@@ -598,6 +652,28 @@ class RatingReply(Struct):
     interval: tuple[float, float]
 
 
+class FriendReply(Struct, kw_only=True):
+    """Reply to :class:`FriendRequest`.
+
+    Attributes:
+        refused: why there is no seat: too many games, no such game, or both seats are taken; then the rest says nothing.
+        friend: whether the other person has a seat, and asked lately.
+        rally, strokes: number of the rally that is played, and of its strokes so far.
+        chosen: whether this person has chosen for the next one.
+        plan: of the match that is over; None: it is not.
+    """
+
+    refused: Literal["full", "unknown", "taken"] | None = None
+    token: str = ""
+    key: str = ""
+    seat: int = 0
+    friend: Literal["absent", "here", "away"] = "absent"
+    rally: int = 0
+    strokes: int = 0
+    chosen: bool = False
+    plan: Plan | None = None
+
+
 class OpeningStroke(ValuedStroke, kw_only=True):
     """A stroke after the first ones of a rally between two average pros.
 
@@ -658,6 +734,7 @@ REPLIES: Final[Mapping[type[Request], type[Struct]]] = {
     MatchRequest: MatchReply,
     LikenessRequest: Likeness,
     RatingRequest: RatingReply,
+    FriendRequest: FriendReply,
     OpeningRequest: OpeningReply,
     TagRequest: Saved,
     SuggestRequest: Suggestions,

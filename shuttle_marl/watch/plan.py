@@ -63,16 +63,18 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         rally: the rally in which they take over.
         stroke: the first stroke of that rally that they may choose, or for which they may wait.
         practice: whether they play a rally again, which is not recorded.
+        friend: whether another person plays at the other seat.
     """
 
     seat: Seat
     rally: RallyNumber
     stroke: StrokeNumber
     practice: bool = False
+    friend: bool = False
 
     def chooses(self, rally: int, stroke: int, seat: int) -> bool:
-        """Whether they choose for a seat: as the striker a stroke, as the receiver a position."""
-        return seat == self.seat and (rally, stroke) >= (self.rally, self.stroke)
+        """Whether a person chooses for a seat: as the striker a stroke, as the receiver a position."""
+        return (self.friend or seat == self.seat) and (rally, stroke) >= (self.rally, self.stroke)
 
 
 class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

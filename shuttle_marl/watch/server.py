@@ -39,7 +39,16 @@ from shuttle_marl.base.files import replacing
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.messages import SHOWN, HelloRequest, RallyRequest, TagRequest, decode_request, encode_reply, request_id
+from shuttle_marl.watch.messages import (
+    SHOWN,
+    FriendRequest,
+    HelloRequest,
+    RallyRequest,
+    TagRequest,
+    decode_request,
+    encode_reply,
+    request_id,
+)
 from shuttle_marl.watch.messages import Request as PageRequest
 
 if TYPE_CHECKING:
@@ -55,7 +64,7 @@ _RATE, _BURST = 40.0, 120.0
 _CONCURRENT: Final = 16
 """Maximum number of concurrent requests of a connection."""
 _THREADS: Final = 4
-_FAST: Final = (HelloRequest, RallyRequest, TagRequest)
+_FAST: Final = (HelloRequest, RallyRequest, TagRequest, FriendRequest)
 """Requests that never wait for the game to be solved; the others have separate threads."""
 _DIGITS: Final = 9
 """Maximum number of digits of the number of a rally."""

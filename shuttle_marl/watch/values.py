@@ -7,15 +7,16 @@ import numpy as np
 
 from shuttle_marl.analysis.decisions import quality, theme_of, usual_of
 from shuttle_marl.analysis.marks import Judged, basis_of
+from shuttle_marl.analysis.positions import places_of
 from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally.stepper import stepper_of, waited_at
 from shuttle_marl.game.rules import RETURNED_BELOW
-from shuttle_marl.game.shipped import factor_of
+from shuttle_marl.game.shipped import RELIABLE, factor_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import position_shares
 from shuttle_marl.watch import messages
@@ -28,6 +29,8 @@ SHOWN: Final = 8
 """Number of strokes listed for each decision."""
 ELITE: Final = Side(policy="bc")
 """The imitated average elite player, the reference of all comparisons."""
+OPEN: Final = 0.01
+"""Gain of a stroke from which a side is open, in rallies."""
 _MAX_STYLES: Final = 64
 _GROUPS: Final = {
     "attack": [SHOTS.index(shot) for shot in ("smash", "half-smash", "net-kill")],
@@ -109,8 +112,25 @@ class StrokeValues:
             question=question,
             options=self.options(rally, choice, judged, always=tuple(dict.fromkeys(always))),
             support=_least(choice.support[[rank, better]]),
-            positions=self.positions(choice.state, 1 - choice.seat) or None,
+            **self._waiting(rally, number, choice, rank),
         )
+
+    def _waiting(self, rally: Rally, number: int, choice: Decision, rank: int) -> dict[str, Any]:
+        """What the receiver of a stroke could do, and what the striker gains by it."""
+        found = places_of(self.game, choice.state, choice.seat, self.policies.solution) if self.game.recovery else None
+        if found is None:
+            return {"places": None, "open": None, "wait": None}
+        columns = found.position, found.people, found.perfect, found.loss, found.win[rank]
+        places = [messages.Place(int(p), *map(rounded, rest)) for p, *rest in zip(*columns, strict=True)]
+        waited = waited_at(rally, self.game, number, choice.state)
+        side = None
+        if waited is not None and waited in found.position:
+            gain = np.where(choice.support >= RELIABLE, found.gain[:, found.position == waited].ravel(), -np.inf)
+            best = int(gain.argmax())
+            if gain[best] >= OPEN:
+                side = messages.OpenSide(**stroke_facts(rally, int(choice.stroke[best]), choice.seat), gain=rounded(gain[best]))
+        asked = None if waited is None else found.question(waited)
+        return {"places": places, "open": side, "wait": asked}
 
     def positions(self, state: int, receiver: int) -> list[float]:
         """Probabilities with which perfect play waits where the opponent is in a state; empty: a receiver has no choice there."""

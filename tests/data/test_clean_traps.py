@@ -1,5 +1,6 @@
 """Every defect of the published data, made on purpose, and what cleaning makes of it."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import pytest
 
 from shuttle_marl.data import clean_matches
 from shuttle_marl.data.schema import OUTCOMES, REASONS, Cleaned, Outcome, violations
+from shuttle_marl.data.shuttleset import AREA_OF_LABEL, NEAREST_OF_LABEL
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import SHOTS
 from tests.data.upstream_layout import (
@@ -247,3 +249,15 @@ def test_exchanged_letters_are_put_right(tmp_path: Path) -> None:
     result = cleaned(tmp_path, [*rows, *odd])
     assert column(result, "player")[-3:] == ["viktor-axelsen", "chen-long", "viktor-axelsen"]
     assert column(result, "outcome")[-3:] == [Outcome.RETURNED, Outcome.RETURNED, Outcome.FAULT]
+
+
+def test_labels_name_every_area_once_and_lead_around_the_court() -> None:
+    """Of the labels inside, test_public_matches compares most with the coordinates."""
+    assert sorted(AREA_OF_LABEL) == list(range(9))
+    around = [divmod(area, 3) for area in NEAREST_OF_LABEL]
+    assert 4 not in NEAREST_OF_LABEL
+    assert len(set(around)) == len(around)
+    steps = [abs(a[0] - b[0]) + abs(a[1] - b[1]) for a, b in itertools.pairwise(around)]
+    assert steps == [1] * 6
+    # Nothing goes out between the players: the front is open at the net.
+    assert around[0][0] == around[-1][0] == 0

@@ -224,6 +224,20 @@ def test_coordinates_are_metres(tmp_path: Path, scale: float, says: str) -> None
     assert any(says in text for text in told), told
 
 
+def test_decimal_commas_are_the_same_numbers(tmp_path: Path) -> None:
+    fields = MAP.replace('area = "area"', 'landing_x = "x"\nlanding_y = "y"')
+    lines = ["match;rally;who;shot;x;y;winner"]
+    for rally in range(1, 21):
+        for i, who in enumerate(("Ada", "Bea", "Ada")):
+            shot, winner = ("short serve", "lift", "smash")[i], "Ada" if i == 2 else ""
+            lines.append(f"m;{rally};{who};{shot};{-1.5 + 0.1 * rally + i / 7:.3f};{1.25 + rally / 9 + i:.3f};{winner}")
+    points = "\n".join(lines)
+    plain = read(tmp_path, points, 'delimiter = ";"\n' + fields).strokes
+    commas = read(tmp_path, points.replace(".", ","), 'delimiter = ";"\ndecimal = ","\n' + fields).strokes
+    assert commas.equals(plain)
+    assert plain["landing_y"][1].as_py() == pytest.approx(1.25 + 1 / 9 + 1, abs=1e-3)
+
+
 def whole_table(seed: int, rallies: int) -> list[dict[str, str]]:
     """Rows in which every column that may repeat another does."""
     rng = np.random.default_rng(seed)

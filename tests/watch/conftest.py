@@ -19,10 +19,12 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from shuttle_marl.game import default_game
+from shuttle_marl.game.shipped import load_game, origin_of
 from shuttle_marl.watch.building import SOURCE, BuildError, build, node
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.server import Server, application, bind
 from tests.needs import missing
+from tests.reduced import reduced_model
 
 START = 240.0
 """Time that a server has to start [s]."""
@@ -43,6 +45,15 @@ def page_folder() -> Path:
 def tables() -> PolicyTables:
     """Policies of the shipped game, tabulated and solved once."""
     return PolicyTables(default_game())
+
+
+@pytest.fixture(scope="session")
+def policies() -> PolicyTables:
+    """Policies of a small game with recovery that knows the model of its imitated players."""
+    model = load_game(reduced_model(()))
+    game = dataclasses.replace(model, recovery=load_game("default:recovery").recovery)
+    object.__setattr__(game, "_loaded_from", origin_of(model))
+    return PolicyTables(game)
 
 
 def run_script(name: str, folder: Path, *arguments: str) -> bytes:

@@ -1,5 +1,7 @@
 """The page in a browser: driven as a viewer drives it, on phones, tablets and laptops."""
 
+import functools
+import json
 import math
 import re
 import struct
@@ -12,11 +14,13 @@ import av
 import numpy as np
 import pytest
 
-from shuttle_marl.game import default_game
+from shuttle_marl.commands.watch import GAME
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.pages.languages import LANGUAGES, Language, Texts
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
+from shuttle_marl.watch import messages
 from shuttle_marl.watch.building import SOURCE
 from shuttle_marl.watch.plan import DUEL, LADDER
 from tests.watch.conftest import serving
@@ -151,13 +155,15 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         viewer.until(lambda: viewer.state("names") == ["you", "minimax"])
         assert viewer.state("plan")["points"] == DUEL
         viewer.press("w", ">", ">")
-        last, chosen, deadline = -1, 0, time.monotonic() + 600
+        last, chosen, waited, deadline = -1, 0, 0, time.monotonic() + 600
         while time.monotonic() < deadline:
             turn, winner, after, rally, duration = viewer.state("turn", "winner", "after", "rally", "duration")
             if turn is not None:
-                choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_ret"]))
+                if turn["strokes"]:
+                    choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_ret"]))
                 viewer.press("Enter")
-                chosen += 1
+                chosen += bool(turn["strokes"])
+                waited += not turn["strokes"]
                 assert viewer.state("turn") != turn, "it is over at once, or the next one is there already"
             elif winner is None:
                 viewer.seek(1e3)
@@ -185,11 +191,11 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         )
         assert (re.search(r"You play .?\d+ % like ", text) is not None) == (chosen >= 30)
         assert viewer.state("rally") == last
-        viewer.until(lambda: len(viewer.state("turn_ms")) == chosen)
+        viewer.until(lambda: len(viewer.state("turn_ms")) == chosen + waited)
         dialog.get_by_role("button", name="Another duel").press("Enter")
         viewer.until(lambda: viewer.state("points") == [0, 0] and viewer.state("rally") == 0)
     (log,) = folder.glob("*.mcap")
-    checked = check(log, default_game())
+    checked = check(log, load_game(GAME))
     assert checked.problems == ()
     assert checked.replayed
     assert checked.rallies == last + 1
@@ -261,15 +267,156 @@ def test_a_person_recovers_to_a_position_that_nobody_sees_before_the_hit(viewer:
                 people = turn["positions"]
                 assert viewer.state("position") == people.index(max(people)), "that of most people is selected"
                 wanted = max(p for p, share in enumerate(people) if share)
-                for position in (people.index(0), wanted):  # the first is not feasible
+                for position in (people.index(0), wanted):  # the first is not feasible, the second one key
                     viewer.press(str([9, 8, 7, 6, 5, 4, 3, 2, 1][position]))
-                assert viewer.state("position") == wanted
-            viewer.press("Enter")
+            if not turn["positions"]:
+                viewer.press("Enter")
             viewer.until(lambda known=turn: viewer.state("turn") != known and len(viewer.state("waited")) > known["number"])
             if turn["positions"]:
                 waits += 1
                 assert viewer.state("waited")[turn["number"]] == wanted
                 assert viewer.state("plan")["waited"][str(rally)][str(turn["number"])] == wanted
+
+
+class Frames:
+    """Every frame that a page receives, with the number of strokes that were struck in each rally when it arrived."""
+
+    def __init__(self, page: Any, struck: dict[int, int]) -> None:
+        self.found: list[tuple[dict[str, Any], dict[int, int]]] = []
+        self.asked: dict[int, dict[str, Any]] = {}
+        self._struck = struck
+        page.on("websocket", self._opened)
+
+    def _opened(self, socket: Any) -> None:
+        socket.on("framesent", lambda frame: self.asked.update({(request := json.loads(frame))["id"]: request}))
+        socket.on("framereceived", self._received)
+
+    def _received(self, frame: bytes) -> None:
+        facts = json.loads(frame[4 : 4 + int.from_bytes(frame[:4], "little")])
+        self.found.append((self.asked[facts["id"]] | facts, dict(self._struck)))
+
+    def told(self) -> dict[tuple[int, int], int]:
+        """Positions by rally and stroke, after a check that none came before both had chosen."""
+        positions: dict[tuple[int, int], int] = {}
+        for facts, struck in self.found:
+            if facts["op"] == "friend":
+                assert set(facts) <= {"id", "op", "choice", "stroke", *messages.FriendReply.__struct_fields__}
+                assert facts["plan"] is None, "nor the seed of the outcomes"
+            elif "friend" in facts:
+                about = facts["rally"] if isinstance(facts["rally"], dict) else facts
+                strokes = about.get("strokes", [])
+                assert len(strokes) <= struck.get(about.get("number"), 0), "no stroke before both have chosen"
+                waited = [stroke.get("waited") for stroke in strokes]
+                positions |= {(about["number"], i): position for i, position in enumerate(waited) if position is not None}
+            else:
+                assert facts["op"] == "hello" or facts["plan"] is not None, "of the match before, which the page names"
+        return positions
+
+
+def at_stroke(pages: tuple[Any, Any], number: int, strokes: int) -> tuple[Any, Any]:
+    """The striker and the receiver of a stroke, once both pages show it."""
+
+    def there(one: Any) -> bool:
+        if one.seek(1e3).state("rally") < number:
+            one.press("ArrowDown")
+        return one.state("rally") == number and len(one.state("strokes")) == strokes
+
+    for one in pages:
+        one.until(functools.partial(there, one))
+    striker = pages[(pages[0].state("server") + strokes) % 2]
+    striker.until(lambda: striker.seek(1e3).state("turn") is not None and striker.page.locator(".shots button").count() > 0)
+    return striker, pages[1 - pages.index(striker)]
+
+
+def wait_somewhere(receiver: Any, chosen: dict[tuple[int, int], int], at: tuple[int, int]) -> None:
+    """Choose a position for a stroke of a rally."""
+    receiver.until(lambda: receiver.seek(1e3).state("position") is not None)
+    feasible = np.flatnonzero(receiver.state("turn")["positions"])
+    chosen[at] = int(feasible[len(chosen) % len(feasible)])
+    receiver.press(str([9, 8, 7, 6, 5, 4, 3, 2, 1][chosen[at]]))
+    receiver.until(lambda: receiver.state("friend")["chosen"])
+
+
+def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folder: Any) -> None:
+    """Neither page nor socket of one carries the other's position before the hit, nor the stroke before the position."""
+    struck: dict[int, int] = {}
+    with serving("--game", "default:recovery", "--a", "bc", "--b", "bc") as server:
+        context = browser.new_context(viewport={"width": 480, "height": 700}, reduced_motion="reduce")
+        guest = type(viewer)(context.new_page())
+        pages = (viewer, guest)
+        frames = [Frames(one.page, struck) for one in pages]
+        viewer.page.set_viewport_size({"width": 480, "height": 700})
+        viewer.open(server.address)
+        viewer.page.get_by_role("button", name="Play a friend by link").click()
+        link = viewer.page.get_by_label("Link to the game").input_value()
+        token = link.partition("#game=")[2]
+        assert len(token) > 20
+        guest.open(link).press("w")
+        viewer.until(lambda: viewer.page.get_by_role("dialog").count() == 0)
+        viewer.press("w")
+        assert [one.state("names") for one in pages] == [["you", "friend"], ["friend", "you"]]
+        third = type(viewer)(browser.new_context().new_page())
+        third.page.set_default_timeout(120_000)
+        third.open(link)
+        third.page.get_by_text("Two people play under this link already").wait_for()
+        third.page.goto(f"{server.address}#game=wrong")
+        third.page.get_by_text("This link names no game of this server").wait_for()
+        third.page.context.close()
+
+        chosen: dict[tuple[int, int], int] = {}
+        while len(chosen) < 4:
+            number, strokes = (guest.state("friend")[name] for name in ("rally", "strokes"))
+            striker, receiver = at_stroke(pages, number, strokes)
+            struck.setdefault(number, strokes)
+            if receiver.seek(1e3).state("turn") is not None:
+                wait_somewhere(receiver, chosen, (number, strokes))
+                if len(chosen) == 2:  # a page that is loaded again keeps its seat and its choice
+                    receiver.page.reload()
+                    receiver.open(link).press("w")
+                    assert receiver.state("friend")["chosen"]
+                striker.page.wait_for_timeout(1000)
+                assert len(striker.state("waited")) == len(striker.state("strokes")) == strokes
+            choose(striker, max(striker.state("turn")["strokes"], key=lambda stroke: stroke["p_succ"] * stroke["p_ret"]))
+            struck[number] = strokes + 1
+            striker.press("Enter")
+            guest.until(lambda at=[number, strokes]: [guest.state("friend")[name] for name in ("rally", "strokes")] != at)
+        viewer.until(lambda: all(chosen.keys() <= one.told().keys() for one in frames))
+        assert all(one.told()[at] == position for one in frames for at, position in chosen.items())
+        assert guest.errors == []
+        context.close()
+
+
+def test_positions_are_asked_and_tried(viewer: Any, served: Any) -> None:
+    """A puzzle where to wait, judged by its loss; in Analyse the rally goes on with the receiver elsewhere."""
+    viewer.page.set_viewport_size({"width": 480, "height": 700})
+    page = viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").press("w").page
+    viewer.enter("learn")
+    page.get_by_role("button", name="Rally of the day").first.click()
+    for _ in range(5):
+        button = page.locator(".quiz button:not(:disabled)")
+        button.first.wait_for()
+        if page.locator(".quiz.recover").count():
+            break
+        button.first.click()
+        page.locator(".learn .row button").first.click()
+        button.first.wait_for()
+    asked, analysis, waited = viewer.state("asked", "analysis", "waited")
+    places = analysis["strokes"][asked]["places"]
+    assert button.count() == len(places)
+    best = max(places, key=lambda place: place["perfect"])["position"]
+    (here,) = [place for place in places if place["position"] == waited[asked]]
+    assert here["loss"] >= 0.02, "the receiver lost there"
+    page.locator(f".quiz [data-position='{best}']").click()
+    told = page.locator(".learn").inner_text()
+    assert "Correct." in told
+    assert f"which loses {round(100 * here['loss'])} %" in told
+    assert "right" in page.locator(f".quiz [data-position='{best}']").get_attribute("class")
+    strokes = viewer.state("strokes")
+    page.get_by_role("button", name="Play the better one").click()
+    viewer.until(lambda: viewer.state("waited")[asked] == best)
+    assert viewer.state("strokes")[: asked + 1] == strokes[: asked + 1], "the stroke stays"
+    page.get_by_role("button", name="back to the played rally").click()
+    viewer.until(lambda: viewer.state("strokes") == strokes and viewer.state("waited") == waited)
 
 
 def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None:

@@ -1,6 +1,5 @@
 """Positions on the court: hidden on the wire until the opponent strikes, chosen by a person, and recorded."""
 
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from shuttle_marl.analysis.rally import legal_states
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
-from shuttle_marl.game.shipped import load_game, origin_of
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
@@ -26,21 +25,11 @@ from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import StrokeValues
-from tests.reduced import reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 SIDES = (Side(policy="bc"), Side(policy="minimax"))
 PERSON = Person(seat=0, rally=0, stroke=0)
 STAGER = Stager()
-
-
-@pytest.fixture(scope="module")
-def policies() -> PolicyTables:
-    """Policies of a small game with recovery that knows the model of its imitated players."""
-    model = load_game(reduced_model(()))
-    game = dataclasses.replace(model, recovery=load_game("default:recovery").recovery)
-    object.__setattr__(game, "_loaded_from", origin_of(model))
-    return PolicyTables(game)
 
 
 def plan_of(**fields: Any) -> Plan:
@@ -164,16 +153,21 @@ def test_values_of_strokes_are_those_against_the_positions_of_the_opponent(polic
 
 def test_perfect_play_waits_where_the_solution_does(policies: PolicyTables) -> None:
     answers, stepper, mixed = Answers(policies, plan_of(), STAGER), stepper_of(policies.game), 0
+    opened = 0
     for number in range(4):
         rally = Match(plan_of(), policies).rally(number)
         values = answers._analysis(messages.AnalysisRequest(id=0, plan=plan_of(), rally=number)).strokes
         for state, seat, value in zip(rally.states(policies.game).tolist(), rally.striker.tolist(), values, strict=True):
             exact = policies.solution.policy[1 - seat].position_probabilities()[state]
-            assert (value.positions is None) == (not stepper.chooses_position(state))
-            if value.positions is not None:
-                assert value.positions == pytest.approx(exact, abs=1e-6)
-                mixed += max(value.positions) < 0.99
+            assert (value.places is None) == (not stepper.chooses_position(state))
+            if value.places is not None:
+                told = {place.position: place.perfect for place in value.places}
+                assert [told.get(position, 0) for position in range(N_POSITIONS)] == pytest.approx(exact, abs=1e-6)
+                assert min(place.loss for place in value.places) == 0
+                mixed += max(told.values()) < 0.99
+                opened += value.open is not None
     assert mixed
+    assert opened
 
 
 def test_real_receivers_wait_where_they_were_annotated() -> None:

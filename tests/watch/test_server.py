@@ -83,6 +83,18 @@ def test_a_server_on_all_interfaces_or_behind_a_proxy() -> None:
     assert refusal(["evil.example"], ["https://court.example"], allowed, proxies) is not None
 
 
+def test_a_connection_that_asks_too_fast_has_to_wait(served: Served) -> None:
+    asked_for = 200
+    with connected(served) as hasty:
+        begun = time.monotonic()
+        for _ in range(asked_for):
+            hasty.send("no request")
+        for _ in range(asked_for):
+            assert parsed(hasty.recv(timeout=60))[0]["error"]
+        # 120 at once, and then 40 a second.
+        assert time.monotonic() - begun > 0.9 * (asked_for - 120) / 40
+
+
 @pytest.mark.slow
 def test_files_are_served_and_nothing_else(served: Served) -> None:
     for path, kind in {"/": "text/html", "/watch.js": "text/javascript", "/watch.css": "text/css", "/male.glb": "model/"}.items():

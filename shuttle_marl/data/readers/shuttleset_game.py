@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Final
 
 from shuttle_marl.data.readers.reading import Reading, sheet_of
+from shuttle_marl.data.shuttleset import AREA_OF_LABEL, NEAREST_OF_LABEL
 from shuttle_marl.data.strict_csv import Sheet
 from shuttle_marl.game.court import AREAS
 
 _MARKS: Final = {"ball_round", "rally", "player", "type", "landing_area"}
-_AREAS: Final = (
-    "", *(AREAS[i] for i in (0, 2, 6, 8, 3, 5, 1, 4, 7, 2, 5, 8, 7, 6, 3, 0)),
-)  # fmt: skip
+_AREAS: Final = ("", *(AREAS[i] for i in (*AREA_OF_LABEL, *NEAREST_OF_LABEL)))
 """Area by label; those outside of the court are the nearest ones."""
 _FELL: Final = ("掛網", "未過網")
 """Endings of strokes that did not cross the net; their landing tells no target."""

@@ -3,7 +3,7 @@
 import { capitalised, h, percent, replaceChildren, s, sideColour, signed } from "./dom";
 import { hurriedTag, term } from "./glossary";
 import { nameAt } from "./names";
-import type { Analysis, RallyFacts } from "./wire.gen";
+import type { Analysis, RallyFacts, Stroke } from "./wire.gen";
 import { decimal, type Key, listed, say, words } from "./words";
 
 /** Probability that seat 0 wins the rally, over time. */
@@ -52,6 +52,7 @@ export class Curve {
   });
   private readonly names = h("div", { "aria-hidden": "true" });
   private duration = 1;
+  private labelled: Stroke[] = [];
 
   /** @param back button that leaves a "what if". */
   constructor(seek: (time: number) => void, back: HTMLElement) {
@@ -59,6 +60,7 @@ export class Curve {
       h("h2", {}, term("win probability", say("term.win_probability")), back),
       h("div", { class: "timeline" }, this.drawing, this.names),
     );
+    new ResizeObserver(() => this.label()).observe(this.drawing);
     this.drawing.addEventListener("click", (event) => {
       const box = this.drawing.getBoundingClientRect();
       seek((((event as MouseEvent).clientX - box.left) / box.width) * this.duration);
@@ -81,16 +83,9 @@ export class Curve {
         "vector-effect": "non-scaling-stroke",
       }),
     ];
-    this.names.replaceChildren();
-    let free = 0; // left edge of the free space for the next label
-    for (const [i, stroke] of rally.strokes.entries()) {
-      const name = `${i + 1} ${words(stroke.shot)}`;
-      const end = (rally.strokes[i + 1]?.time ?? duration) / duration;
-      const width = textWidth(name) / (this.drawing.clientWidth || 600);
-      if (i < named && stroke.time / duration >= free && stroke.time / duration + width < end + 0.01) {
-        free = stroke.time / duration + width;
-        this.names.append(h("span", { style: `left:${(100 * stroke.time) / duration}%` }, name));
-      }
+    this.labelled = rally.strokes.slice(0, named);
+    this.label();
+    for (const stroke of rally.strokes) {
       const colour = sideColour(stroke.seat);
       parts.push(
         s("line", {
@@ -123,6 +118,22 @@ export class Curve {
         : say("page.strokes_timeline"),
     );
     this.drawing.replaceChildren(...parts, this.cursor);
+  }
+
+  /** Names the strokes whose names have room. */
+  private label(): void {
+    const { duration, labelled } = this;
+    const width = this.drawing.clientWidth || 600;
+    this.names.replaceChildren();
+    let free = 0; // left edge of the free space for the next label
+    labelled.forEach(({ shot, time }, i) => {
+      const [name, left] = [`${i + 1} ${words(shot)}`, time / duration];
+      const right = left + textWidth(name) / width;
+      if (left >= free && right < (labelled[i + 1]?.time ?? duration) / duration) {
+        free = right;
+        this.names.append(h("span", { style: `left:${100 * left}%` }, name));
+      }
+    });
   }
 
   move(time: number): void {
@@ -292,9 +303,9 @@ export class OptionTable {
         "h2",
         {},
         h("span", {}, say("page.at_stroke", { name: nameAt(rally.names, stroke.seat), number: index + 1 })),
-        value.loss > 5e-4
-          ? term("loss", say("page.loses", { share: points(value.loss) }))
-          : h("span", {}, say(value.change === null ? "page.rare" : "page.sound")),
+        value.change === null
+          ? h("span", {}, say("page.rare"))
+          : term("loss", say("page.change_loses", { change: signed(value.change), share: percent(value.loss) })),
       ),
       h("table", { class: "options" }, h("thead", {}, head), h("tbody", {}, ...rows)),
       h("p", { class: "quiet" }, `${strong ? say("page.strongly") : ""}${sure(value.support)}${realised(analysis!.factor)}`),

@@ -4,10 +4,11 @@ import { Challenges } from "./challenges";
 import { nextPicture, still } from "./dom";
 import { Ending } from "./ending";
 import { type FrameListener, Frames } from "./frame";
+import { FriendGame } from "./friend";
 import { facing } from "./hall";
 import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
-import { readLink } from "./link";
+import { type Place, readLink } from "./link";
 import { confirmed } from "./menus";
 import { displayName, nameOnShirt } from "./names";
 import type { Player } from "./player";
@@ -19,8 +20,8 @@ import type { Stage } from "./stage";
 import { type Choice, openStartCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
-import { Timeline } from "./timeline";
-import type { Hello, RallyFacts, Side } from "./wire.gen";
+import { playing, Timeline, type Tried } from "./timeline";
+import type { FriendReply, Hello, RallyFacts, Side } from "./wire.gen";
 import { say } from "./words";
 
 /** That the strokes have the skill of both players, of a day or of the last one known. */
@@ -87,6 +88,9 @@ export class App {
       },
       hello,
     );
+    if (source.friend && this.live) {
+      this.course.friend = new FriendGame(source.friend, layout, (now) => this.friendPlayed(now));
+    }
     this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, source, () =>
       this.go(this.course.number + 1, null, true),
     );
@@ -94,12 +98,28 @@ export class App {
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
     const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
-    const opened = this.go(first, place.stroke, place.stroke === null).then(() =>
-      this.shown ? undefined : this.openDefault(),
-    );
+    const opened = this.openPlace({ ...place, rally: first }, place.stroke === null);
     this.frames.start(this.listener);
     if (!location.hash && this.live) {
       openStartCard(hello.ladder, hello.duel, (choice) => void opened.then(() => this.begin(choice)));
+    }
+  }
+
+  /** Shows what a link names: a game with a friend, or a rally. */
+  private async openPlace({ game, rally, stroke }: Place, playing: boolean): Promise<void> {
+    const { challenges, course, screen } = this;
+    let refused = "";
+    if (game && course.friend) {
+      await challenges.friend(game).catch((error: Error) => (refused = error.message));
+    }
+    if (!course.friend?.now) {
+      await this.go(rally, stroke, playing);
+    }
+    if (!this.shown) {
+      await this.openDefault();
+    }
+    if (refused) {
+      screen.layout.say(refused, true);
     }
   }
 
@@ -109,7 +129,7 @@ export class App {
     if (hello.recorded === null) {
       course.open(hello.plan);
     }
-    course.visit({ plan: null, rally: 0, stroke: null, tried: {} });
+    course.visit({ plan: null, rally: 0, stroke: null, tried: {}, game: null });
     await this.go(hello.recorded?.first ?? 0, null, true);
     this.screen.layout.say(say("page.bad_link"), true);
   }
@@ -119,6 +139,7 @@ export class App {
     return {
       mode: (mode) => this.setMode(mode),
       newMatch: () => this.askNewMatch(),
+      friend: () => this.begin("friend"),
       copyLink: () => this.saving.copyLink(),
       savePicture: () => this.saving.picture(() => this.draw()),
       savePage: (match) => void this.saving.page(match),
@@ -140,7 +161,8 @@ export class App {
       },
       open: (rally, stroke) => void this.go(rally, stroke, false),
       seekStroke: (stroke) => this.seekStroke(stroke),
-      whatIf: (stroke) => void this.whatIf(stroke),
+      whatIf: (stroke) => void this.whatIf({ stroke }),
+      waitThere: (position) => void this.whatIf({ position }),
       backToPlayed: () => this.backToPlayed(),
       playFrom: (stroke) => {
         this.player.stopAt = null;
@@ -156,7 +178,10 @@ export class App {
       opening: this.source.opening,
       retry: () => void this.retry(),
       playLine: (line, seed) => this.playLine(line, seed),
-      hints: () => this.source.options(this.course.wanted(this.course.number)),
+      hints: async () => {
+        const { friend, number } = this.course;
+        return friend?.now ? { options: [], positions: [] } : this.source.options(this.course.wanted(number));
+      },
       gameOver: (rally) => void this.challenges.summary(rally).catch(failed),
     };
   }
@@ -214,9 +239,13 @@ export class App {
     document.body.dataset["ready"] = "";
     const known = hello.recorded && matchOf(hello.recorded.matches, rally.number);
     const event = known ? [known.title, known.date].filter(Boolean).join(", ") : hello.recorded?.title;
-    const match = event ?? say("page.seed", { seed: course.plan!.seed });
+    const played = course.friend?.now;
+    const match = event ?? (played ? say("friend.title") : say("page.seed", { seed: course.plan!.seed }));
     const where = rally.skill === null ? match : say("page.in_match", { match, skill: skillWords(rally.skill) });
     this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
+    if (played?.chosen && played.rally === rally.number && played.strokes === rally.strokes.length) {
+      this.screen.answered = rally.turn; // before the page was loaded again
+    }
     this.saving.updateAddress();
     // A new server compiles for these; on a machine of few cores, the first picture would wait for it.
     this.pictured ??= nextPicture();
@@ -234,9 +263,12 @@ export class App {
   // Actions.
 
   private begin(choice: Choice): void {
-    if (choice === "daily" || typeof choice === "number") {
-      const failed = (error: Error) => this.screen.layout.say(error.message, true);
-      (choice === "daily" ? this.challenges.daily() : this.challenges.duel(choice)).catch(failed);
+    const { challenges } = this;
+    const failed = (error: Error) => this.screen.layout.say(error.message, true);
+    if (typeof choice === "number") {
+      challenges.duel(choice).catch(failed);
+    } else if (choice === "daily" || choice === "friend") {
+      (choice === "daily" ? challenges.daily() : challenges.friend(null)).catch(failed);
     } else if (choice !== "watch") {
       this.setMode(choice);
     }
@@ -245,6 +277,10 @@ export class App {
   setMode(mode: Mode): void {
     const { course, screen } = this;
     const before = screen.mode;
+    if (course.friend?.now) {
+      this.askLeave(() => this.setMode(mode));
+      return;
+    }
     if (mode !== "learn") {
       screen.learn.start(null);
     }
@@ -297,9 +333,21 @@ export class App {
     }
   }
 
+  /** Leaves the game with a friend after a question, then acts. */
+  private askLeave(act: () => void): void {
+    confirmed(say("friend.leave"), say("friend.leave_about"), say("friend.leave_yes"), () => {
+      this.course.open(this.hello.plan);
+      this.course.person = null;
+      this.course.number = 0;
+      act();
+    });
+  }
+
   /** Starts a new match; asks first while a person plays. */
   private askNewMatch(): void {
-    if (this.course.person) {
+    if (this.course.friend?.now) {
+      this.askLeave(() => this.newMatch());
+    } else if (this.course.person) {
       confirmed(say("page.ask_new"), say("page.ask_new_about"), say("page.new_match"), () => this.newMatch());
     } else {
       this.newMatch();
@@ -330,7 +378,7 @@ export class App {
       this.seeFrom(0, null);
       this.enter("watch");
     }
-    void this.go(place.rally, place.stroke);
+    void this.openPlace(place, this.player.playing && place.stroke === null);
   }
 
   /** Changes agent or temperature from the next rally on; before the first serve, from this one on. */
@@ -355,7 +403,7 @@ export class App {
   async takeOver(seat: number): Promise<void> {
     const { course, player, shown } = this;
     const { layout } = this.screen;
-    if (!course.plan || !this.source.share || !shown) {
+    if (!course.plan || !this.source.share || !shown || course.friend?.now) {
       return;
     }
     if (course.person?.seat === seat) {
@@ -367,7 +415,7 @@ export class App {
     }
     const { stroke, time } = player;
     const undo = course.mark();
-    course.person = { seat, rally: course.number, stroke: stroke < 0 ? 0 : stroke + 2, practice: false };
+    course.person = playing(seat, course.number, stroke < 0 ? 0 : stroke + 2);
     this.values.reset();
     this.enter("play");
     const taken = await this.rallies.fetch(course.wanted(course.number), null, undo);
@@ -381,7 +429,7 @@ export class App {
   private async retry(): Promise<void> {
     const { course, player, shown } = this;
     const at = shown?.rally.strokes.findLastIndex((stroke, i) => stroke.person && i <= player.stroke) ?? -1;
-    if (!shown || at < 0 || !course.person || !course.plan?.chosen) {
+    if (!shown || at < 0 || !course.person || course.friend?.now || !course.plan?.chosen) {
       return;
     }
     const undo = course.mark();
@@ -416,11 +464,18 @@ export class App {
     if (!turn || !course.plan) {
       return;
     }
+    screen.board.show(null);
+    screen.answered = turn;
+    if (course.friend?.now) {
+      await course.friend.choose(course.number, turn.number, choice).catch((error: Error) => {
+        screen.answered = null; // they choose again
+        screen.layout.say(error.message, true);
+      });
+      return;
+    }
     const chosen = performance.now();
     const undo = course.mark();
     course.choose(turn, choice);
-    screen.board.show(null);
-    screen.answered = turn;
     player.finish(); // while the rest is staged
     this.unseen.push(chosen);
     const next = await this.rallies.fetch(course.wanted(course.number), shown.motion, () => {
@@ -435,8 +490,27 @@ export class App {
     }
   }
 
-  /** Replaces a played stroke; the rally continues from it. */
-  async whatIf(stroke: number): Promise<void> {
+  /** Shows the strokes of a game with a friend that the server has played and the page does not show yet. */
+  private async friendPlayed({ rally, strokes, plan }: FriendReply): Promise<void> {
+    const { course, player, rallies, shown } = this;
+    if (!shown || rallies.pending || shown.rally.number !== course.number) {
+      return;
+    }
+    const known = shown.rally.strokes.length;
+    if (shown.rally.winner === null && (rally > course.number || strokes > known)) {
+      const next = await rallies.fetch(course.wanted(course.number));
+      if (next && shown === this.shown) {
+        this.stage?.blendFrom(shown.motion, player.time);
+        this.show(next, Math.min(player.time, next.rally.strokes[known]!.time - 0.12), true);
+      }
+    } else if (plan) {
+      course.open(plan);
+      this.saving.updateAddress();
+    }
+  }
+
+  /** Replaces a played stroke, or where its receiver waits; the rally continues from it. */
+  async whatIf(tried: Tried): Promise<void> {
     const { course } = this;
     if (!this.shown || !this.source.share) {
       return;
@@ -444,7 +518,8 @@ export class App {
     const at = Math.max(this.player.stroke, 0);
     (document.activeElement as HTMLElement | null)?.blur(); // the next space plays or pauses
     const undo = course.mark();
-    course.try(at, stroke);
+    course.person = course.person?.friend ? null : course.person; // average pros go on
+    course.try(at, tried);
     const next = await this.rallies.fetch(course.wanted(course.number), null, undo);
     if (next) {
       const contact = next.rally.strokes[at]!.time;

@@ -78,12 +78,15 @@ export class Board {
   /** Whether a person plays: then the board stays, so that nothing moves between two strokes. */
   set playing(on: boolean) {
     this.element.classList.toggle("hidden", !on);
+    if (on && !this.element.hasChildNodes()) {
+      this.wait();
+    }
   }
 
   private wait(): void {
     const height = this.element.clientHeight;
     this.element.style.minHeight = height ? `${height}px` : "";
-    this.say(say("board.goes_on"));
+    this.say(say(document.body.classList.contains("friend") ? "friend.waits" : "board.goes_on"));
   }
 
   /** Says that the match is over. */

@@ -9,7 +9,7 @@ import type { Source } from "./rallies";
 import type { Screen } from "./screen";
 import type { StrokeValues } from "./strokeValues";
 import { likenessSentence, summary } from "./summary";
-import type { Timeline } from "./timeline";
+import { playing, type Timeline } from "./timeline";
 import type { Hello, RallyFacts, Side } from "./wire.gen";
 import { say } from "./words";
 
@@ -56,13 +56,33 @@ export class Challenges {
     const policy = ladder[number]!;
     keepRung(number);
     course.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: [PRO, { policy, temperature: 1 }], points: duel });
-    course.person = { seat: 0, rally: 0, stroke: 0, practice: false };
+    course.person = playing(0);
     this.values.reset();
     hooks.enter("play");
     hooks.seeFrom(0);
     screen.hear();
     await hooks.go(0, null, true);
     screen.layout.say(say("duel.begins", { points: duel, name: opponentName(policy) }));
+  }
+
+  /**
+   * Opens a game with a friend.
+   * @param token of the game; null: a new one, whose link is shown.
+   */
+  async friend(token: string | null): Promise<void> {
+    const { course, screen, hooks } = this;
+    const now = await course.friend!.join(token);
+    course.plan = { seed: 0, sides: [PRO, PRO], points: this.hello.duel }; // the server has the real one
+    course.original = course.practice = null;
+    course.person = playing(now.seat, 0, 0, true);
+    this.values.reset();
+    hooks.enter("play");
+    await hooks.go(now.rally, null, true);
+    if (token === null) {
+      course.friend!.invite(location.href);
+    } else {
+      screen.layout.say(say("friend.begins", { points: this.hello.duel }));
+    }
   }
 
   /** Shows the score, the rating, and the costliest decisions of a person in the finished game, and whose choices theirs are like. */
@@ -107,7 +127,7 @@ export class Challenges {
       string,
       string,
     ];
-    const at = course.plan?.points ? ladder.indexOf(course.plan.sides[1].policy) : -1;
+    const at = course.plan?.points && !person.friend ? ladder.indexOf(course.plan.sides[1].policy) : -1;
     if (ahead && at >= 0) {
       keepRung(Math.min(at + 1, ladder.length - 1));
     }

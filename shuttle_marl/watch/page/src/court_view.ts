@@ -1,12 +1,12 @@
 // Overlays of the court: score, shot, cameras.
 
-import { type Child, capitalised, h, percent, replaceChildren, sideColour } from "./dom";
+import { type Child, capitalised, h, percent, replaceChildren, sideColour, signed } from "./dom";
 import { hurriedTag } from "./glossary";
 import { handTag, nameAt } from "./names";
 import { breakWords } from "./narration";
 import { positionWords } from "./recover";
 import { CAMERAS, type Camera } from "./stage";
-import type { HallFacts, RallyFacts, Stroke } from "./wire.gen";
+import type { HallFacts, RallyFacts, Stroke, StrokeValue } from "./wire.gen";
 import { type Key, say, words } from "./words";
 
 export class ScoreBug {
@@ -55,16 +55,16 @@ export class Chip {
 
   constructor(private readonly hall: HallFacts) {}
 
-  /** @param perfect probabilities of the positions of the receiver under perfect play; null: none are shown. */
-  show(rally: RallyFacts, index: number, perfect: number[] | null): void {
+  /** @param waiting values of the stroke whose positions and open side are shown; null: none are. */
+  show(rally: RallyFacts, index: number, waiting: StrokeValue | null): void {
     const stroke = rally.strokes[index] ?? null;
-    if (this.shown[0] === stroke && this.shown[1] === perfect && this.shown.length) {
+    if (this.shown[0] === stroke && this.shown[1] === waiting && this.shown.length) {
       return;
     }
-    this.shown = [stroke, perfect];
+    this.shown = [stroke, waiting];
     this.element.classList.toggle("hidden", stroke === null);
     this.count.classList.toggle("hidden", stroke === null);
-    this.showWaits(rally, stroke, perfect);
+    this.showWaits(rally, stroke, waiting);
     if (!stroke) {
       return;
     }
@@ -84,20 +84,23 @@ export class Chip {
     this.count.textContent = say("page.stroke_of", { number: index + 1, count: rally.strokes.length });
   }
 
-  private showWaits(rally: RallyFacts, stroke: Stroke | null, perfect: number[] | null): void {
-    const likeliest = perfect ? perfect.indexOf(Math.max(...perfect)) : -1;
+  private showWaits(rally: RallyFacts, stroke: Stroke | null, waiting: StrokeValue | null): void {
+    const { open, places } = waiting ?? { open: null, places: null };
+    const best = places?.reduce((a, b) => (b.perfect > a.perfect ? b : a));
+    const loss = places?.find(({ position }) => position === stroke?.waited)?.loss ?? 0;
     const line = (mark: string, who: string, where: string) =>
       h("p", {}, h("i", { class: mark }), `${who}: `, h("b", {}, where));
-    this.waits.classList.toggle("hidden", stroke?.waited == null && !perfect);
+    this.waits.classList.toggle("hidden", stroke?.waited == null && !best);
     replaceChildren(
       this.waits,
       stroke?.waited != null &&
         line(
           "ring",
           say("recover.waits", { name: capitalised(nameAt(rally.names, 1 - stroke.seat)) }),
-          positionWords(this.hall, stroke.waited),
+          `${positionWords(this.hall, stroke.waited)}${loss >= 0.005 ? ` ${signed(-loss)}` : ""}`,
         ),
-      perfect && line("spot", say("recover.best"), `${positionWords(this.hall, likeliest)} ${percent(perfect[likeliest]!)}`),
+      open && line("open", say("recover.open"), `${words(open.area)} ${signed(open.gain)}`),
+      best && line("spot", say("recover.best"), `${positionWords(this.hall, best.position)} ${percent(best.perfect)}`),
     );
     this.waits.style.setProperty("--mine", sideColour(1 - (stroke?.seat ?? 0)));
   }

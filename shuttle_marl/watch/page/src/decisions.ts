@@ -102,7 +102,7 @@ export class Decisions {
    * @param practice whether the rally is played again; then it does not count.
    */
   show(rally: RallyFacts, analysis: Analysis, seat: number, practice: boolean): void {
-    const last = rally.strokes.findLastIndex((stroke) => stroke.person);
+    const last = rally.strokes.findLastIndex((stroke) => stroke.person && stroke.seat === seat);
     const value = analysis.strokes[last];
     this.element.classList.toggle("hidden", !value);
     if (!value) {

@@ -4,7 +4,7 @@ import type { Motion } from "./motion";
 import { Player } from "./player";
 import type { Flight } from "./shuttle";
 import { Stage } from "./stage";
-import type { HallFacts, RallyFacts } from "./wire.gen";
+import type { HallFacts, RallyFacts, StrokeValue } from "./wire.gen";
 
 const SETTLING = 45; // frames until cameras and poses settle
 const RESTING = 300; // frame interval of waiting players in software rendering, which keeps input responsive [ms]
@@ -29,8 +29,8 @@ export class Frames {
   aim: [number, number, number, number] | null = null;
   /** Flight of a stroke that is pointed at. */
   flight: Flight | null = null;
-  /** Probabilities of the positions of the receiver under perfect play; null: none are shown. */
-  perfect: number[] | null = null;
+  /** The stroke whose positions and open side are shown; null: none are. */
+  waiting: StrokeValue | null = null;
   /** Whether frames are drawn on demand only, for a video. */
   onDemand = false;
   private shown: { rally: RallyFacts; motion: Motion } | null = null;
@@ -127,7 +127,7 @@ export class Frames {
       stage.flipped,
       this.aim,
       this.flight?.shot,
-      this.perfect,
+      this.waiting !== null,
       player.playing,
     ].join();
     if (seen !== this.seen) {
@@ -137,7 +137,7 @@ export class Frames {
     if (this.unsettled > 0 || stage.camera === "free") {
       this.unsettled--;
       [this.drawnAt, this.drawnTime] = [now, player.time];
-      stage.draw(rally, motion, player.time, this.aim, this.flight, this.perfect, !player.playing && !player.waits);
+      stage.draw(rally, motion, player.time, this.aim, this.flight, this.waiting, !player.playing && !player.waits);
     }
   }
 }

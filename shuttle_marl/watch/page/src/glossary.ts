@@ -11,7 +11,7 @@ let owner: HTMLElement | null = null;
 function show(button: HTMLElement, sentence: string): void {
   owner = button;
   tip.textContent = sentence;
-  (button.closest("dialog") ?? document.body).append(tip);
+  (button.closest("dialog, main") ?? document.body).append(tip);
   tip.classList.remove("hidden");
   const [at, size] = [button.getBoundingClientRect(), tip.getBoundingClientRect()];
   const below = at.bottom + 6 + size.height < innerHeight;

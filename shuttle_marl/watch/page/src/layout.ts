@@ -16,6 +16,8 @@ export type Mode = (typeof MODES)[number];
 export interface Hooks {
   mode(mode: Mode): void;
   newMatch(): void;
+  /** Opens a game with a friend. */
+  friend(): void;
   copyLink(): void;
   savePicture(): void;
   savePage(match: boolean): void;
@@ -130,6 +132,7 @@ export class Layout {
     const share = canShare
       ? menu(
           say("page.share"),
+          ...(isMatch ? [h("button", { onclick: () => hooks.friend() }, say("friend.title"))] : []),
           h("button", { onclick: () => hooks.copyLink() }, say("page.copy_link")),
           h("button", { onclick: () => hooks.savePage(false) }, say("page.save_rally")),
           h("button", { onclick: () => hooks.savePage(true) }, say("page.save_match")),

@@ -2,10 +2,12 @@
 
 import { accuracy } from "./analysis";
 import { type Daily, PUZZLES } from "./daily";
-import { capitalised, h, percent, replaceChildren } from "./dom";
+import { capitalised, h, percent, replaceChildren, signed } from "./dom";
 import { term } from "./glossary";
 import { nameAt } from "./names";
-import type { Analysis, Option, RallyFacts } from "./wire.gen";
+import { positionAt, positionGrid, positionWords } from "./recover";
+import type { Tried } from "./timeline";
+import type { Analysis, HallFacts, Option, Place, RallyFacts, StrokeValue } from "./wire.gen";
 import { decimal, type Key, say, words } from "./words";
 
 const QUESTIONS = 3;
@@ -13,39 +15,71 @@ const RALLIES = 20; // rallies without a question that are skipped
 
 interface Question {
   stroke: number;
-  best: Option;
-  /** Wrong answers, the stroke played first. */
-  wrong: Option[];
-  /** Share of elite players who choose the right shot type. */
+  /** Share of elite players who choose a right answer. */
   share: number;
   theme: string;
   /** How usual the right answer is. */
   usual: number;
+  /** Name of the right answer; no day asks twice for one. */
+  key: string;
+  /** What the stroke or the position played loses. */
+  loss: number;
+}
+
+interface StrokeQuestion extends Question {
+  best: Option;
+  /** Wrong answers, the stroke played first. */
+  wrong: Option[];
+}
+
+/** Where the receiver waits: the positions from which they choose. */
+interface PlaceQuestion extends Question {
+  places: Place[];
+}
+
+type Asked = StrokeQuestion | PlaceQuestion;
+
+const GOOD = 0.005; // loss up to which a position is a right answer, as in shuttle_marl.analysis.positions
+
+const isPlace = (question: Asked): question is PlaceQuestion => "places" in question;
+
+function strokeQuestion({ question, options }: StrokeValue, stroke: number): Asked[] {
+  if (!question) {
+    return [];
+  }
+  const pick = (wanted: number) => options.find((option) => option.stroke === wanted)!;
+  const [best, wrong] = [pick(question.right), question.wrong.map(pick)];
+  const { share, theme, usual } = question;
+  return [{ stroke, share, theme, usual, key: best.shot, loss: best.best - wrong[0]!.best, best, wrong }];
+}
+
+function placeQuestion({ wait, places }: StrokeValue, stroke: number, waited: number | null): Asked[] {
+  if (wait === null || !places) {
+    return [];
+  }
+  const likeliest = places.reduce((a, b) => (b.perfect > a.perfect ? b : a));
+  const share = places.reduce((sum, { loss, people }) => sum + (loss <= GOOD ? people : 0), 0);
+  const loss = places.find(({ position }) => position === waited)!.loss;
+  return [{ stroke, share, theme: "wait", usual: wait, key: `wait ${likeliest.position}`, loss, places }];
 }
 
 /**
  * Decisions to ask for, in order of time: the costliest, or of a puzzle one with a new theme and a rare right answer.
  * @param daily puzzles, whose themes and right shot types are not asked for again; null: no puzzle.
  */
-export function questions(analysis: Analysis, daily: Daily | null = null): Question[] {
-  const found = analysis.strokes.flatMap(({ question, options }, stroke): Question[] => {
-    const pick = (wanted: number) => options.find((option) => option.stroke === wanted)!;
-    const best = question && pick(question.right);
-    const { share, theme, usual } = question ?? { share: 0, theme: "", usual: 0 };
-    return best && (daily?.takes(theme, best.shot) ?? true)
-      ? [{ stroke, best, wrong: question.wrong.map(pick), share, theme, usual }]
-      : [];
-  });
-  const loss = ({ best, wrong }: Question) => best.best - wrong[0]!.best;
+export function questions(rally: RallyFacts, analysis: Analysis, daily: Daily | null = null): Asked[] {
+  const found = analysis.strokes
+    .flatMap((value, i) => [...strokeQuestion(value, i), ...placeQuestion(value, i, rally.strokes[i]!.waited)])
+    .filter(({ theme, key }) => daily?.takes(theme, key) ?? true);
   const again = ({ theme }: Question) => Number(daily!.themes.has(theme));
   return found
-    .sort((a, b) => (daily ? again(a) - again(b) || a.usual - b.usual || a.share - b.share : loss(b) - loss(a)))
+    .sort((a, b) => (daily ? again(a) - again(b) || a.usual - b.usual || a.share - b.share : b.loss - a.loss))
     .slice(0, daily ? 1 : QUESTIONS)
     .sort((a, b) => a.stroke - b.stroke);
 }
 
 /** Answers of a question in an order that does not tell which is which. */
-function answers({ best, wrong }: Question): Option[] {
+function answers({ best, wrong }: StrokeQuestion): Option[] {
   const mixed = ({ stroke }: Option) => Math.imul(stroke + 1 + 64 * wrong[0]!.stroke, 0x9e3779b1) >>> 0;
   return [best, ...wrong].sort((a, b) => mixed(a) - mixed(b));
 }
@@ -70,8 +104,10 @@ export interface LearnHooks {
   point(option: Option | null): void;
   /** Plays the rally on from a stroke. */
   playFrom(stroke: number): Promise<void>;
-  /** Plays another stroke instead; null: this page cannot. */
-  playInstead: ((stroke: number, other: number) => void) | null;
+  /** Plays another stroke, or waits elsewhere, instead; null: this page cannot. */
+  playInstead: ((stroke: number, other: Tried) => void) | null;
+  /** Marks a position of the court; null: none. */
+  mark(position: number | null): void;
   /** Shows the rally as it was played. */
   back(): Promise<void>;
 }
@@ -84,16 +120,19 @@ export class Learn {
   });
   private rally: RallyFacts | null = null;
   private analysis: Analysis | null = null;
-  private question: Question | null = null;
+  private question: Asked | null = null;
   private options: Option[] = [];
-  private left: Question[] = [];
+  private left: Asked[] = [];
   private right = 0;
   private asked = 0;
   private skipped = 0;
   private answered = false;
   private daily: Daily | null = null;
 
-  constructor(private readonly hooks: LearnHooks) {}
+  constructor(
+    private readonly hall: HallFacts,
+    private readonly hooks: LearnHooks,
+  ) {}
 
   /** Stroke of the question; null: none is asked. */
   get current(): number | null {
@@ -111,7 +150,7 @@ export class Learn {
       return;
     }
     const { daily } = this;
-    this.left = questions(analysis, daily);
+    this.left = questions(rally, analysis, daily);
     if (daily) {
       daily.rallies++;
     }
@@ -145,14 +184,19 @@ export class Learn {
     this.rally = this.question = null;
     this.left = [];
     this.answered = false;
-    this.hooks.point(null);
+    this.clear();
     this.element.classList.add("hidden");
     replaceChildren(this.element); // else the next quiz shows the last question until the court is ready
   }
 
+  private clear(): void {
+    this.hooks.point(null);
+    this.hooks.mark(null);
+  }
+
   private async next(): Promise<void> {
     const { left } = this; // each quiz has a list of its own
-    this.hooks.point(null);
+    this.clear();
     await this.hooks.back();
     if (this.left !== left) {
       return; // the viewer left this quiz meanwhile
@@ -216,7 +260,34 @@ export class Learn {
     if (!this.question || this.element.querySelector(".quiz")) {
       return;
     }
-    this.options = answers(this.question);
+    const { question } = this;
+    if (isPlace(question)) {
+      this.askPlace(question);
+    } else {
+      this.askStroke(question);
+    }
+    const day = this.daily ? null : this.dayButton();
+    if (day) {
+      this.element.append(h("div", { class: "day row" }, day));
+    }
+    (this.element.querySelector(".quiz button:not(:disabled)") as HTMLElement | null)?.focus({ preventScroll: true });
+    this.clear(); // nothing is pointed at before the viewer does
+  }
+
+  private askPlace({ stroke, places }: PlaceQuestion): void {
+    const rally = this.rally!;
+    const seat = 1 - rally.strokes[stroke]!.seat;
+    const feasible = places.map(({ position }) => position);
+    const grid = positionGrid(this.hall, rally, seat, feasible, (position) => {
+      const mark = () => this.hooks.mark(position);
+      return { props: { onclick: () => this.answerPlace(position), onpointerenter: mark, onfocus: mark }, small: "" };
+    });
+    grid.classList.add("quiz");
+    this.element.append(h("p", {}, say("learn.where")), grid);
+  }
+
+  private askStroke(question: StrokeQuestion): void {
+    this.options = answers(question);
     const buttons = this.options.map((option) => {
       const point = () => this.hooks.point(option);
       return h(
@@ -227,18 +298,25 @@ export class Learn {
       );
     });
     this.element.append(h("p", {}, say("learn.question")), h("div", { class: "quiz" }, ...buttons));
-    const day = this.daily ? null : this.dayButton();
-    if (day) {
-      this.element.append(h("div", { class: "day row" }, day));
-    }
-    buttons[0]?.focus({ preventScroll: true });
-    this.hooks.point(null); // nothing is pointed at before the viewer does
   }
 
   /** Answers with the target at a point of the court; of several such answers, the first gets the focus. */
   answerAt(x: number, y: number): void {
+    const { question, rally } = this;
+    if (!question || this.answered || !this.element.querySelector(".quiz")) {
+      return;
+    }
+    if (isPlace(question)) {
+      const seat = 1 - rally!.strokes[question.stroke]!.seat;
+      const feasible = question.places.map(({ position }) => position);
+      const position = positionAt(this.hall, rally!, seat, feasible, x, y);
+      if (position !== undefined) {
+        this.answerPlace(position);
+      }
+      return;
+    }
     const inside = ({ box: [x0, x1, y0, y1] }: Option) => x0 <= x && x <= x1 && y0 <= y && y <= y1;
-    const found = this.answered ? [] : this.options.filter(inside);
+    const found = this.options.filter(inside);
     if (found.length === 1) {
       this.answer(found[0]!);
     } else if (found.length) {
@@ -251,17 +329,10 @@ export class Learn {
   }
 
   private answer(given: Option): void {
-    const { stroke, best, wrong } = this.question!;
+    const question = this.question as StrokeQuestion;
+    const { best, wrong } = question;
     const played = wrong[0]!;
     const right = given === best;
-    this.asked++;
-    this.right += right ? 1 : 0;
-    this.answered = true;
-    if (this.daily) {
-      this.daily.shots.add(best.shot);
-      this.daily.themes.add(this.question!.theme);
-      this.daily.add(right, this.options.length);
-    }
     this.buttons.forEach((button, i) => {
       const option = this.options[i]!;
       button.disabled = true;
@@ -270,21 +341,63 @@ export class Learn {
       button.lastElementChild!.textContent = `${percent(option.best)}${option === played ? say("learn.played") : ""}`;
     });
     this.hooks.point(best);
-    this.hooks.reveal(stroke);
     const lost = (option: Option) => percent(best.best - option.best);
     const verdict = right ? say("learn.correct") : say("learn.better", { stroke: name(best), share: lost(given) });
     const support = Math.round(Math.min(...this.options.map((option) => option.support!)));
+    const told = say("learn.verdict", { verdict, share: lost(played), count: decimal(support, 0) });
+    this.tell(question, right, this.options.length, told, { stroke: best.stroke });
+  }
+
+  private answerPlace(given: number): void {
+    const question = this.question as PlaceQuestion;
+    const waited = this.rally!.strokes[question.stroke]!.waited;
+    const of = (position: number | null) => question.places.find((place) => place.position === position)!;
+    const right = of(given).loss <= GOOD;
+    for (const button of this.buttons) {
+      const place = of(Number(button.dataset["position"]));
+      button.disabled = true;
+      if (place) {
+        button.classList.toggle("right", place.loss <= GOOD);
+        button.classList.toggle("wrong", place.position === given && !right);
+        const share = say("recover.share_of_perfect", { share: percent(place.perfect) });
+        replaceChildren(button.lastElementChild!, h("span", {}, signed(-place.loss)), " · ", h("span", {}, share));
+      }
+    }
+    const best = question.places.reduce((a, b) => (b.perfect > a.perfect ? b : a));
+    this.hooks.mark(best.position);
+    const lost = (place: Place) => percent(place.loss);
+    const better = say("learn.wait_better", { place: positionWords(this.hall, best.position), share: lost(of(given)) });
+    const told = say("learn.wait_verdict", {
+      verdict: right ? say("learn.correct") : better,
+      place: positionWords(this.hall, waited!),
+      share: lost(of(waited)),
+    });
+    this.tell(question, right, question.places.length, told, { position: best.position });
+  }
+
+  /** Counts an answer of so many, and says what was right. */
+  private tell(question: Asked, right: boolean, count: number, told: string, better: Tried): void {
+    const { stroke, key, theme } = question;
+    this.asked++;
+    this.right += right ? 1 : 0;
+    this.answered = true;
+    if (this.daily) {
+      this.daily.shots.add(key);
+      this.daily.themes.add(theme);
+      this.daily.add(right, count);
+    }
+    this.hooks.reveal(stroke);
     const { playInstead, playFrom } = this.hooks;
     this.element.querySelector(".day")?.remove();
     const last = say(this.daily ? (this.daily.done ? "learn.result" : "learn.next_puzzle") : "learn.show_accuracy");
     const next = h("button", { onclick: () => void this.next() }, this.left.length ? say("learn.next_question") : last);
     this.element.append(
-      h("p", {}, say("learn.verdict", { verdict, share: lost(played), count: decimal(support, 0) })),
+      h("p", {}, told),
       h(
         "div",
         { class: "row" },
         next,
-        playInstead ? h("button", { onclick: () => playInstead(stroke, best.stroke) }, say("learn.play_better")) : null,
+        playInstead ? h("button", { onclick: () => playInstead(stroke, better) }, say("learn.play_better")) : null,
         h("button", { onclick: () => void playFrom(stroke) }, say("learn.play_played")),
       ),
     );

@@ -7,6 +7,8 @@ export interface Place {
   rally: number;
   stroke: number | null;
   tried: Record<string, number>;
+  /** Token of a game with a friend; null: none. */
+  game: string | null;
 }
 
 function sideOf(text: string | null): Side | null {
@@ -44,12 +46,15 @@ export function readLink(hash: string): Place {
   const stroke = found.has("stroke") ? indexOf(found.get("stroke")) : null;
   const tried = parsed<Record<string, number>>(found.get("tried"));
   if (!a || !b || !Number.isSafeInteger(seed) || seed < 0) {
-    return { plan: null, rally, stroke, tried };
+    return { plan: null, rally, stroke, tried, game: found.get("game") };
   }
-  return { plan: { seed, sides: [a, b], ...parsed<Partial<Plan>>(found.get("more")) }, rally, stroke, tried };
+  return { plan: { seed, sides: [a, b], ...parsed<Partial<Plan>>(found.get("more")) }, rally, stroke, tried, game: null };
 }
 
-export function writeLink({ plan, rally, stroke, tried }: Place): string {
+export function writeLink({ plan, rally, stroke, tried, game }: Place): string {
+  if (game) {
+    return `#game=${game}`;
+  }
   const out = new URLSearchParams();
   if (plan) {
     out.set("seed", String(plan.seed));

@@ -18,7 +18,10 @@ declare global {
   }
 }
 
-function query({ plan, rally, person, tried }: Wanted): Omit<RallyRequest, "have" | "walk"> {
+function query({ plan, rally, person, tried, friend }: Wanted): Omit<RallyRequest, "have" | "walk"> {
+  if (friend) {
+    return { rally, friend: friend.seat };
+  }
   return plan ? { plan, rally, person } : { plan: null, rally, tried };
 }
 
@@ -51,6 +54,7 @@ async function served(): Promise<Opened> {
     likeness: async (wanted) => (await server.ask("likeness", query(wanted))).facts,
     rating: async ({ points, deviation, volatility }, scores) =>
       (await server.ask("rating", { points, deviation, volatility, scores })).facts,
+    friend: async (asked) => (await server.ask("friend", asked)).facts,
     opening: async (line) => (await server.ask("opening", { line })).facts,
     model: fetchModel,
     share: async (rallies, title, hash, progress) => {
@@ -101,6 +105,7 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
     styles: async () => (await find<Styles>("styles")).facts,
     match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
     opening: null,
+    friend: null,
     model,
     share: null,
   };

@@ -5,6 +5,7 @@ import { say } from "./words";
 
 const KNOWN: Record<string, string> = {
   you: say("names.you"),
+  friend: say("names.friend"),
   bc: say("names.pro"),
   "human:0.05": say("names.strong"),
   minimax: say("names.perfect"),

@@ -3,6 +3,9 @@
 import type { Motion } from "./motion";
 import type {
   Analysis,
+  FriendReply,
+  FriendRequest,
+  FriendSeat,
   Likeness,
   MatchReply,
   OpeningReply,
@@ -14,12 +17,14 @@ import type {
   Styles,
 } from "./wire.gen";
 
-/** A requested rally: of a match by its plan, or a recorded one. */
+/** A requested rally: of a match by its plan, of a game with a friend, or a recorded one. */
 export interface Wanted {
   plan: Plan | null;
   rally: number;
   person: Person | null;
   tried: Record<string, number>;
+  /** The seat in a game with a friend, and what the server has played of it; null: none. */
+  friend: { seat: FriendSeat; version: string } | null;
 }
 
 export interface Shown {
@@ -38,6 +43,8 @@ export interface Source {
   match(wanted: Wanted): Promise<MatchReply>;
   /** Players whose choices are like those of the person, up to a rally. */
   likeness(wanted: Wanted): Promise<Likeness>;
+  /** How a game with a friend stands; null: this page has no server. */
+  friend: ((asked: FriendRequest) => Promise<FriendReply>) | null;
   /** The rating of a person after a match. */
   rating(before: RatingReply, scores: number[]): Promise<RatingReply>;
   /** Strokes after the first strokes of a rally; null: this page has no openings. */

@@ -1,11 +1,11 @@
 // Where players wait: the positions on the court, and the pad on which a person chooses theirs.
 
-import { h, percent, replaceChildren, sideColour } from "./dom";
+import { type Child, h, percent, replaceChildren, sideColour } from "./dom";
 import { hurriedTag, term } from "./glossary";
 import { facing } from "./hall";
-import { displayName } from "./names";
-import type { HallFacts, RallyFacts, Turn } from "./wire.gen";
-import { type Key, listed, say, words } from "./words";
+import { displayName, nameAt } from "./names";
+import type { Analysis, HallFacts, Place, RallyFacts, Turn } from "./wire.gen";
+import { decimal, type Key, listed, say, words } from "./words";
 
 /** Positions as the player who waits sees them, the net above, by their hand; a position is named by the side of the forehand. */
 const GRID = { right: [2, 1, 0, 5, 4, 3, 8, 7, 6], left: [0, 1, 2, 3, 4, 5, 6, 7, 8] } as const;
@@ -25,7 +25,7 @@ export function placeOf(hall: HallFacts, rally: RallyFacts, seat: number, positi
 }
 
 /** Extent of a position on the court: x0, x1, y0, y1. */
-function boxOf(hall: HallFacts, rally: RallyFacts, seat: number, position: number): [number, number, number, number] {
+export function boxOf(hall: HallFacts, rally: RallyFacts, seat: number, position: number): [number, number, number, number] {
   const [sx, sy] = signs(rally, seat);
   const [[x0, x1], [y0, y1]] = hall.positions[position]!.box;
   const [xs, ys] = [
@@ -38,6 +38,34 @@ function boxOf(hall: HallFacts, rally: RallyFacts, seat: number, position: numbe
 /** A position in a few words. */
 export function positionWords(hall: HallFacts, position: number): string {
   return words(hall.areas[position]!.name);
+}
+
+/** Feasible position that contains a point of the court; undefined: none. */
+export function positionAt(hall: HallFacts, rally: RallyFacts, seat: number, feasible: number[], x: number, y: number) {
+  return feasible.find((position) => {
+    const [x0, x1, y0, y1] = boxOf(hall, rally, seat, position);
+    return x0 <= x && x <= x1 && y0 <= y && y <= y1;
+  });
+}
+
+/** Buttons of the nine positions as the player who waits sees them. */
+export function positionGrid(
+  hall: HallFacts,
+  rally: RallyFacts,
+  seat: number,
+  feasible: number[],
+  cell: (position: number, key: number) => { props: Record<string, string | ((event: Event) => void)>; small: Child },
+): HTMLElement {
+  const order = GRID[rally.players[seat]!.hand as keyof typeof GRID];
+  const buttons = order.map((position, place) => {
+    const name = positionWords(hall, position);
+    if (!feasible.includes(position)) {
+      return h("button", { disabled: true }, h("span", { "aria-label": `${name}: ${say("recover.infeasible")}` }, "–"));
+    }
+    const { props, small } = cell(position, KEYPAD[place]!);
+    return h("button", { "data-position": position, ...props }, name, h("small", {}, small));
+  });
+  return h("div", { class: "targets recover", role: "group", "aria-label": say("recover.about") }, ...buttons);
 }
 
 export interface PadHooks {
@@ -59,7 +87,7 @@ export class Pad {
     private readonly hooks: PadHooks,
   ) {}
 
-  /** Offers the feasible positions; the one that people choose most often is selected. */
+  /** Offers the feasible positions; the one that people choose most often is selected, and a key or a click waits in another. */
   show(turn: Turn, rally: RallyFacts): void {
     this.turn = turn;
     this.rally = rally;
@@ -76,28 +104,24 @@ export class Pad {
     }
   }
 
-  private get order(): readonly number[] {
-    return GRID[this.rally!.players[this.turn!.seat]!.hand as keyof typeof GRID];
+  private get feasible(): number[] {
+    return this.turn!.positions.flatMap((share, position) => (share ? position : []));
   }
 
   private draw(): void {
     const { seat, height, hurried, positions } = this.turn!;
     const focused = (document.activeElement as HTMLElement | null)?.dataset["key"];
     const shares = this.perfect.length ? this.perfect : positions;
-    const buttons = this.order.map((position, place) => {
-      const name = positionWords(this.hall, position);
-      return h(
-        "button",
-        {
-          disabled: !positions[position],
-          "aria-pressed": String(position === this.position),
-          "data-key": `position ${position}`,
-          onclick: () => this.select(position),
-        },
-        positions[position] ? name : h("span", { "aria-label": `${name}: ${say("recover.infeasible")}` }, "–"),
-        positions[position] ? h("small", {}, h("kbd", {}, String(KEYPAD[place])), ` ${percent(shares[position]!)}`) : null,
-      );
-    });
+    const grid = positionGrid(this.hall, this.rally!, seat, this.feasible, (position, key) => ({
+      props: {
+        "aria-pressed": String(position === this.position),
+        "data-key": `position ${position}`,
+        onclick: () => this.hooks.wait(position),
+        onfocus: () => position === this.position || this.select(position),
+        onpointerenter: () => this.hooks.aim(boxOf(this.hall, this.rally!, seat, position)),
+      },
+      small: h("span", {}, h("kbd", {}, String(key)), ` ${percent(shares[position]!)}`),
+    }));
     replaceChildren(
       this.element,
       h(
@@ -112,7 +136,7 @@ export class Pad {
           hurriedTag(hurried),
         ),
       ),
-      h("div", { class: "targets recover", role: "group", "aria-label": say("recover.about") }, ...buttons),
+      grid,
       h(
         "div",
         { class: "row" },
@@ -143,12 +167,7 @@ export class Pad {
 
   /** Selects the position that contains a point of the court. */
   aimAt(x: number, y: number): void {
-    const { rally, turn } = this;
-    const found = this.hall.positions.findIndex((_, position) => {
-      const [x0, x1, y0, y1] = boxOf(this.hall, rally!, turn!.seat, position);
-      return x0 <= x && x <= x1 && y0 <= y && y <= y1;
-    });
-    this.select(found);
+    this.select(positionAt(this.hall, this.rally!, this.turn!.seat, this.feasible, x, y) ?? this.position);
   }
 
   key(key: string): boolean {
@@ -157,10 +176,81 @@ export class Pad {
     } else if (key === "i") {
       void this.ask();
     } else if (/^[1-9]$/.test(key)) {
-      this.select(this.order[KEYPAD.indexOf(Number(key))]!);
+      const order = GRID[this.rally!.players[this.turn!.seat]!.hand as keyof typeof GRID];
+      const position = order[KEYPAD.indexOf(Number(key))]!;
+      if (this.turn!.positions[position]) {
+        this.hooks.wait(position);
+      }
     } else {
       return false;
     }
     return true;
+  }
+}
+
+/** Loss or probability with one decimal. */
+function points(p: number): string {
+  return `${decimal(100 * p, 1)} %`;
+}
+
+/** Where the receiver of a stroke could wait, and what each position costs. */
+export class PlacePanel {
+  readonly element = h("section", { class: "panel detail", "aria-label": say("recover.panel") });
+
+  /** @param tryOut plays on with the receiver at another position; null: this page cannot. */
+  constructor(
+    private readonly hall: HallFacts,
+    private readonly tryOut: ((position: number) => void) | null,
+  ) {}
+
+  show(rally: RallyFacts, index: number, analysis: Analysis | null): void {
+    const [stroke, places] = [rally.strokes[index], analysis?.strokes[index]?.places];
+    this.element.classList.toggle("hidden", !stroke || !places);
+    if (!stroke || !places) {
+      this.element.replaceChildren();
+      return;
+    }
+    const row = ({ position, people, perfect, loss, win }: Place) => {
+      const [name, here, { tryOut }] = [positionWords(this.hall, position), position === stroke.waited, this];
+      const able = tryOut && !here;
+      return h(
+        "tr",
+        { class: `${here ? "chosen " : ""}${perfect >= 0.5 ? "best" : ""}` },
+        h(
+          "td",
+          {},
+          h(
+            able ? "button" : "div",
+            able
+              ? { class: "try", onclick: () => tryOut(position), title: say("page.what_if", { stroke: name }) }
+              : { class: "try" },
+            h("i", { style: `width:${100 * perfect}%` }),
+            h("span", {}, name),
+          ),
+        ),
+        ...[percent(people), percent(perfect), points(loss), points(win)].map((text) => h("td", {}, text)),
+      );
+    };
+    const heads = [this.tryOut ? "page.click" : "recover.position", "recover.of_people", "recover.of_perfect"] as const;
+    replaceChildren(
+      this.element,
+      h("h2", {}, term("places", say("recover.panel_of", { name: nameAt(rally.names, 1 - stroke.seat) }))),
+      h(
+        "table",
+        { class: "options" },
+        h(
+          "thead",
+          {},
+          h(
+            "tr",
+            {},
+            ...heads.map((key) => h("th", { scope: "col" }, say(key))),
+            h("th", { scope: "col" }, say("recover.loses")),
+            h("th", { scope: "col" }, say("recover.striker")),
+          ),
+        ),
+        h("tbody", {}, ...places.map(row)),
+      ),
+    );
   }
 }

@@ -16,6 +16,7 @@ import { endSentence, reason, startSentence, strokeSentence } from "./narration"
 import { Openings } from "./openings";
 import type { Player } from "./player";
 import { RallyBrowser } from "./rally_browser";
+import { boxOf, PlacePanel } from "./recover";
 import { SideCard, StylePanel } from "./sides";
 import { Sound } from "./sound";
 import type { Camera, Stage } from "./stage";
@@ -40,6 +41,8 @@ export interface Acts extends Hooks {
   /** Shows a rally, from a stroke or from its start. */
   open(rally: number, stroke: number | null): void;
   whatIf(stroke: number): void;
+  /** Plays the current stroke against a receiver who waits in another position. */
+  waitThere(position: number): void;
   /** Shows the rally as it was played, if a stroke was tried. */
   backToPlayed(): Promise<void>;
   /** Plays the rally from shortly before a stroke. */
@@ -87,6 +90,7 @@ export class Screen {
   private readonly curve: Curve;
   private readonly moves: MoveList;
   private readonly options: OptionTable;
+  private readonly places: PlacePanel;
   private readonly chances = new Chances();
   private readonly landing: LandingMap;
   private readonly back: HTMLElement;
@@ -119,6 +123,7 @@ export class Screen {
     this.cameras = cameraButtons((camera) => acts.camera(camera));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
+    this.places = new PlacePanel(hello.hall, live && match ? (position) => acts.waitThere(position) : null);
     this.decisions = new Decisions(() => acts.retry());
     this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
     this.browser = match ? null : new RallyBrowser((rally) => acts.open(rally, null), live, hello.recorded!.matches);
@@ -133,13 +138,14 @@ export class Screen {
         () => acts.takeOver(seat),
       );
     this.sides = [card(0), card(1)];
-    this.learn = new Learn({
+    this.learn = new Learn(hello.hall, {
       stopBefore: (stroke) => this.stopBefore(stroke),
       reveal: (upTo) => this.reveal(upTo),
       nextRally: () => acts.nextQuestion(),
       isLast: () => acts.isLast(),
       daily: acts.daily,
       point: (option) => this.point(option),
+      mark: (position) => this.markPlace(position),
       playFrom: async (stroke) => {
         await acts.backToPlayed();
         acts.playFrom(stroke);
@@ -147,7 +153,7 @@ export class Screen {
       playInstead: live
         ? (stroke, other) => {
             acts.seekStroke(stroke);
-            acts.whatIf(other);
+            other.stroke === undefined ? acts.waitThere(other.position!) : acts.whatIf(other.stroke);
           }
         : null,
       back: () => acts.backToPlayed(),
@@ -190,6 +196,7 @@ export class Screen {
           this.moves.element,
           openings?.element ?? null,
           this.options.element,
+          this.places.element,
           this.chances.element,
           this.landing.element,
         ],
@@ -306,6 +313,13 @@ export class Screen {
     this.frames.flight = pointed;
   }
 
+  /** Draws the position of an answer of the receiver. */
+  private markPlace(position: number | null): void {
+    const { rally } = this;
+    const seat = 1 - (rally?.strokes[this.learn.current ?? -1]?.seat ?? 0);
+    this.frames.aim = rally && position !== null ? boxOf(this.hall, rally, seat, position) : null;
+  }
+
   showStyles(styles: Styles): void {
     this.styles.show(styles);
     styles.strength.forEach((share, seat) => this.sides[seat]!.showStrength(share));
@@ -351,7 +365,7 @@ export class Screen {
     this.moves.keepInView();
     const over = this.isOver(rally);
     this.bug.show(rally, player.stroke >= 0, over);
-    this.chip.show(rally, player.stroke, this.frames.perfect);
+    this.chip.show(rally, player.stroke, this.frames.waiting);
     this.curve.move(player.time);
     if (this.stage) {
       this.cameras.show(this.stage.camera);
@@ -387,9 +401,10 @@ export class Screen {
     this.shownStroke = stroke;
     const at = Math.max(stroke, 0);
     const known = this.hidden === null ? this.mode !== "play" || rally.winner !== null : at < this.hidden;
-    this.frames.perfect = known ? (this.analysis?.strokes[at]?.positions ?? null) : null;
+    this.frames.waiting = known ? (this.analysis?.strokes[at] ?? null) : null;
     this.moves.mark(stroke);
     this.options.show(rally, at, known ? this.analysis : null, this.mode === "learn");
+    this.places.show(rally, at, known ? this.analysis : null);
     this.chances.show(rally, at);
     const landing = known ? (this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null) : null;
     this.landing.show(rally, at, landing);

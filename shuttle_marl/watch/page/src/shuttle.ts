@@ -181,9 +181,41 @@ const DOT = 0.5; // radius of the dot of a position that perfect play always cho
 const FAINT = 0.02; // probability below which a position has no dot
 const POSITIONS = 9;
 
+/** A rectangle on the floor. */
+class Area {
+  readonly root: THREE.Group;
+  private readonly fill: THREE.Mesh<THREE.PlaneGeometry, THREE.MeshBasicMaterial>;
+  private readonly edge: THREE.LineLoop<THREE.BufferGeometry, THREE.LineBasicMaterial>;
+
+  constructor(opacity: number) {
+    this.fill = new THREE.Mesh(
+      new THREE.PlaneGeometry(1, 1).rotateX(-Math.PI / 2),
+      new THREE.MeshBasicMaterial({ transparent: true, opacity, depthWrite: false }),
+    );
+    const corners = [-0.5, 0, -0.5, 0.5, 0, -0.5, 0.5, 0, 0.5, -0.5, 0, 0.5];
+    const outline = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));
+    this.edge = new THREE.LineLoop(outline, new THREE.LineBasicMaterial({ transparent: true, opacity: 0.9 }));
+    this.root = new THREE.Group().add(this.fill, this.edge);
+  }
+
+  /** Shows an area `[x0, x1, y0, y1]` of the court, or none. */
+  show(box: [number, number, number, number] | null, colour: THREE.Color): void {
+    this.root.visible = box !== null;
+    if (box) {
+      const [x0, x1, y0, y1] = box;
+      this.root.position.copy(at((x0 + x1) / 2, (y0 + y1) / 2, 0.01));
+      this.root.scale.set(x1 - x0, 1, y1 - y0);
+      this.fill.material.color.copy(colour);
+      this.edge.material.color.copy(colour);
+    }
+  }
+}
+
 /** Markers of the target area of a stroke, of the positions of its receiver, and of the point where a rally ended. */
 export class Marks {
-  readonly area: THREE.Group;
+  readonly area = new Area(0.25);
+  /** What the position of the receiver leaves open. */
+  readonly open = new Area(0.16);
   readonly landing: THREE.Mesh;
   readonly flight = new THREE.Line(
     new THREE.BufferGeometry(),
@@ -192,18 +224,8 @@ export class Marks {
   /** A ring where the receiver waits, and dots where perfect play does; their areas are its probabilities. */
   readonly waits = new THREE.Group();
   private readonly ring: THREE.Mesh<THREE.RingGeometry, THREE.MeshBasicMaterial>;
-  private readonly fill: THREE.Mesh<THREE.PlaneGeometry, THREE.MeshBasicMaterial>;
-  private readonly edge: THREE.LineLoop<THREE.BufferGeometry, THREE.LineBasicMaterial>;
 
   constructor() {
-    this.fill = new THREE.Mesh(
-      new THREE.PlaneGeometry(1, 1).rotateX(-Math.PI / 2),
-      new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.25, depthWrite: false }),
-    );
-    const corners = [-0.5, 0, -0.5, 0.5, 0, -0.5, 0.5, 0, 0.5, -0.5, 0, 0.5];
-    const outline = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));
-    this.edge = new THREE.LineLoop(outline, new THREE.LineBasicMaterial({ transparent: true, opacity: 0.9 }));
-    this.area = new THREE.Group().add(this.fill, this.edge);
     this.landing = new THREE.Mesh(
       new THREE.RingGeometry(0.12, 0.17, 32).rotateX(-Math.PI / 2),
       new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.95, depthWrite: false }),
@@ -234,18 +256,6 @@ export class Marks {
       dot.position.copy(at(x, y, 0.013));
       dot.scale.setScalar(Math.sqrt(share) || 1);
     });
-  }
-
-  /** Shows an area `[x0, x1, y0, y1]` of the court, or none. */
-  showArea(box: [number, number, number, number] | null, colour: THREE.Color): void {
-    this.area.visible = box !== null;
-    if (box) {
-      const [x0, x1, y0, y1] = box;
-      this.area.position.copy(at((x0 + x1) / 2, (y0 + y1) / 2, 0.01));
-      this.area.scale.set(x1 - x0, 1, y1 - y0);
-      this.fill.material.color.copy(colour);
-      this.edge.material.color.copy(colour);
-    }
   }
 
   showFlight(flight: Flight | null): void {

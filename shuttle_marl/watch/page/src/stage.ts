@@ -9,7 +9,7 @@ import { at, Backdrop, BEHIND, buildHall, DARK, facing, simplify } from "./hall"
 import type { Motion } from "./motion";
 import { placeOf } from "./recover";
 import { type Flight, Marks, Shuttle } from "./shuttle";
-import type { HallFacts, RallyFacts, Vec3 } from "./wire.gen";
+import type { HallFacts, RallyFacts, StrokeValue, Vec3 } from "./wire.gen";
 
 export const CAMERAS = ["broadcast", "side", "corner", "follow", "top", "free", "director"] as const;
 export type Camera = (typeof CAMERAS)[number];
@@ -33,6 +33,7 @@ const AFTER = 0.8; // time after the rally at which the director shows the winne
 const RISING = 0.7; // time that spectators take to rise after a rally [s]
 const LANDED = 2.1; // time for which the landing point is marked [s]
 const LONG = 20; // strokes of a rally after which all of them rise
+const OPEN = new THREE.Color(0xf97316); // of the open side
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
 interface View {
@@ -110,7 +111,8 @@ export class Stage {
       this.shuttle.root,
       this.shuttle.trail,
       this.shuttle.shade,
-      this.marks.area,
+      this.marks.area.root,
+      this.marks.open.root,
       this.marks.landing,
       this.marks.flight,
       this.marks.waits,
@@ -192,7 +194,7 @@ export class Stage {
    * Draws a rally at a time [s].
    * @param target replaces the target area of the stroke unless it is null.
    * @param flight flight that is sketched; null: none.
-   * @param perfect probabilities of the positions of the receiver; null: none are shown.
+   * @param waiting the stroke whose positions and open side are shown; null: none are.
    * @param paused whether the whole flight of the shuttle is drawn.
    */
   draw(
@@ -201,7 +203,7 @@ export class Stage {
     time: number,
     target: [number, number, number, number] | null,
     flight: Flight | null,
-    perfect: number[] | null,
+    waiting: StrokeValue | null,
     paused: boolean,
   ): void {
     if (!this.athletes) {
@@ -231,11 +233,14 @@ export class Stage {
     this.shuttle.show(motion, time, flying ? stroke : null, paused, colour, this.eye.position, pixels);
     this.area = target ?? (flying ? stroke.box : null);
     this.marks.showFlight(flight);
-    this.marks.showArea(this.area, target ? new THREE.Color("#fbbf24") : colour);
+    this.marks.area.show(this.area, target ? new THREE.Color("#fbbf24") : colour);
     const receiver = 1 - (stroke?.seat ?? 0);
     const place = (position: number) => placeOf(this.facts, rally, receiver, position);
     const stood = flying && stroke.waited !== null ? place(stroke.waited) : null;
-    this.marks.showWaits(stood, flying ? (perfect ?? []).map((p, i) => [...place(i), p]) : [], this.colours[receiver]!);
+    const seen = flying ? waiting : null;
+    const perfect = (seen?.places ?? []).map((one): Vec3 => [...place(one.position), one.perfect]);
+    this.marks.showWaits(stood, perfect, this.colours[receiver]!);
+    this.marks.open.show(seen?.open?.box ?? null, OPEN);
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
     this.excitement.value = over

@@ -8,8 +8,8 @@ import { say } from "./words";
 
 const CHOICES = ["watch", "learn", "play"] as const;
 
-/** A mode, the puzzles of the day, or a duel with an opponent of the ladder, by its number. */
-export type Choice = Mode | "daily" | number;
+/** A mode, the puzzles of the day, a game with a friend, or a duel with an opponent of the ladder, by its number. */
+export type Choice = Mode | "daily" | "friend" | number;
 
 /**
  * Opens the card; closing it watches the rally.
@@ -46,6 +46,7 @@ export function openStartCard(ladder: string[], points: number, choose: (choice:
       { class: "row" },
       h("button", { onclick: () => pick("daily") }, say("start.daily")),
       h("span", {}, opponent, h("button", { onclick: () => pick(Number(opponent.value)) }, say("start.duel", { points }))),
+      h("button", { onclick: () => pick("friend") }, say("friend.title")),
       languageMenu(),
     ),
   );

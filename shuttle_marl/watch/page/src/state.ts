@@ -41,6 +41,7 @@ export function state(
     position: screen.board.position,
     waited: rally?.strokes.map((stroke) => stroke.waited),
     person: course.person,
+    friend: course.friend?.now ?? null,
     asked: screen.learn.current,
     camera: stage?.camera,
     shot: stage?.shot,

@@ -1,11 +1,15 @@
 // Position in the match: plan, rally, and strokes that a person chose or tried.
 
+import type { FriendGame } from "./friend";
 import { type Place, writeLink } from "./link";
 import type { Wanted } from "./rallies";
 import type { Person, Plan, Side, Turn } from "./wire.gen";
 
 /** Snapshot for undo. */
 type Mark = Pick<Timeline, "plan" | "number" | "tried" | "person" | "original" | "practice">;
+
+/** What is tried instead. */
+export type Tried = { stroke: number; position?: never } | { position: number; stroke?: never };
 
 /** The match to which practice returns; `over`: whether its rally was over. */
 type Practice = { plan: Plan; person: Person; over: boolean };
@@ -17,6 +21,8 @@ export class Timeline {
   original: Plan | null = null;
   /** While a person plays a rally again from one of their strokes; null: they do not. */
   practice: Practice | null = null;
+  /** Games with a friend; null: this page has no server. */
+  friend: FriendGame | null = null;
 
   constructor(
     public plan: Plan | null,
@@ -24,7 +30,8 @@ export class Timeline {
   ) {}
 
   wanted(rally: number): Wanted {
-    return { plan: this.plan, rally, person: this.person, tried: rally === this.number ? this.tried : {} };
+    const { plan, person, tried } = this;
+    return { plan, rally, person, tried: rally === this.number ? tried : {}, friend: this.friend?.wanted ?? null };
   }
 
   mark(): () => void {
@@ -42,8 +49,9 @@ export class Timeline {
     return this.original !== null || this.practice !== null || Object.keys(this.tried).length > 0;
   }
 
-  /** Opens a match. */
+  /** Opens a match; leaves a game with a friend. */
   open(plan: Plan): void {
+    this.friend?.leave();
     this.plan = plan;
     this.original = this.practice = null;
   }
@@ -51,18 +59,19 @@ export class Timeline {
   newMatch(): void {
     this.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: this.sides! });
     if (this.person) {
-      this.person = { ...this.person, rally: 0, stroke: 0, practice: false };
+      this.person = playing(this.person.seat);
     }
   }
 
   /** A match of the same players after this one, at 0–0, that a person plays. */
   playFromStart(): void {
     this.open({ seed: (this.plan!.seed + 1) % 2 ** 31, sides: this.sides! });
-    this.person = { seat: 0, rally: 0, stroke: 0, practice: false };
+    this.person = playing(0);
   }
 
   /** Opens the position of a link; ends the play of a person. */
   visit({ plan, rally, tried }: Place): void {
+    this.friend?.leave();
     if (plan && this.plan) {
       this.plan = plan;
       this.original = this.person = this.practice = null;
@@ -94,21 +103,22 @@ export class Timeline {
     this.plan = { ...plan, [kind]: { ...plan[kind], [this.number]: choices } };
   }
 
-  /** Replaces a played stroke; drops what was chosen after it. The receiver waits where they waited. */
-  try(at: number, stroke: number): void {
+  /** Replaces a played stroke, or where its receiver waits, and keeps the other one; drops what was chosen after it. */
+  try(at: number, tried: Tried): void {
     const { plan, number } = this;
     const before = <T>(choices: Record<string, T>, end: number): Record<string, T> =>
       Object.fromEntries(Object.entries(choices).filter(([k]) => Number(k) < end));
+    const one = (choice: number | undefined) => (choice === undefined ? {} : { [at]: choice });
     if (plan) {
       this.original ??= plan;
       const { chosen = {}, waited = {} } = plan;
       this.plan = {
         ...plan,
-        chosen: { ...before(chosen, number), [number]: { ...before(chosen[number] ?? {}, at), [at]: stroke } },
-        waited: { ...before(waited, number), [number]: before(waited[number] ?? {}, at + 1) },
+        chosen: { ...before(chosen, number), [number]: { ...before(chosen[number] ?? {}, at + 1), ...one(tried.stroke) } },
+        waited: { ...before(waited, number), [number]: { ...before(waited[number] ?? {}, at + 1), ...one(tried.position) } },
       };
     } else {
-      this.tried = { ...before(this.tried, at), [at]: stroke };
+      this.tried = { ...before(this.tried, at), ...one(tried.stroke) };
     }
   }
 
@@ -116,7 +126,7 @@ export class Timeline {
   retry(at: number, over: boolean): void {
     const { number, plan, person } = this;
     this.practice ??= { plan: plan!, person: person!, over };
-    this.try(at, -1);
+    this.try(at, { stroke: -1 });
     this.original = null;
     delete this.plan!.chosen![number]![at];
     this.person = { ...person!, practice: true };
@@ -134,8 +144,15 @@ export class Timeline {
 
   /** Link to a stroke of the rally; -1: its start. */
   link(stroke: number): string {
-    return writeLink({ plan: this.plan, rally: this.number, stroke: stroke >= 0 ? stroke : null, tried: this.tried });
+    const { plan, number: rally, tried } = this;
+    const game = this.friend?.wanted?.seat.token ?? null;
+    return writeLink({ plan, rally, stroke: stroke >= 0 ? stroke : null, tried, game });
   }
+}
+
+/** A person who plays from a stroke of a rally on. */
+export function playing(seat: number, rally = 0, stroke = 0, friend = false): Person {
+  return { seat, rally, stroke, practice: false, friend };
 }
 
 /** Players of a rally of a plan. */

@@ -151,6 +151,7 @@ export interface RallyRequest {
   plan?: Plan | null;
   person?: Person | null;
   tried?: Record<string, number>;
+  friend?: FriendSeat | null;
   have: boolean;
   walk: boolean;
 }
@@ -161,6 +162,13 @@ export interface Person {
   rally: number;
   stroke: number;
   practice: boolean;
+  friend: boolean;
+}
+
+/** The seat of a person in a game of two persons: token of the game, and key of the seat, which nobody else knows. */
+export interface FriendSeat {
+  token: string;
+  key: string;
 }
 
 /** Reply to RallyRequest; its body is the packed motion. */
@@ -260,6 +268,7 @@ export interface AnalysisRequest {
   plan?: Plan | null;
   person?: Person | null;
   tried?: Record<string, number>;
+  friend?: FriendSeat | null;
 }
 
 /** Reply to AnalysisRequest; ``factor``: share of an advantage that real matches realise, and its interval. */
@@ -286,7 +295,9 @@ export interface StrokeValue {
   question: Question | null;
   options: Option[];
   support: number | null;
-  positions: number[] | null;
+  places: Place[] | null;
+  open: OpenSide | null;
+  wait: number | null;
 }
 
 /** A question about a stroke. */
@@ -315,12 +326,34 @@ export interface Option {
   probability: number;
 }
 
+/** A position of the receiver of a stroke. */
+export interface Place {
+  position: number;
+  people: number;
+  perfect: number;
+  loss: number;
+  win: number;
+}
+
+/** The stroke that gains most by where the receiver waits: rallies more than against one who waits as people do. */
+export interface OpenSide {
+  stroke: number;
+  seat: number;
+  shot: string;
+  area: string;
+  height: string;
+  technique: string;
+  box: [number, number, number, number];
+  gain: number;
+}
+
 /** Values of the strokes between which a person chooses, or where perfect play waits. */
 export interface OptionsRequest {
   rally: number;
   plan?: Plan | null;
   person?: Person | null;
   tried?: Record<string, number>;
+  friend?: FriendSeat | null;
 }
 
 /** Reply to OptionsRequest: strokes, or probabilities of positions under perfect play; the other is empty. */
@@ -335,6 +368,7 @@ export interface StylesRequest {
   plan?: Plan | null;
   person?: Person | null;
   tried?: Record<string, number>;
+  friend?: FriendSeat | null;
 }
 
 /** Reply to StylesRequest; ``strength``: fraction of rallies that each player wins against imitated elite players. */
@@ -357,6 +391,7 @@ export interface MatchRequest {
   plan?: Plan | null;
   person?: Person | null;
   tried?: Record<string, number>;
+  friend?: FriendSeat | null;
   partial: boolean;
 }
 
@@ -398,6 +433,7 @@ export interface LikenessRequest {
   plan?: Plan | null;
   person?: Person | null;
   tried?: Record<string, number>;
+  friend?: FriendSeat | null;
 }
 
 /** Reply to LikenessRequest: imitated players and the average pro, the likeliest first. */
@@ -421,6 +457,28 @@ export interface RatingReply {
   deviation: number;
   volatility: number;
   interval: [number, number];
+}
+
+/** A person opens a game of two persons, takes a seat in it, chooses, or asks how it stands. */
+export interface FriendRequest {
+  token?: string | null;
+  key?: string | null;
+  rally: number;
+  stroke: number;
+  choice?: number | null;
+}
+
+/** Reply to FriendRequest. */
+export interface FriendReply {
+  refused?: "full" | "unknown" | "taken" | null;
+  token: string;
+  key: string;
+  seat: number;
+  friend: "absent" | "here" | "away";
+  rally: number;
+  strokes: number;
+  chosen: boolean;
+  plan?: Plan | null;
 }
 
 /** Strokes that follow the first strokes of a rally. */
@@ -532,6 +590,7 @@ export interface Requests {
   match: MatchRequest;
   likeness: LikenessRequest;
   rating: RatingRequest;
+  friend: FriendRequest;
   opening: OpeningRequest;
   tag: TagRequest;
   suggest: SuggestRequest;
@@ -547,6 +606,7 @@ export interface Replies {
   match: MatchReply;
   likeness: Likeness;
   rating: RatingReply;
+  friend: FriendReply;
   opening: OpeningReply;
   tag: Saved;
   suggest: Suggestions;
