@@ -90,7 +90,7 @@ class LeagueStudy:
         settings: dict[str, Any] = {"variant": kind, "seed": seed, "game": self.game, "workers": self.workers, **size}
         if oracle:
             settings["oracle"] = oracle
-        return LeagueTrainingConfig(**settings, out=folder / "training" / f"{variant}-{seed}")
+        return LeagueTrainingConfig(**settings, record="none", out=folder / "training" / f"{variant}-{seed}")
 
 
 def train_one(config: LeagueTrainingConfig) -> None:

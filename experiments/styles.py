@@ -131,6 +131,7 @@ class Styles:
                     opponent=(OPPONENT,),
                     seed=seed,
                     out=folder / f"{style}-{seed}",
+                    record="sample:100",
                     strokes=QUICK_STROKES if self.quick else round(self.fraction * config.strokes),
                 )
                 for seed in range(self.seeds)

@@ -114,7 +114,7 @@ class WinRates:
             changes["strokes"] = QUICK_STROKES[agent] if self.quick else round(self.fraction * base.strokes)
             for seed in range(self.seeds):
                 out = folder / "training" / f"{agent.replace(', ', '-')}-{seed}"
-                configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, **changes)
+                configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, record="sample:100", **changes)
         return configs
 
 

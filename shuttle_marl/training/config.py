@@ -34,6 +34,7 @@ SELF: Final = "self"
 """Name of the learner itself as opponent."""
 SHARP: Final = 0.1
 """Softmax temperature of an agent that is to play the best stroke it knows."""
+AUTO: Final = "auto"
 _NO_EFFECT: Final = ("out", "resume", "overwrite")
 _SECONDS: Final = {"s": 1, "m": 60, "h": 3600}
 _LONGEST: Final = 1e6
@@ -100,8 +101,9 @@ class TrainingConfig:
     """Replace the run in --out."""
     record: str = "all"
     """Rallies in the rally log: all (some 1.5 bytes a stroke), none, or sample:N for one in N; does not change the weights."""
-    figures: str = "sample:100"
-    """Rallies of the log whose strokes have the learner's log-probability and value, 8 bytes a stroke: all, none, or sample:N."""
+    figures: str = AUTO
+    """Rallies of the log whose strokes have the learner's log-probability and value, some 5 bytes a stroke: all, none, sample:N,
+    or auto, the first 10,000 and one in a hundred."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
@@ -147,7 +149,7 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
 
-        for text in (self.record, self.figures):
+        for text in (self.record, *(() if self.figures == AUTO else (self.figures,))):
             Sampling.parse(text)
         check_bounds(self, TrainingError)
         if not self.opponent:

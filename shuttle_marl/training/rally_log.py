@@ -15,11 +15,13 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import resume
-from shuttle_marl.training.config import SelfPlayConfig, TrainingConfig
+from shuttle_marl.training.config import AUTO, SelfPlayConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
 
 RALLIES: Final = "rallies.mcap"
 """The rally log in the folder of a run."""
+FIRST: Final = 10_000
+"""Rallies at the beginning of a run that have figures by default, so that those of a short run all have them."""
 _FIGURES: Final = ("log_probability", "value")
 
 
@@ -28,11 +30,14 @@ class RunLog:
 
     Args:
         header: header of the log; its first policy is the learner, the others are its opponents.
-        figures: rallies of the log whose strokes have the learner's log-probability and value.
+        figures: rallies of the log whose strokes have the learner's log-probability and value: all, none, sample:N, or auto,
+            the first :data:`FIRST` and one in a hundred.
     """
 
-    def __init__(self, recorder: RallyRecorder, header: LogHeader, figures: Sampling) -> None:
-        self._recorder, self._header, self._figures = recorder, header, figures
+    def __init__(self, recorder: RallyRecorder, header: LogHeader, figures: str) -> None:
+        self._recorder, self._header = recorder, header
+        auto = figures == AUTO
+        self._figures, self._first = Sampling(every=100) if auto else Sampling.parse(figures), FIRST * auto
         self._sampling = Sampling.parse(header.record)
         self._thread = ThreadPoolExecutor(1, "recording replays")
         self._pending: Future[Rallies] | None = None
@@ -75,7 +80,7 @@ class RunLog:
         rallies = dataclasses.replace(rallies, pairing=np.full(n, segment, np.uint32), update=np.full(n, update, np.uint32))
         if "value" not in self._header.columns:
             return rallies
-        kept = self._kept(self._figures, segment, numbers)
+        kept = self._kept(self._figures, segment, numbers) | ((segment == 0) & (numbers < self._first))
         chance, value = np.full((2, len(rallies.stroke)), np.nan, np.float32)
         if kept.any():
             some, strokes = sampler.record(numbers[kept], figures=True), np.repeat(kept, rallies.length)
@@ -117,7 +122,7 @@ def open_log(
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
     """
-    figures = None if config.algorithm == "sac" else Sampling.parse(config.figures)
+    figures = None if config.algorithm == "sac" else config.figures
     if isinstance(config, SelfPlayConfig) and config.self_play:
         others = [Player(name=f"{config.variant}-{k}") for k in range(n_opponents(config))]
     elif config.self_play:
@@ -137,7 +142,7 @@ def learner_log(
     *,
     seed: int,
     record: str,
-    figures: Sampling | None = None,
+    figures: str | None = None,
     rallies: int = 0,
 ) -> RunLog | None:
     """Open a log of a learner's rallies, or continue it; None if nothing is recorded.
@@ -145,7 +150,7 @@ def learner_log(
     Args:
         players: the learner, then the opponents of its sampler in their order.
         seeds: seed of the sampler in each segment.
-        figures: rallies whose strokes have log-probability and value; None: a log without these columns.
+        figures: as of :class:`RunLog`; None: a log without these columns.
 
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
@@ -164,4 +169,4 @@ def learner_log(
         record=record,
         columns=columns_of(game, "update", *(_FIGURES if figures else ())),
     )
-    return RunLog(RallyRecorder(resume(path, header, rallies)), header, figures or Sampling(every=0))
+    return RunLog(RallyRecorder(resume(path, header, rallies)), header, figures or "none")

@@ -392,7 +392,9 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
 
 
 def test_every_rally_is_recorded_by_default(tmp_path: Path) -> None:
-    """And of one in N also the learner's probabilities and values."""
+    """And of the first ones, or of one in N, also the learner's probabilities and values."""
+    usual = read_rallies(train(PPOConfig(**{**LOGGED, "figures": "auto"}, out=tmp_path / "usual")).folder / LOG)
+    assert np.isfinite(usual.value[usual.pairing[usual.row_of_stroke] == 0]).mean() > 0.4
     done = train(PPOConfig(**{**LOGGED, "figures": "sample:4"}, out=tmp_path / "run"))
     assert PPOConfig().record == "all"
     found = read_rallies(done.folder / LOG)
