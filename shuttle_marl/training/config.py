@@ -100,7 +100,7 @@ class TrainingConfig:
     overwrite: bool = False
     """Replace the run in --out."""
     record: str = "all"
-    """Rallies in the rally log: all (some 1.5 bytes a stroke), none, or sample:N for one in N; does not change the weights."""
+    """Rallies in the rally log: all (some 1.8 bytes a stroke), none, or sample:N for one in N; does not change the weights."""
     figures: str = AUTO
     """Rallies of the log whose strokes have the learner's log-probability and value, some 5 bytes a stroke: all, none, sample:N,
     or auto, the first 10,000 and one in a hundred."""

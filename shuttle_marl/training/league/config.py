@@ -83,7 +83,7 @@ class LeagueTrainingConfig:
     """Ray cluster that replaces the workers: local (Ray on this machine), auto (the cluster of this machine), HOST:PORT of its
     head, or ray://HOST:PORT; with --strokes, it does not change the result."""
     record: str = "all"
-    """Rallies of the learners in rally logs: all (some 1.5 bytes a stroke), none, or sample:N for one in N."""
+    """Rallies of the learners in rally logs: all (some 1.8 bytes a stroke), none, or sample:N for one in N."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
