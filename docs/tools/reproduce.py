@@ -273,7 +273,7 @@ def _made_again(table: str, console: Console, *, save: bool) -> bool:
         found = check(table, save=save)
     except ReproduceError as error:
         if not os.environ.get("SHUTTLESET") and table in RESULTS and _DATA in RESULTS[table].command:
-            console.print(f"{error}: not made again")
+            console.print(f"{error}: skipped")
             return True
         found = [str(error)]
     duration = f"{time.perf_counter() - begun:.0f} s"

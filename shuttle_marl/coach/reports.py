@@ -1,24 +1,27 @@
 """Reports for coaches as objects: their figures, and their page.
 
-report("club/strokes.parquet", "final").save("report.html", language="id")
-scouting_report("an-se-young", "chen-yufei").figures["value"]
+Example::
+
+    report("club/strokes.parquet", "final").save("report.html", language="id")
+    scouting_report("an-se-young", "chen-yufei").figures["value"]
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from shuttle_marl.analysis.match import MatchReport
 from shuttle_marl.analysis.scouting import scout
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.coach import sources
-from shuttle_marl.coach.match_page import match_page
+from shuttle_marl.coach.match_page import Footage, match_page
 from shuttle_marl.coach.scout_page import scouting_page
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.pages.languages import Language, speaking
-from shuttle_marl.recording.reader import is_log
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,12 +33,12 @@ class CoachReport:
     """
 
     figures: Mapping[str, Any]
-    _page: Callable[[], bytes]
+    _page: Callable[[Language], bytes]
 
     def html(self, language: Language = "en") -> bytes:
         """The page, one HTML file: English, Chinese (``zh``) or Indonesian (``id``)."""
         with speaking(language):
-            return self._page()
+            return self._page(language)
 
     def save(self, path: Path | str, language: Language = "en") -> Path:
         """Write the page, and return its path.
@@ -62,12 +65,14 @@ def report(
         DataError, RecordingError: the file cannot be read.
         AnalysisError: no such match, or several.
     """
-    played, file = resolve_game(game), Path(path)
-    if is_log(file):
-        found, footage = sources.of_log(file, played, match=int(match or 0))
-    else:
-        found, footage = sources.of_strokes(file, played, match, None if columns is None else Path(columns))
-    return CoachReport(figures=found.as_json(), _page=lambda: match_page(found, footage))
+    played, mapped = resolve_game(game), None if columns is None else Path(columns)
+
+    @functools.cache  # the footage has sentences in the language of the page
+    def made(language: Language) -> tuple[MatchReport, Footage]:
+        with speaking(language):
+            return sources.of_file(Path(path), played, match, columns=mapped)
+
+    return CoachReport(figures=made("en")[0].as_json(), _page=lambda language: match_page(*made(language)))
 
 
 def scouting_report(
@@ -79,7 +84,7 @@ def scouting_report(
     date: str | None = None,
     model: str = "default",
 ) -> CoachReport:
-    """How a player beats an opponent: what to do, how the opponent plays, and where the opponent can be hurt.
+    """Scouting report: what a player should do against an opponent, how the opponent plays, and where the opponent is weak.
 
     Args:
         player: who is to win; without an opponent, whose profile it is.
@@ -94,5 +99,8 @@ def scouting_report(
     strokes = None if data is None else read_matches(data)
     names = (player,) if opponent is None else (opponent, player)
     found = scout(*names, beside=beside, model=model, date=date, data=strokes)
-    unsure = () if strokes is None else sources.gaps(strokes)
-    return CoachReport(figures=found.as_json(), _page=lambda: scouting_page(found, unsure))
+
+    def page(language: Language) -> bytes:  # noqa: ARG001  spoken by the caller
+        return scouting_page(found, () if strokes is None else sources.gaps(strokes))
+
+    return CoachReport(figures=found.as_json(), _page=page)

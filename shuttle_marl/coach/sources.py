@@ -17,12 +17,11 @@ from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.outlook import met
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.coach.words import of_100, words
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import area_inferred
-from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.words import bare
 from shuttle_marl.exact import evaluate
@@ -32,11 +31,31 @@ from shuttle_marl.game.shipped import folder_of, is_shipped
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.recording import RallyLog
+from shuttle_marl.recording.reader import is_log
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 
 _LISTED = 12
 _DOUBTFUL = 0.5
 """Confidence below which a recognised stroke is doubtful."""
+
+
+def of_file(
+    path: Path, game: Game, match: str | None = None, *, pairing: int = 0, columns: Path | None = None
+) -> tuple[MatchReport, Footage]:
+    """The report of a match of a rally log, with the number ``match``, or of annotated matches.
+
+    Raises:
+        ShuttleError: an argument that this kind of file does not have; or as :func:`of_log` and :func:`of_strokes`.
+    """
+    if not is_log(path):
+        if pairing:
+            raise ShuttleError(f"--pairing {pairing}: only rally logs have pairings; name the match with --match")
+        return of_strokes(path, game, match, columns)
+    if columns is not None:
+        raise ShuttleError(f"--columns {columns}: {path} is a rally log, which has no columns to map; omit it")
+    if match is not None and not match.isdecimal():
+        raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
+    return of_log(path, game, pairing, int(match or 0))
 
 
 def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path | None = None) -> tuple[MatchReport, Footage]:
@@ -51,7 +70,7 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         DataError: the file cannot be read.
         AnalysisError: no such match, or several.
     """
-    strokes = read_matches(path) if columns is None else import_matches(path, columns).strokes
+    strokes = read_matches(path, columns)
     played = match_strokes(strokes, match)
     name = played["match"][0].as_py()
     report = match_report(played, game=game)

@@ -6,7 +6,6 @@ from typing import Annotated, Final
 
 import tyro
 
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RallyGameOptions, hands_told
 from shuttle_marl.commands.reports import ReportOptions
@@ -39,20 +38,10 @@ def report(
     """
     from shuttle_marl.coach import sources  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
-    from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
     game = model.load_for(path)
     with hands_told(options.hand), cli.working("analysing the match"), speaking(options.language):
-        if is_log(path):
-            if columns is not None:
-                raise ShuttleError(f"--columns {columns}: {path} is a rally log, which has no columns to map; omit it")
-            if match is not None and not match.isdecimal():
-                raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
-            found, footage = sources.of_log(path, game, pairing, int(match or 0))
-        elif pairing:
-            raise ShuttleError(f"--pairing {pairing}: only rally logs have pairings; name the match with --match")
-        else:
-            found, footage = sources.of_strokes(path, game, match, columns)
+        found, footage = sources.of_file(path, game, match, pairing=pairing, columns=columns)
     if video is not None:
         footage = dataclasses.replace(footage, video=sources.video_of(video))
     if options.anonymous:

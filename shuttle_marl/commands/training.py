@@ -12,7 +12,7 @@ from shuttle_marl.base.interrupts import interrupts_held
 from shuttle_marl.commands.cli import Command, Output, console, entry_point
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig
+from shuttle_marl.training.config import CONFIGS, A2CConfig, PPOConfig, SACConfig, TrainingConfig
 
 
 def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
@@ -82,10 +82,10 @@ def _with_settings(words: list[str]) -> list[str]:
     Raises:
         TrainingError: the file holds no settings of the algorithm.
     """
-    if "--config" not in words[1:-1] or words[0] not in _CONFIGS:
+    if "--config" not in words[1:-1] or words[0] not in CONFIGS:
         return words
     at = words.index("--config", 1)
-    kind, flags = _CONFIGS[words[0]], list[str]()
+    kind, flags = CONFIGS[words[0]], list[str]()
     config, usual = kind.load(words[at + 1]), kind()
     for field in dataclasses.fields(kind):
         value, flag = getattr(config, field.name), field.name.replace("_", "-")
@@ -95,7 +95,5 @@ def _with_settings(words: list[str]) -> list[str]:
             flags += [f"--{flag}", *(value if isinstance(value, tuple) else [str(value)])]
     return [words[0], *flags, *words[1:at], *words[at + 2 :]]
 
-
-_CONFIGS: Final[dict[str, type[TrainingConfig]]] = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}
 
 main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", __doc__ or "", prepared=_with_settings)

@@ -31,7 +31,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import beta
 
-from shuttle_marl.base.arrays import F32, F64, I16, I64, Bools, Ints
+from shuttle_marl.base.arrays import F32, F64, I16, I64, U8, U16, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
 from shuttle_marl.dynamics.fitted import FittedModels
@@ -353,11 +353,17 @@ def _read(models: FittedModels, codes: dict[str, I16]) -> dict[str, I16]:
     return codes if models.knows_hurried else {**codes, "hurried": np.zeros_like(codes["hurried"])}
 
 
+def rounded(probabilities: PairProbabilities) -> tuple[U16, U8]:
+    """Thresholds ``[base pairs, 3]`` at effort 0, and chances of a hurried receiver ``[base pairs, 2]``."""
+    limits = thresholds(1 - probabilities.fault, probabilities.returned, probabilities.above)
+    return limits, hurry_units(probabilities.hurry)
+
+
 def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
     """The game with thresholds, chances of hurried receivers, and odds of faults."""
-    table = thresholds(1 - probabilities.fault, probabilities.returned, probabilities.above)
+    limits, hurry = rounded(probabilities)
     odds = np.rint(probabilities.fault_odds * ONE).astype(np.int32)
-    return dataclasses.replace(game, threshold=table, hurry=hurry_units(probabilities.hurry), fault_odds=odds)
+    return dataclasses.replace(game, threshold=limits, hurry=hurry, fault_odds=odds)
 
 
 def pair_log_choices(models: FittedModels, game: Game) -> F32:

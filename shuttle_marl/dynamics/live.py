@@ -12,15 +12,14 @@ import numpy as np
 from shuttle_marl.base.arrays import U8, U16
 from shuttle_marl.base.errors import OptionError
 from shuttle_marl.base.pytorch import own_settings
-from shuttle_marl.dynamics.compiled import Support, pair_probabilities
+from shuttle_marl.dynamics.compiled import Support, pair_probabilities, rounded
 from shuttle_marl.dynamics.fit import THREADS
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.game.rally.stepper import Stepper
 from shuttle_marl.game.shipped import origin_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import hurry_units, thresholds
-from shuttle_marl.game.thresholds import ONE, with_fault_odds
+from shuttle_marl.game.thresholds import with_fault_odds
 
 
 class ModelStepper(Stepper):
@@ -34,8 +33,7 @@ class ModelStepper(Stepper):
         super().__init__(game)
         self._models, self._support = models, support
         self._row = functools.lru_cache(maxsize=4096)(self._evaluated)
-        odds = [round(float(np.exp(effort)) * ONE) for effort in models.situations.effort]
-        self._limits = 2 * [[_Rows(3, functools.partial(self._limits_at, k)) for k in odds]]
+        self._limits = 2 * [[_Rows(3, functools.partial(self._limits_at, odds)) for odds in game.fault_odds.tolist()]]
         self._hurry = 2 * [_Rows(2, lambda row: self._row(row)[1])]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -50,9 +48,8 @@ class ModelStepper(Stepper):
         late = self.is_hurried(state)
         calm = row - (int(self.game.base_pair_start[state] - self.game.base_pair_start[state - 2]) if late else 0)
         with own_settings(THREADS):
-            found = pair_probabilities(self._models, self.game, self._support, np.array([calm]))
-        limits = thresholds(1 - found.fault, found.returned, found.above)
-        return limits[int(late)], hurry_units(found.hurry)[int(late)]
+            limits, hurry = rounded(pair_probabilities(self._models, self.game, self._support, np.array([calm])))
+        return limits[int(late)], hurry[int(late)]
 
 
 class _Rows:

@@ -35,7 +35,7 @@ AGENTS: Final = ("player_0", "player_1")
 RENDER_MODES: Final = ("human", "rgb_array", "ansi")
 RenderMode = Literal["human", "rgb_array", "ansi"]
 OutcomesFrom = Literal["tables", "models"]
-"""What decides outcomes: the tables of the game, or the PyTorch modules that they were compiled from."""
+"""Source of the outcomes: the tables of the game, or the PyTorch modules from which they were compiled."""
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
 """Metadata of the PettingZoo environments, without their names."""
 
@@ -68,7 +68,7 @@ class PlayedRally(NamedTuple):
 
 
 class Recorder(Protocol):
-    """What an environment tells of its rallies, such as a log (:func:`shuttle_marl.recording.RecordRallies`)."""
+    """Receives the rallies of an environment, for example to write a log (:func:`shuttle_marl.recording.RecordRallies`)."""
 
     def add(self, rally: PlayedRally) -> None:
         """Record a rally that has ended."""
@@ -91,7 +91,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     Attributes:
         game: the tables of the game, or the game of a pair.
         state_space: space of :meth:`state`.
-        recorder: gets every rally that ends; None: nobody does.
+        recorder: receives every rally at its end; None: rallies are not recorded.
         last_seed: the last seed; an episode depends only on it and on its number.
         episode: number of the episode since the last seed, from 0.
     """

@@ -59,7 +59,7 @@ def RecordRallies(env: Env, path: Path | str, *, names: tuple[str, str] = AGENTS
     except OSError as error:
         raise RecordingError(f"{where}: cannot be written ({error.strerror})") from error
     raw.recorder = RallyWriter(where, raw, names)
-    # Where nobody closes the environment, at the latest at the end of the process.
+    # The log is finished even if the environment is never closed.
     weakref.finalize(raw, raw.recorder.close)
     return env
 
@@ -116,7 +116,7 @@ class RallyWriter:
         strokes = [stroke for row in rows for stroke in row.strokes]
         length = np.array([len(row.strokes) for row in rows], np.int32)
         outcome, last = np.array([stroke.outcome for stroke in strokes]), np.cumsum(length) - 1
-        hurried = np.r_[False, outcome[:-1] >= HURRIED_BELOW]  # who ends a rally hurries nobody
+        hurried = np.r_[False, outcome[:-1] >= HURRIED_BELOW]  # the last stroke of a rally hurries no receiver
         striker, reason = np.array([stroke.player for stroke in strokes]), outcome[last]
         positions = [position for row in rows for position in row.positions]
         log.append(

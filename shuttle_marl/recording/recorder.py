@@ -34,7 +34,7 @@ WAITING_STROKES: Final = 1 << 24
 """Strokes in the queue from which :meth:`RallyRecorder.add` blocks."""
 
 
-class _Log(abc.ABC):
+class LogContext(abc.ABC):
     """Context of a log: closed at the end, and left unfinished after an error."""
 
     @abc.abstractmethod
@@ -55,7 +55,7 @@ class _Log(abc.ABC):
             self.abort()
 
 
-class RallyLogWriter(_Log):
+class RallyLogWriter(LogContext):
     """Writes one rally log; a context manager that closes it, or leaves ``FILE.part`` behind after an error.
 
     Attributes:
@@ -176,7 +176,7 @@ class RallyLogWriter(_Log):
         self.write_message(self.rallies, encode(self.rallies, rallies, len(self.header.strokes)), rallies)
 
 
-class RallyRecorder(_Log):
+class RallyRecorder(LogContext):
     """Records finished rallies in a background thread.
 
     A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the GIL.

@@ -386,3 +386,7 @@ class SACConfig(TrainingConfig):
     def memory(self, n_strokes: int) -> dict[str, int]:
         """Minimum memory of a run in bytes, see :meth:`TrainingConfig.memory`."""
         return {**super().memory(n_strokes), "--buffer": 16 * self.buffer, "--minibatch": 6 * n_strokes * self.minibatch}
+
+
+CONFIGS: Final[dict[str, type[TrainingConfig]]] = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}
+"""Configurations by algorithm."""

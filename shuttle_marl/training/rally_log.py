@@ -14,6 +14,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
+from shuttle_marl.recording.recorder import LogContext
 from shuttle_marl.recording.recover import resume
 from shuttle_marl.training.config import AUTO, SelfPlayConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
@@ -25,7 +26,7 @@ FIRST: Final = 10_000
 _FIGURES: Final = ("log_probability", "value")
 
 
-class RunLog:
+class RunLog(LogContext):
     """Log of the rallies of a learner.
 
     Args:
@@ -75,12 +76,13 @@ class RunLog:
             self._recorder.add(pending.result())
 
     def _rallies(self, sampler: RallySampler, numbers: I64, segment: int, update: int) -> Rallies:
-        rallies = sampler.record(numbers)
+        kept = self._kept(self._figures, segment, numbers) | ((segment == 0) & (numbers < self._first))
+        with_figures = "value" in self._header.columns
+        rallies = sampler.record(numbers, figures=with_figures and bool(kept.all()))
         n = len(rallies)
         rallies = dataclasses.replace(rallies, pairing=np.full(n, segment, np.uint32), update=np.full(n, update, np.uint32))
-        if "value" not in self._header.columns:
+        if not with_figures or rallies.value is not None:
             return rallies
-        kept = self._kept(self._figures, segment, numbers) | ((segment == 0) & (numbers < self._first))
         chance, value = np.full((2, len(rallies.stroke)), np.nan, np.float32)
         if kept.any():
             some, strokes = sampler.record(numbers[kept], figures=True), np.repeat(kept, rallies.length)

@@ -376,15 +376,9 @@ class _Run:
             if (trainer.iteration < config.iterations and not self.at.stopped) or not (self.folder / RALLIES).exists():
                 seeds = [self._segment_seed(segment) for segment in range(config.segments)]
                 log = open_log(self.folder, config, self.game, self.opponents, seeds, rallies=self.at.rallies)
-            try:
+            with log or contextlib.nullcontext():
                 while trainer.iteration < config.iterations and not self.at.stopped:
                     self._segment(log, board, bar)
-            except BaseException:
-                if log is not None:
-                    log.abort()
-                raise
-            if log is not None:
-                log.close()
         if config.seconds is not None and (warning := missed(time.monotonic() - self.begun, config.seconds)):
             self.say(warning)
         return self._finish()

@@ -150,11 +150,12 @@ def _league(setting: PlayerSetting, config: LeagueTrainingConfig) -> Trained:
 
 
 def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
-    from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, train  # noqa: PLC0415  torch
+    from shuttle_marl.training import train  # noqa: PLC0415  torch
+    from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
 
     if load_game(setting.model).hash != setting.game.hash:
         raise SuiteError(f"{algorithm} trains in the game of a model, and this game is drawn")
-    default = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}[algorithm]
+    default = CONFIGS[algorithm]
     opponent = "self" if setting.opponent is None else setting.opponent
     folder = setting.folder / algorithm
     config = default(

@@ -30,7 +30,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.recording import Player, Sampling
-from shuttle_marl.training.config import SELF, A2CConfig, PPOConfig, SACConfig, TrainingConfig
+from shuttle_marl.training.config import CONFIGS, SELF, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import TABLES
 from shuttle_marl.training.league.schedule import order
@@ -47,7 +47,6 @@ RALLIES: Final = "rallies"
 """Folder of the rally logs of turns in the folder of a run."""
 LEARNERS: Final = "learners"
 """Folder of the states of learners in the folder of a run."""
-_CONFIGS: Final[dict[str, type[TrainingConfig]]] = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}
 _TOLERANCE: Final = 1e-4
 _PATIENCE: Final = 0.2
 """Longest time after which Ctrl-C is noticed while workers compute [s]."""
@@ -144,7 +143,7 @@ def _learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> Trainin
         changed["learning_rate"] = config.learning_rate
     if config.batch:
         changed["batch"] = config.batch
-    return _CONFIGS[config.algorithm](**changed)
+    return CONFIGS[config.algorithm](**changed)
 
 
 class _Turn:
@@ -170,14 +169,8 @@ class _Turn:
     def take(self) -> TurnResult:
         """Train until the turn is over, then save."""
         log = self._log()
-        try:
+        with log or contextlib.nullcontext():
             seconds = self._train(log)
-        except BaseException:
-            if log is not None:
-                log.abort()
-            raise
-        if log is not None:
-            log.close()
         return self._save(seconds)
 
     def _log(self) -> RunLog | None:
