@@ -121,6 +121,12 @@ class _Timed:
 
         return call
 
+    def __enter__(self) -> "_Timed":
+        return self
+
+    def __exit__(self, *reason: object) -> None:
+        self.close()
+
 
 def training(folder: Path, strokes: int, repeat: int) -> dict[str, float]:
     """Train with every rally recorded, and measure the fraction of CPU time spent on recording."""
