@@ -11,13 +11,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
+from scipy import special, stats
 
 from shuttle_marl.analysis.habits import discoveries
 from shuttle_marl.analysis.summary import rally_table
-from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools, Ints
 from shuttle_marl.dynamics.habits import QUESTIONS, Plays, Tally
-from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.court import BACK, N_AREAS, third_of
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 
@@ -25,6 +25,7 @@ DOS: Final = 3
 DONTS: Final = 2
 MAIN: Final = 3
 """Number of main strokes, serves apart."""
+_HIGH: Final = (SHOTS.index("clear"), SHOTS.index("lift"))
 
 
 class Option(NamedTuple):
@@ -34,6 +35,7 @@ class Option(NamedTuple):
         shot, area: indices; -1: any. With an area, only strokes that landed in count, because faults have none.
         strokes, won: real strokes, and rallies won with them.
         others, others_won: the same of the strokes that they are compared with.
+        usual: share of rallies that they would win here: that of the others, at the strength of the opponent.
         clear: whether the difference is more than chance, with a correction for the number of options.
     """
 
@@ -43,6 +45,7 @@ class Option(NamedTuple):
     won: int
     others: int
     others_won: int
+    usual: float
     clear: bool
 
     @property
@@ -53,6 +56,11 @@ class Option(NamedTuple):
     def covers(self, shot: int, area: int) -> bool:
         """Whether a stroke is one of the kind."""
         return self.shot in (-1, shot) and self.area in (-1, area)
+
+
+def is_short(shot: Ints | int, area: Ints | int) -> Bools:
+    """Whether clears and lifts to areas (-1: any) do not reach the rear court, any shape: nobody aims there, so nothing advises it."""
+    return np.isin(shot, _HIGH) & (np.asarray(area) >= 0) & (third_of(np.asarray(area)) < BACK)
 
 
 class Expected(NamedTuple):
@@ -110,7 +118,8 @@ def options(plays: Plays, won: F64, mine: Bools, others: Bools | None = None) ->
     Args:
         won: ``[N]`` :func:`won_or_lost`.
         mine: ``[N]`` strokes that count.
-        others: ``[N]`` strokes of others, compared where they are of the same kind; None: all other ones of ``mine``.
+        others: ``[N]`` strokes of others, compared where they are of the same kind, at the strength that the difference of all
+            strokes shows: against a strong opponent every kind wins less. None: all other ones of ``mine``.
     """
     rally = np.isfinite(won) & (plays.shot >= N_SERVES)
 
@@ -135,18 +144,20 @@ def options(plays: Plays, won: F64, mine: Bools, others: Bools | None = None) ->
         beside -= total
     else:
         beside = counted(others)
-    total[-1, -1] = 0
-    (n, w), (m, v) = (np.moveaxis(each, -1, 0) for each in (total, beside))
-    enough = (n >= RELIABLE) & (m >= RELIABLE)
     with np.errstate(invalid="ignore", divide="ignore"):
-        pooled = (w + v) / (n + m)
-        z = np.where(enough, (w / n - v / m) / np.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m)), np.nan)
-    kinds = np.argwhere(np.isfinite(z))
+        ((n, w), (m, v)) = (np.moveaxis(each, -1, 0) for each in (total, beside))
+        level = 0.0 if others is None else float(special.logit(w[-1, -1] / n[-1, -1]) - special.logit(v[-1, -1] / m[-1, -1]))
+        usual = special.expit(special.logit(v / m) + level)
+        pooled = (w + usual * m) / (n + m)
+        z = (w / n - usual) / np.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))
+        alike = (n >= RELIABLE) & (m >= RELIABLE) & (z * (w / n - v / m) >= 0)
+    alike[-1, -1] = False
+    kinds = np.argwhere(alike & np.isfinite(z))
     clear = discoveries((2 * stats.norm.sf(np.abs(z[tuple(kinds.T)]))).tolist())
     found = []
     for (s, a), mark in zip(kinds.tolist(), clear, strict=True):
         counts = int(n[s, a]), int(w[s, a]), int(m[s, a]), int(v[s, a])
-        option = Option(s if s < N_SHOTS else -1, a if a < N_AREAS else -1, *counts, bool(mark))
+        option = Option(s if s < N_SHOTS else -1, a if a < N_AREAS else -1, *counts, float(usual[s, a]), bool(mark))
         found.append((float(z[s, a]), option))
     return [option for _, option in sorted(found, key=lambda each: -each[0])]
 
@@ -187,7 +198,7 @@ def brief(
     donts, returns, mix = dos, None, np.zeros(N_SHOTS)
     if plays is not None:
         found = options(plays, won, towards, others)
-        better = [each for each in found if each.gain > 0]
+        better = [each for each in found if each.gain > 0 and not is_short(each.shot, each.area)]
         worse = [each for each in found[::-1] if each.gain < 0]
         dos = _chosen(better, DOS)
         donts = _chosen(worse, DONTS, dos)

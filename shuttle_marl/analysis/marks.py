@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.advice import TOLERANCE
+from shuttle_marl.analysis.brief import is_short
 from shuttle_marl.analysis.course import rally_numbers
 from shuttle_marl.analysis.values import placed
 from shuttle_marl.analysis.worth import Worth, agree, calibrated
@@ -273,8 +274,11 @@ def costly_choices(strokes: pa.Table, game: Game, seat: I64, stakes: F64) -> tup
     bad = np.array(["?" in mark for mark in judged.marks])[position]
     rally, number, who = rally_numbers(strokes), strokes["stroke"].to_numpy().astype(np.int64), seat[found.row]
     stake = stakes[who, rally[found.row]]
-    technique = game.seats[0].catalogue.technique[judged.stroke]
-    alike = np.where((technique == technique[position][judged.row]) & (judged.behind >= RELIABLE), judged.change, -np.inf)
+    catalogue = game.seats[0].catalogue
+    technique = catalogue.technique[judged.stroke]
+    fair = (technique == technique[position][judged.row]) & (judged.behind >= RELIABLE)
+    fair &= ~is_short(catalogue.shot, catalogue.area)[judged.stroke]
+    alike = np.where(fair, judged.change, -np.inf)
     better = np.array([s + part.argmax() for s, part in zip(judged.start, np.split(alike, judged.start[1:]), strict=True)])
     bad &= (stake > 0) & (number[found.row] <= _LATE) & (alike[better] > judged.change[position])
     seen: set[tuple[int, int, int]] = set()

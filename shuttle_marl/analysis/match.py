@@ -218,10 +218,14 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
 
 
 def _moments(rallies: Sequence[RallyRow]) -> list[int]:
-    """The rallies with the largest swings, no more than two of a game: else the end of a close one would take all places."""
+    """The rallies with the largest swings, no more than two of a game: else the end of a close one would take all places.
+
+    One that counts less than half as much as the largest is no key moment.
+    """
     found: list[int] = []
     for i in sorted((i for i, row in enumerate(rallies) if row.winner is not None), key=lambda i: -abs(rallies[i].swing)):
-        if len(found) < MOMENTS and sum(rallies[other].key[0] == rallies[i].key[0] for other in found) < _OF_GAME:
+        counts = not found or 2 * abs(rallies[i].swing) >= abs(rallies[found[0]].swing)
+        if counts and len(found) < MOMENTS and sum(rallies[k].key[0] == rallies[i].key[0] for k in found) < _OF_GAME:
             found.append(i)
     return found
 
@@ -300,7 +304,7 @@ def _heat(plays: Plays, mine: Bools, won: F64, player: int) -> Heat:
 
 
 def _changes(plays: Plays, seat: I64, strokes: pa.Table) -> list[Change]:
-    """Habits that differ between the games of a player by more than chance."""
+    """Habits that differ between the games of a player by more than chance, each in the game where it differs most."""
     game = strokes["game"].to_numpy().astype(np.int64)
     found: list[tuple[int, int, Habit]] = []
     for player in (0, 1):
@@ -310,8 +314,8 @@ def _changes(plays: Plays, seat: I64, strokes: pa.Table) -> list[Change]:
             if len(one) and len(others):
                 found += [(player, number, habit) for habit in habits(tally(one), tally(others), dispersed=False)]
     marked = with_discoveries([habit for *_, habit in found])
-    return [
-        Change(player=player, game=number, habit=habit)
-        for (player, number, _), habit in zip(found, marked, strict=True)
-        if habit.clear
-    ]
+    clear = [Change(player=p, game=n, habit=habit) for (p, n, _), habit in zip(found, marked, strict=True) if habit.clear]
+    first: dict[tuple[object, ...], Change] = {}
+    for each in sorted(clear, key=lambda each: each.habit.p):
+        first.setdefault((each.player, each.habit.kind, each.habit.about, each.habit.answer), each)
+    return [*first.values()]

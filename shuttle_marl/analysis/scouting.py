@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.advice import Advice, Meeting, advise, refitted
-from shuttle_marl.analysis.brief import Brief, brief, won_or_lost
+from shuttle_marl.analysis.brief import Brief, brief, is_short, won_or_lost
 from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interval
 from shuttle_marl.analysis.outlook import Met, earned, met
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
@@ -34,6 +34,8 @@ from shuttle_marl.policy import baselines
 
 PIECES: Final = 5
 """Number of pieces of advice."""
+LEAST_EACH: Final = 0.01
+"""Smaller gains per time, in rallies won, are of no use on court."""
 ATTACKS: Final = ("smash", "half-smash", "net-kill")
 
 
@@ -307,16 +309,16 @@ def scout(
     advised: list[Advice] = []
     evidence: list[Realised | None] = []
     if both is not None and player is not None:
-        advised = advise(both, most=2 * PIECES)
+        catalogue = both.pair.catalogue
+        kinds = np.stack([catalogue.shot, catalogue.area], axis=1).tolist()
+        found_all = advise(both, most=2 * PIECES)
+        advised = [each for each in found_all if each.expected.value >= LEAST_EACH * each.often and not is_short(*kinds[each.stroke])]
         evidence = [None] * len(advised)
         if plays is not None and of_data is not None:
-            found_there = realised(plays, of_data, advised, both.pair)
-            catalogue = both.pair.catalogue
-            kinds = [(int(catalogue.shot[each.stroke]), int(catalogue.area[each.stroke])) for each in advised]
             kept = [
                 (advice, real)
-                for advice, real, (shot, area) in zip(advised, found_there, kinds, strict=True)
-                if real is not None and real.confirms and not any(each.covers(shot, area) for each in page.donts)
+                for advice, real in zip(advised, realised(plays, of_data, advised, both.pair), strict=True)
+                if real is not None and real.confirms and not any(each.covers(*kinds[advice.stroke]) for each in page.donts)
             ]
             advised, evidence = [advice for advice, _ in kept], [real for _, real in kept]
         advised, evidence = advised[:PIECES], evidence[:PIECES]

@@ -68,6 +68,7 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         "reason": reason,
         "score": lambda winner=0: _score(report.score, winner),
         "event": words().event(report.match, named),
+        "place": lambda i: _place(report, footage, i),
         "number": lambda i: footage.numbers[i] + 1 if i in footage.numbers else "\N{EN DASH}" if footage.numbers else i + 1,
         "reasons": lambda i: _reasons(report, i),
         "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
@@ -103,6 +104,13 @@ def _course(report: MatchReport) -> dict[str, Any]:
         "played": sum(map(sum, report.score)),
         "cut": [n for n, points in enumerate(ended, 1) if not wins_game(max(points), min(points), report.rules)],
     }
+
+
+def _place(report: MatchReport, footage: Footage, i: int) -> str:
+    """Where a rally stands in the match, with the number that it has on the live court, if it is there."""
+    row, known = report.rallies[i], not footage.numbers or i in footage.numbers
+    fields = {"game": row.key[0], "points": "\N{EN DASH}".join(map(str, row.points))}
+    return words()(f"match.{'place' if known else 'place_unknown'}", number=footage.numbers.get(i, i) + 1, **fields)
 
 
 def _reasons(report: MatchReport, i: int) -> Iterator[str]:

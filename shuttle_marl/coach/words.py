@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.analysis.brief import Expected
+from shuttle_marl.analysis.brief import Expected, is_short
 from shuttle_marl.analysis.course import RallyRow
 from shuttle_marl.analysis.habits import Habit
 from shuttle_marl.data.words import bare
@@ -59,14 +59,18 @@ class Words(Texts):
         return text[:1].upper() + text[1:]
 
     def target(self, shot: str, area: int, whose: str, form: int = 2) -> str:
-        """A shot type in a form, to an area: ``smashes at their body``; either may be empty or -1, for any."""
+        """A shot type in a form, to an area: ``smashes at the body``; either may be empty or -1, for any."""
         if area < 0:
             return self.shot(shot, form)
         if not shot:
             return self("stroke.place", area=self.area(area, whose))
         if shot in AT_BODY and AREAS[area] == "middle-centre":
-            return self("stroke.body", shot=self.shot(shot, form), whose=self(f"whose.{whose}"))
-        return self("stroke.to", shot=self.shot(shot, form), area=self.area(area, whose))
+            return self("stroke.body", shot=self.shot(shot, form))
+        return self._deep(SHOTS.index(shot), area, self("stroke.to", shot=self.shot(shot, form), area=self.area(area, whose)))
+
+    def _deep(self, shot: int, area: int, text: str) -> str:
+        """A stroke, which a player hears is short where it is meant for the rear court."""
+        return self("stroke.shallow", stroke=text) if is_short(shot, area) else text
 
     def most(self, found: Expected) -> str:
         """Answers with their shares of 100: ``lifts 36, net shots 32``."""
@@ -94,14 +98,14 @@ class Words(Texts):
             return self(f"stroke.{flick}", shot=self.shot(shot), direction=self(f"directions.{AREAS[target].split('-')[1]}"))
         fields = {"technique": self.technique(TECHNIQUES[catalogue.technique[stroke]]), "area": self.area(target, whose)}
         if shot in AT_BODY and AREAS[target] == "middle-centre":
-            fields.pop("area")
-            return self("stroke.at_body", shot=self.shot(shot), whose=self(f"whose.{whose}"), **fields)
+            return self("stroke.at_body", shot=self.shot(shot), technique=fields["technique"])
         if shot not in DIRECTED or met < 0 or _CENTRE in (met % N_SIDES, target % N_SIDES):
-            return self("stroke.aimed", shot=self.shot(shot), **fields)
-        along = straight(np.array(met), np.array(target), opposite=(hands[0] == "left") != (hands[1] == "left"))
-        return self(
-            "stroke.directed", shot=self.shot(shot, 0), direction=self(f"directions.{DIRECTIONS[0 if along else 2]}"), **fields
-        )
+            text = self("stroke.aimed", shot=self.shot(shot), **fields)
+        else:
+            along = straight(np.array(met), np.array(target), opposite=(hands[0] == "left") != (hands[1] == "left"))
+            direction = self(f"directions.{DIRECTIONS[0 if along else 2]}")
+            text = self("stroke.directed", shot=self.shot(shot, 0), direction=direction, **fields)
+        return self._deep(SHOTS.index(shot), target, text)
 
     def hands(self, players: Iterable[str], hands: Iterable[str | None]) -> str:
         """Players with their hands, such as ``Kento Momota, left-handed``; None: unknown."""

@@ -8,10 +8,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise
-from shuttle_marl.analysis.brief import options
+from shuttle_marl.analysis.brief import is_short, options
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import EARNED, earned
 from shuttle_marl.analysis.scouting import scout
@@ -117,6 +117,23 @@ def test_options_are_counted_beside_others() -> None:
     beside = {option[:2]: option for option in options(some, won, half, ~half)}
     assert beside[clear, -1][2:6] == (20, 10, 20, 10)
     assert (clear, 6) not in beside  # fifteen strokes are too few
+
+
+def test_options_are_seen_at_the_strength_of_the_opponent() -> None:
+    """A strong opponent wins more with everything: only what wins more or less than that stands out."""
+    serve, lift, clear, drop = (SHOTS.index(name) for name in ("short-serve", "lift", "clear", "drop"))
+    some = plays([(serve, lift, 6, 1, clear, 6), (serve, lift, 6, 1, drop, 2)] * 2, 100)
+    against, kind = np.arange(len(some)) < 200, np.arange(len(some)) % 2
+    # The clears of 20 rallies and the drops of 60 are won of 100 against the opponent, and 60 and 80 against others.
+    won = (np.arange(len(some)) // 2 % 100 < np.where(against, 20 + 40 * kind, 60 + 20 * kind)).astype(float)
+    found = {option[:2]: option for option in options(some, won, against, ~against)}
+    assert (clear, -1) in found
+    assert found[clear, -1].usual == pytest.approx(special.expit(special.logit(0.6) + special.logit(0.4) - special.logit(0.7)))
+    assert found[clear, -1].gain < found[clear, -1].won / found[clear, -1].strokes - found[clear, -1].usual < 0
+    assert (drop, -1) not in found  # more is won than the opponent explains, but less than against others
+    middle = AREAS.index("middle-centre")
+    assert is_short(np.array([clear, drop]), np.array([middle, middle])).tolist() == [True, False]
+    assert not is_short(clear, -1)
 
 
 def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1, *, opposite: bool = False) -> Plays:

@@ -106,9 +106,9 @@ def test_numbers_and_dates() -> None:
     )
     day = datetime.date(2021, 7, 3)
     assert [Words(language)("scout.today", date=day) for language in LANGUAGES] == [
-        "as of 2021-07-03",
-        "截至2021年7月3日",
-        "per 03/07/2021",
+        "skill as of 2021-07-03",
+        "水平截至2021年7月3日",
+        "kemampuan per 03/07/2021",
     ]
     assert of_100(0.1234, 1) == "12.3"
 
