@@ -14,11 +14,12 @@ import pyarrow as pa
 import pytest
 from playwright.sync_api import Browser, Page
 
-from shuttle_marl.analysis.brief import Brief
+from shuttle_marl.analysis.brief import Brief, is_short
 from shuttle_marl.analysis.match import MatchReport, matches_in
-from shuttle_marl.analysis.scouting import players_of, scout
+from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.coach import match_page, scout_page, sources
+from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.scoring import wins_game
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
@@ -60,14 +61,14 @@ def contents(write: Callable[[], bytes]) -> dict[Language, bytes]:
 
 
 def wrong_pages(pages: dict[Language, bytes], paper: Page, private: Path) -> Iterator[tuple[object, ...]]:
-    """Page 1 longer than a side, a sentence that stands twice, a table of nothing but "no", a raw name or a path."""
+    """Page 1 on more than a side, a sentence that stands twice, a table of nothing but "no", a raw name or a path."""
     for language, content in pages.items():
         paper.set_content(content.decode(), wait_until="domcontentloaded")
         bottom = paper.evaluate("document.querySelector('section.brief').getBoundingClientRect().bottom")
         if bottom > SIDE:
             yield language, "page 1", bottom
         # Parts of cards may be alike, whole sentences of the text are not.
-        said = paper.locator("p:not(.card p)").all_inner_texts()
+        said = paper.locator("p:not(.card p), section:not(.both) li").all_inner_texts()
         ends = re.compile(r"(?<=[^A-Z]\.)\s+(?=[A-Z])|(?<=\u3002)")
         sentences = Counter(part.strip() for text in said for part in ends.split(text) if part.strip())
         yield from ((language, "twice", sentence) for sentence, times in sentences.items() if times > 1)
@@ -79,6 +80,11 @@ def wrong_pages(pages: dict[Language, bytes], paper: Page, private: Path) -> Ite
         yield from ((language, "raw", text[max(0, i - 40) : i + 40]) for i in [text.find("_")] if i >= 0)
         if str(private.parent) in text:
             yield language, "path"
+        # Page 1 printed alone, as `--pdf` prints it.
+        paper.evaluate("document.querySelectorAll('section.brief ~ *').forEach((part) => part.remove())")
+        sides = len(re.findall(rb"/Type\s*/Page\b", paper.pdf(prefer_css_page_size=True, print_background=True)))
+        if sides != 1:
+            yield language, "sides", sides
 
 
 def check_brief(found: Brief) -> None:
@@ -86,7 +92,8 @@ def check_brief(found: Brief) -> None:
     for better, options in ((True, found.dos), (False, found.donts)):
         for each in options:
             assert min(each.strokes, each.others) >= RELIABLE
-            assert (each.gain > 0) == better
+            assert (each.gain > 0) == (each.won / each.strokes > each.usual) == better
+            assert not (better and is_short(each.shot, each.area))
     assert not {each[:2] for each in found.dos} & {each[:2] for each in found.donts}
 
 
@@ -97,6 +104,41 @@ def check_score(report: MatchReport) -> None:
         assert final or number in course["cut"] or (course["winner"] is None and number == len(report.score))
     played = np.bincount([int(b > a) for a, b in report.score], minlength=2)
     assert course["winner"] is None or played[course["winner"]] == report.rules.games
+
+
+def check_match(report: MatchReport, footage: Footage) -> None:
+    """One number for one thing: rallies won by length, by server and in the course; targets on page 1 and on the maps."""
+    decided = [row.winner for row in report.rallies if row.winner is not None]
+    assert [sum(each.rallies for each in report.lengths), sum(each.won for each in report.lengths)] == [
+        len(decided),
+        decided.count(0),
+    ]
+    for player, found in enumerate(report.briefs):
+        sides = [each for each in report.serving if each.player == player and each.label in ("serving", "receiving")]
+        assert [sum(each.rallies for each in sides), sum(each.won for each in sides)] == [len(decided), decided.count(player)]
+        heat = report.heat[player]
+        for each in (*found.dos, *found.donts):
+            if each.shot < 0:  # a map leaves out strokes whose stroke before is not known
+                assert 0 <= each.won - heat.won[each.area] <= each.strokes - heat.won[each.area] - heat.lost[each.area] <= 5
+    # The live court shows the rally that has the number.
+    for i, rally in footage.staged.items():
+        shown = dict(zip(rally.names, rally.score.points, strict=True))
+        assert shown == dict(zip(report.players, report.rallies[i].points, strict=True))
+
+
+def check_scout(report: ScoutingReport) -> None:
+    """One number for one thing: answers on page 1 and in the tables, strokes and rallies in all and match by match."""
+    told = {(each.kind, "".join(each.about[:1]), each.answer): each for each in report.habits}
+    for each in report.brief.expected:
+        for answer, share in each.most:
+            habit = told.get((each.kind, each.about, answer))
+            assert habit is None or (habit.strokes, habit.share) == (each.strokes, share)
+    assert report.seen is not None
+    assert report.met is not None
+    assert report.seen == (sum(form.strokes for form in report.season), len(report.season))
+    assert report.player is not None
+    together = [form for form in report.season if form.against == report.player.name]
+    assert (len(together), sum(form.rallies for form in together)) == (report.met.matches, report.met.rallies)
 
 
 T = TypeVar("T")
@@ -119,6 +161,7 @@ def test_the_report_of_every_match(file: Path, strokes: pa.Table, paper: Page, u
         seconds.append(time.monotonic() - started)
         wrong += [(name, *each) for each in wrong_pages(pages, paper, file)]
         check_score(report)
+        check_match(report, footage)
         for each in report.briefs:
             check_brief(each)
             if (len(each.dos), len(each.donts)) != (3, 2):
@@ -149,6 +192,7 @@ def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: Page, file: Path,
         seconds.append(time.monotonic() - started)
         wrong += [(player, opponent, *each) for each in wrong_pages(pages, paper, file)]
         check_brief(report.brief)
+        check_scout(report)
         if (len(report.brief.dos), len(report.brief.donts)) != (3, 2):
             wrong.append((player, opponent, report.brief.dos, report.brief.donts))
         for advice, real in zip(report.advice, report.realised, strict=True):
@@ -157,5 +201,6 @@ def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: Page, file: Path,
             assert real.won / real.strokes >= real.others_won / real.others
             kind = int(report.pair.catalogue.shot[advice.stroke]), int(report.pair.catalogue.area[advice.stroke])
             assert not any(each.covers(*kind) for each in report.brief.donts)
+            assert not is_short(*kind)
     assert not wrong
     assert float(np.median(seconds)) <= 60

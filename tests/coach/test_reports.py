@@ -74,12 +74,12 @@ def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str,
 def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt: None) -> None:
     tags, text = read(scout_pages.scouting_page(scouted))
     assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
-        "brief", "how-kento-momota-plays", "serve,-return-and-defence:-what-to-expect", "where-kento-momota-can-be-hurt",
+        "brief", "how-kento-momota-plays", "serve,-return-and-third-stroke:-what-to-expect", "where-kento-momota-can-be-hurt",
         "what-to-train-this-week", "how-sure-is-this?",
     ]  # fmt: skip
     assert [text.count(f"Drill {number}.") for number in (1, 2, 3, 4)] == [1, 1, 1, 0]
     assert "By skill alone, Viktor Axelsen wins about" in text
-    assert text.count("Behind the advice") == len(scouted.advice) >= 3
+    assert text.count("variations of the model; behind it are at least") == len(scouted.advice) >= 3
     assert "left out: Node is missing" in text
     assert text.count("By the model it gains") == len(scouted.advice)
     assert text.count(f"of {scouted.refits} variations of the model.") == len(scouted.advice)
@@ -99,8 +99,8 @@ def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table
     first, second = map(Words("en").player, (a, b))
     _, text = read(match_pages.match_page(report, footage(report)))
     assert f"{first}, left-handed · {second}, hand not known, played as right-handed · Match report" in text
-    assert f"{first} strikes at the bottom of the picture; the receiver's forehand side is on the left" in text
-    assert f"{second} strikes at the bottom of the picture; the receiver's backhand side is on the left" in text
+    assert f"{first} strikes at the bottom of the picture; the opponent's forehand side is on the left" in text
+    assert f"{second} strikes at the bottom of the picture; the opponent's backhand side is on the left" in text
     people = {
         name: dataclasses.replace(getattr(scouted, name), hand=hand) for name, hand in (("player", "right"), ("opponent", "left"))
     }
@@ -132,7 +132,7 @@ def test_a_court_is_drawn_as_a_receiver_of_the_hand_stands() -> None:
         drawn = str(charts.court(shares, shares, "court", hand))
         place = {text: float(x) for x, text in re.findall(r"<text[^>]*translate\(([\d.]+) [^>]*>(77|23)<", drawn)}
         assert (place["77"] < place["23"]) == (hand == "right")
-        assert "the receiver's forehand side 77" in drawn
+        assert "the opponent's forehand side 77" in drawn
 
 
 def test_a_stroke_between_two_sides_is_straight_or_cross_court() -> None:
@@ -177,7 +177,7 @@ def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
     assert (report.rally, report.player, [*report.advice]) == (None, None, [])
     _, text = read(scout_pages.scouting_page(report))
     assert "How Kento Momota plays" in text
-    assert "All strokes of Kento Momota after the serve" in text
+    assert "Strokes of Kento Momota after the serve" in text
     assert "How the strokes end" in text
     assert "By the model it gains" not in text
     assert "Drill" not in text
