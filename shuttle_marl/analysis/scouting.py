@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.advice import Advice, Meeting, advise, refitted
-from shuttle_marl.analysis.brief import Brief, brief, is_short, won_or_lost
+from shuttle_marl.analysis.brief import Brief, Option, brief, is_short, won_or_lost
 from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interval
 from shuttle_marl.analysis.outlook import Met, earned, met
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
@@ -175,7 +175,10 @@ class ScoutingReport:
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses, tuples and arrays as values of JSON; NaN as None."""
+    """Dataclasses, tuples and arrays as values of JSON; NaN as None. Options name their shot type and area; None: any."""
+    if isinstance(value, Option):
+        named = {"shot": SHOTS[value.shot] if value.shot >= 0 else None, "area": AREAS[value.area] if value.area >= 0 else None}
+        return {**value._asdict(), **named}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {name: plain(part) for name, part in value._asdict().items()}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -41,6 +41,8 @@ class ReportOptions(PlayerOptions):
         """
         if self.figures is not None:
             write_figures(figures, self.figures)
+            if not self.json_output:
+                cli.console().print(f"figures: {printable(str(self.figures))}", soft_wrap=True)
         if self.json_output:
             cli.print_json(figures)
         if not self.json_output or self.out is not None or self.pdf is not None:
