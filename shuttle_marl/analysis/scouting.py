@@ -315,7 +315,9 @@ def scout(
         catalogue = both.pair.catalogue
         kinds = np.stack([catalogue.shot, catalogue.area], axis=1).tolist()
         found_all = advise(both, most=2 * PIECES)
-        advised = [each for each in found_all if each.expected.value >= LEAST_EACH * each.often and not is_short(*kinds[each.stroke])]
+        advised = [
+            each for each in found_all if each.expected.value >= LEAST_EACH * each.often and not is_short(*kinds[each.stroke])
+        ]
         evidence = [None] * len(advised)
         if plays is not None and of_data is not None:
             kept = [

@@ -119,7 +119,12 @@ def check_match(report: MatchReport, footage: Footage) -> None:
         heat = report.heat[player]
         for each in (*found.dos, *found.donts):
             if each.shot < 0:  # a map leaves out strokes whose stroke before is not known
-                assert 0 <= each.won - heat.won[each.area] <= each.strokes - heat.won[each.area] - heat.lost[each.area] <= each.strokes / 10
+                assert (
+                    0
+                    <= each.won - heat.won[each.area]
+                    <= each.strokes - heat.won[each.area] - heat.lost[each.area]
+                    <= each.strokes / 10
+                )
     # The live court shows the rally that has the number.
     for i, rally in footage.staged.items():
         shown = dict(zip(rally.names, rally.score.points, strict=True))
