@@ -59,7 +59,7 @@ class Option(NamedTuple):
 
 
 def is_short(shot: Ints | int, area: Ints | int) -> Bools:
-    """Whether clears and lifts to areas (-1: any) do not reach the rear court, any shape; nobody aims there, so it is no advice."""
+    """Whether clears and lifts to areas (-1: any) do not reach the rear court, any shape: nobody aims there."""
     return np.isin(shot, _HIGH) & (np.asarray(area) >= 0) & (third_of(np.asarray(area)) < BACK)
 
 
