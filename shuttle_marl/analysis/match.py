@@ -218,10 +218,8 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
 
 
 def _moments(rallies: Sequence[RallyRow]) -> list[int]:
-    """The rallies with the largest swings, no more than two of a game: else the end of a close one would take all places.
-
-    One that counts less than half as much as the largest is no key moment.
-    """
+    """The rallies with the largest swings, from half of the largest on, no more than two of a game: else the end of a close one
+    would take all places."""
     found: list[int] = []
     for i in sorted((i for i, row in enumerate(rallies) if row.winner is not None), key=lambda i: -abs(rallies[i].swing)):
         counts = not found or 2 * abs(rallies[i].swing) >= abs(rallies[found[0]].swing)
@@ -315,7 +313,6 @@ def _changes(plays: Plays, seat: I64, strokes: pa.Table) -> list[Change]:
                 found += [(player, number, habit) for habit in habits(tally(one), tally(others), dispersed=False)]
     marked = with_discoveries([habit for *_, habit in found])
     clear = [Change(player=p, game=n, habit=habit) for (p, n, _), habit in zip(found, marked, strict=True) if habit.clear]
-    first: dict[tuple[object, ...], Change] = {}
-    for each in sorted(clear, key=lambda each: each.habit.p):
-        first.setdefault((each.player, each.habit.kind, each.habit.about, each.habit.answer), each)
-    return [*first.values()]
+    clear.sort(key=lambda each: -each.habit.p)
+    most = {(each.player, each.habit.kind, each.habit.about, each.habit.answer): each for each in clear}
+    return sorted(most.values(), key=lambda each: each.habit.p)

@@ -1,7 +1,7 @@
 """The match report as a page: figures for the template ``match.html.j2``."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -66,9 +66,8 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         "footage": footage,
         "examples": {rally: number for number, rally in enumerate(moments[:count])},
         "reason": reason,
-        "score": lambda winner=0: _score(report.score, winner),
+        "score": lambda winner=0: words().listed(f"{points[winner]}\N{EN DASH}{points[1 - winner]}" for points in report.score),
         "event": words().event(report.match, named),
-        "place": lambda i: _place(report, footage, i),
         "number": lambda i: footage.numbers[i] + 1 if i in footage.numbers else "\N{EN DASH}" if footage.numbers else i + 1,
         "reasons": lambda i: _reasons(report, i),
         "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
@@ -86,10 +85,6 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
     return page("match.html.j2", content, rallies=rallies, viewer=program)
 
 
-def _score(score: Sequence[tuple[int, int]], winner: int) -> str:
-    return words().listed(f"{points[winner]}\N{EN DASH}{points[1 - winner]}" for points in score)
-
-
 def _course(report: MatchReport) -> dict[str, Any]:
     """Who won (None: the match is open), probabilities of winning over the rallies, and where games end or are cut off."""
     games = np.bincount([int(points[1] > points[0]) for points in report.score], minlength=2)
@@ -104,13 +99,6 @@ def _course(report: MatchReport) -> dict[str, Any]:
         "played": sum(map(sum, report.score)),
         "cut": [n for n, points in enumerate(ended, 1) if not wins_game(max(points), min(points), report.rules)],
     }
-
-
-def _place(report: MatchReport, footage: Footage, i: int) -> str:
-    """Where a rally stands in the match, with the number that it has on the live court, if it is there."""
-    row, known = report.rallies[i], not footage.numbers or i in footage.numbers
-    fields = {"game": row.key[0], "points": "\N{EN DASH}".join(map(str, row.points))}
-    return words()(f"match.{'place' if known else 'place_unknown'}", number=footage.numbers.get(i, i) + 1, **fields)
 
 
 def _reasons(report: MatchReport, i: int) -> Iterator[str]:

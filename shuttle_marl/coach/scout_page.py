@@ -28,8 +28,8 @@ _ENDS = ("fault", "winner")
 
 def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
     """The page as the content of a file; ``gaps``: sentences on what the data lack."""
-    rallies, program, reason = _examples(report)
-    report = report.renamed(words().player)
+    say, (rallies, program, reason) = words(), _examples(report)
+    report = report.renamed(say.player)
     content = {
         "report": report,
         "known": [known for known in (report.player, report.opponent) if known is not None],
@@ -38,7 +38,10 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
         "enough_refits": report.refits >= LEAST_REFITS,
         "least_steady": LEAST_STEADY,
         "catalogue": None if report.pair is None else report.pair.catalogue,
-        "habit_bars": lambda habits: [_bar(habit) for habit in habits[:_SHOWN]],
+        "habit_bars": lambda habits: [
+            charts.Bar(say.habit(each), *(100 * part for part in (each.share, each.low, each.high, each.usual)), player=1)
+            for each in habits[:_SHOWN]
+        ],
         "answers": lambda kinds: _answers(report, kinds),
         "ending_share": lambda share, digits=0: ranged(Estimate(*share[:3]), digits),
         "clear_endings": list(_clear_endings(report.endings)),
@@ -66,10 +69,6 @@ def _examples(report: ScoutingReport) -> tuple[str, Viewer | None, str]:
     players = Players(tables=report.home.policies, value=report.home.value)
     content, _ = shared(rallies, report.pair, players)
     return content, program, ""
-
-
-def _bar(habit: Habit) -> charts.Bar:
-    return charts.Bar(words().habit(habit), 100 * habit.share, 100 * habit.low, 100 * habit.high, 100 * habit.usual, player=1)
 
 
 def _listed(habit: Habit) -> bool:

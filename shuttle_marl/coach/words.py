@@ -14,7 +14,7 @@ from shuttle_marl.data.words import bare
 from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
-from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
+from shuttle_marl.game.stroke import SHOTS, TECHNIQUES, Catalogue
 from shuttle_marl.pages.languages import Language, Texts, current
 
 _CENTRE: Final = 1
@@ -110,14 +110,6 @@ class Words(Texts):
     def hands(self, players: Iterable[str], hands: Iterable[str | None]) -> str:
         """Players with their hands, such as ``Kento Momota, left-handed``; None: unknown."""
         return " · ".join(self(f"hands.{hand or 'unknown'}", name=name) for name, hand in zip(players, hands, strict=True))
-
-    def sides(self, hand: str | None) -> str:
-        """Label of the forehand and the backhand side of a receiver of a hand (None: as right); the striker is at the bottom."""
-        return self(f"sides.{hand or 'right'}")
-
-    def height(self, contact: int) -> str:
-        """The height of a contact."""
-        return self(f"heights.{HEIGHTS[contact]}")
 
     def ending(self, row: RallyRow) -> str:
         """How a rally ended, and with which stroke."""
