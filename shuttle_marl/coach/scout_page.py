@@ -39,7 +39,7 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
         "least_steady": LEAST_STEADY,
         "catalogue": None if report.pair is None else report.pair.catalogue,
         "habit_bars": lambda habits: [
-            charts.Bar(say.habit(each), *(100 * part for part in (each.share, each.low, each.high, each.usual)), player=1)
+            charts.Bar(say.habit(each), 100 * each.share, 100 * each.low, 100 * each.high, 100 * each.usual, player=1)
             for each in habits[:_SHOWN]
         ],
         "answers": lambda kinds: _answers(report, kinds),
