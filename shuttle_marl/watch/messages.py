@@ -711,12 +711,11 @@ class Saved(Struct):
 
 
 class Suggestion(Struct):
-    """A shot type with its probability, its usual technique and its usual contact height, as indices."""
+    """A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height."""
 
     shot: int
     probability: float
-    technique: int
-    height: int
+    ways: list[int]
 
 
 class Suggestions(Struct):

@@ -572,12 +572,11 @@ export interface Suggestions {
   shots: Suggestion[];
 }
 
-/** A shot type with its probability, its usual technique and its usual contact height, as indices. */
+/** A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height. */
 export interface Suggestion {
   shot: number;
   probability: number;
-  technique: number;
-  height: number;
+  ways: number[];
 }
 
 /** Requests by operation. */
