@@ -29,7 +29,6 @@ from typing import Annotated, Any, Final
 import av
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
 from rich.console import Console
 from rich.progress import track
@@ -155,7 +154,7 @@ def _plane(address: str) -> F64:
 
 def _join(parts: Sequence[Path], path: Path) -> list[float]:
     """Join films, with a break and with the noise of a camera; returns when each begins [s]."""
-    noise = np.random.default_rng(0).normal(0, 3, (SIZE[1], SIZE[0], 3)).astype(np.int16)
+    noise = np.random.default_rng(0).normal(0, 3, (SIZE[1], SIZE[0], 3))
     begins, frames = [], 0
     with av.open(str(path), "w", format="webm") as container:
         stream: Any = container.add_stream("libvpx-vp9", rate=FPS)
@@ -172,10 +171,12 @@ def _join(parts: Sequence[Path], path: Path) -> list[float]:
     return begins
 
 
-def _pictures(path: Path, slower: int) -> Iterator[NDArray[np.uint8]]:
+def _pictures(path: Path, slower: int) -> Iterator[F64]:
+    """Pictures of a film, and between two of them what makes it slower."""
     with av.open(str(path)) as read:
-        for image in read.decode(video=0):
-            yield from itertools.repeat(image.to_ndarray(format="rgb24"), slower)
+        pictures = (image.to_ndarray(format="rgb24").astype(float) for image in read.decode(video=0))
+        for before, after in itertools.pairwise(pictures):
+            yield from (before + i / slower * (after - before) for i in range(slower))
 
 
 class Script:

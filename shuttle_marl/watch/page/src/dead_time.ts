@@ -1,8 +1,9 @@
 // Time of a film in which nobody plays: the picture changes less than in the rallies that are known.
 
 export const BEAT = 0.25; // time between pictures that are compared [s]
-const STILL = 0.5; // of the median motion in rallies
-const AROUND = 3; // beats before and after, of which motion is the median: cuts of the film are no play
+const STILL = 0.5; // between the least motion and the usual one in rallies
+const LEAST = 0.1; // share of the film that moves less than the least motion: a camera has noise
+const AROUND = 4; // beats before and after, of which motion is the median: cuts of the film are no play
 const LASTS = 6; // beats that play or its absence lasts at least
 const LEAD = 2.5; // shown before play begins [s]
 const SETTLES = 0.5; // from the last stroke until players slow down [s]
@@ -20,11 +21,16 @@ export function nextPlay(
   within: number,
 ): number | null {
   const beats = (from: number, to: number) => motion.slice(Math.ceil(from / BEAT), Math.floor(to / BEAT));
-  const usual = median(rallies.flatMap(({ from, to }) => beats(from, to)));
-  if (usual === undefined) {
+  const usual = quantile(
+    rallies.flatMap(({ from, to }) => beats(from, to)),
+    0.5,
+  );
+  const least = quantile(motion, LEAST);
+  if (usual === undefined || least === undefined) {
     return null;
   }
-  const plays = motion.map((_, i) => median(motion.slice(Math.max(0, i - AROUND), i + AROUND + 1))! > STILL * usual);
+  const level = least + STILL * (usual - least);
+  const plays = motion.map((_, i) => quantile(motion.slice(Math.max(0, i - AROUND), i + AROUND + 1), 0.5)! > level);
   const first = Math.ceil((from + SETTLES) / BEAT);
   const stops = begins(plays, false, first);
   if (stops === null || stops * BEAT > from + within) {
@@ -46,7 +52,7 @@ function begins(plays: readonly boolean[], state: boolean, from: number): number
   return null;
 }
 
-function median(values: readonly (number | undefined)[]): number | undefined {
+function quantile(values: readonly (number | undefined)[], share: number): number | undefined {
   const known = values.filter((value): value is number => value !== undefined).sort((a, b) => a - b);
-  return known[Math.floor(known.length / 2)];
+  return known[Math.floor(known.length * share)];
 }
