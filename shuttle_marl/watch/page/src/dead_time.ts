@@ -3,7 +3,7 @@
 export const BEAT = 0.25; // time between pictures that are compared [s]
 const STILL = 0.5; // between the least motion and the usual one in rallies
 const LEAST = 0.1; // share of the film that moves less than the least motion: a camera has noise
-const AROUND = 4; // beats before and after, of which motion is the median: cuts of the film are no play
+const AROUND = 5; // beats before and after, of which motion is the median: cuts of the film are no play
 const LASTS = 6; // beats that play or its absence lasts at least
 const LEAD = 2.5; // shown before play begins [s]
 const SETTLES = 0.5; // from the last stroke until players slow down [s]
