@@ -50,6 +50,8 @@ _PATIENCE: Final = 10.0
 """Maximum time that a new server waits for its first page before it compiles [s]."""
 _LEAST: Final = 1e-4
 """Least probability of a stroke that a person chose, under an imitated player."""
+_TOLD: Final = 5e-4
+"""Cost of a stroke from which pages tell it in matches, not in rallies."""
 _MOMENTS: Final = 5
 """Number of costliest strokes of a match."""
 
@@ -233,12 +235,12 @@ class Answers:
             for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
                 marks[seat][value.mark] += 1
                 shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]
-                if "?" in value.mark:
-                    costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.loss, value.loss * (won - lost)))
                 if value.change is not None:
+                    if "?" in value.mark:
+                        cost = value.loss * (won - lost)
+                        costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.change, cost))
                     sound[seat].append("?" not in value.mark)
-        # Where one side wins for certain, no stroke costs the match: then the cost of the rally decides.
-        costly.sort(key=lambda moment: (-round(moment.cost, 4), -moment.loss))
+        costly.sort(key=lambda moment: (-moment.cost * (moment.cost >= _TOLD), moment.change))
         means = [float(np.mean(part)) if part else None for part in sound]
         return messages.MatchReply(
             rallies=rows,

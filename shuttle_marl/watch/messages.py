@@ -608,14 +608,14 @@ class MatchRally(Struct):
 
 
 class Moment(Struct):
-    """A costly stroke: ``loss`` and ``cost`` are the probabilities of winning the rally and the match that it loses."""
+    """A costly stroke: what it changes of the probability of winning the rally, and costs of that of winning the match."""
 
     rally: int
     stroke: int
     seat: int
     shot: str
     mark: str
-    loss: float
+    change: float
     cost: float
 
 

@@ -416,14 +416,14 @@ export interface MatchRally {
   swing: number;
 }
 
-/** A costly stroke: ``loss`` and ``cost`` are the probabilities of winning the rally and the match that it loses. */
+/** A costly stroke: what it changes of the probability of winning the rally, and costs of that of winning the match. */
 export interface Moment {
   rally: number;
   stroke: number;
   seat: number;
   shot: string;
   mark: string;
-  loss: number;
+  change: number;
   cost: number;
 }
 
