@@ -313,12 +313,15 @@ class Answers:
         k = min(query.tried)
         first, second = self._players(query).tables
         if first is None or second is None:
-            raise WatchError("the policies of this rally are unknown; no stroke can be tried")
+            raise WatchError("the policies of this rally are unknown; nothing can be tried")
         about = rally.number, rally.names, rally.score
-        branch = play_rally(
-            self._values_of(query).game, (first, second), stream(rally.key, k), about, query.tried, begun=(rally, k)
-        )
-        return dataclasses.replace(branch, key=rally.key, hands=rally.hands, athletes=rally.athletes)
+        waited = {i: -1 - choice for i, choice in query.tried.items() if choice < 0}
+        chosen = {i: choice for i, choice in query.tried.items() if choice >= 0}
+        kept = {k: int(rally.stroke[k])} if k < len(rally) else {}
+        game, key = self._values_of(query).game, stream(rally.key, k)
+        branch = play_rally(game, (first, second), key, about, kept | chosen, begun=(rally, k), waited=waited)
+        tried = tuple(i for i in branch.chosen if i in chosen)
+        return dataclasses.replace(branch, key=rally.key, hands=rally.hands, athletes=rally.athletes, chosen=tried)
 
     def _players(self, query: messages.Query) -> Players:
         if query.plan is not None:

@@ -551,10 +551,10 @@ def test_page_is_accessible(viewer: Any, served: Any) -> None:
     checked("words")
 
 
-SMALL = """() => [...document.querySelectorAll('a[href], button, input, select, summary, [role=tab]')].flatMap((element) => {
+SMALL = """() => [...document.querySelectorAll('a[href], button, input, select, summary')].flatMap((element) => {
   const { width, height } = element.getBoundingClientRect(), dialog = document.querySelector('dialog[open]');
   const seen = element.checkVisibility({ visibilityProperty: true }) && (!dialog || dialog.contains(element));
-  return seen && Math.min(width, height) < 43.9 ? [`${element.outerHTML.slice(0, 90)} ${width} × ${height}`] : [];
+  return seen && Math.min(width, height) < 43.9 ? [`${element.outerHTML.slice(0, 90)} ${width} by ${height}`] : [];
 })"""
 """Targets that are narrower or lower than 44 px."""
 
