@@ -231,7 +231,8 @@ def _run_tests(copied: Path, files: list[str], record: bool, machine_code: str) 
     for name in [name for name in sys.modules if name.split(".")[0] in ("shuttle_marl", "tests", "conftest", "docs")]:
         del sys.modules[name]
     sys.path[:] = [str(copied), *(path for path in sys.path if path and Path(path).resolve() != ROOT)]
-    output = os.open(f"output-{os.getpid()}.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    # Beside the copy, in which a test compares all files with those of the repository.
+    output = os.open(copied.parent / f"output-{os.getpid()}.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1), os.dup2(output, 2)
     called = set()
 
@@ -283,7 +284,7 @@ def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterato
             elif task.verdict == "survived":
                 task.calls = json_.loads((folder / f"calls-{process.pid}.json").read_text())
             else:
-                output = (folder / f"output-{process.pid}.txt").read_text()
+                output = (folder.parent / f"output-{process.pid}.txt").read_text()
                 raise SystemExit(f"{task.files[0]} fails without a mutation:\n{output[-3000:]}")
             del running[sentinel]
             yield task

@@ -19,7 +19,7 @@ from docs.tools.site import NOTEBOOKS
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 
-NAMES: Final = ("five_minutes", "own_loop")
+NAMES: Final = ("five_minutes", "solved", "own_loop")
 """Tutorials that the site shows as notebooks."""
 _LIMIT: Final = 1200
 """Time limit of a cell [s]."""

@@ -15,6 +15,7 @@ _LOG: Final = 10**5
 _SIMPLE: Final[dict[str, Sequence[tuple[tuple[str, ...], str]]]] = {
     "exploit": [(("minimax", "ppo-self-play", "bc", "random"), "blind to the opponent")],
     "offline": [(("shipped-minimax", "shipped-best-response"), "which reads no log")],
+    "evaluate": [(("behaviour",), "which reads no policy")],
     "adapt": [(tuple(f"mixture-without-{part}" for part in ("levels", "weights", "places", "change")), "an ablation")],
 }
 """Methods that should not be the best, by kind of task."""

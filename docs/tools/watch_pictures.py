@@ -94,7 +94,7 @@ def _until(page: Page, script: str) -> None:
 
 def _show(page: Page, mode: str) -> None:
     _until(page, "s.analysis")
-    page.locator(".bars .bar").nth(10).wait_for()
+    page.locator(".bars .bar").nth(10).wait_for(state="attached")
     if mode == "play":
         page.keyboard.press("t")
         _until(page, "s.turn")
@@ -102,8 +102,8 @@ def _show(page: Page, mode: str) -> None:
         page.locator(".shots small", has_text="wins").first.wait_for()
     elif mode == "learn":
         page.get_by_role("tab", name="Learn").click()
-        page.locator(".quiz button").first.wait_for()
-        page.locator(".quiz button").first.click()
+        page.locator(".quiz button:not(:disabled)").first.wait_for()
+        page.locator(".quiz button:not(:disabled)").first.click()
         page.wait_for_timeout(1500)
     elif mode == "analyse":
         page.get_by_role("tab", name="Analyse").click()

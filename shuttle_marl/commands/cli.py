@@ -27,7 +27,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from tyro.extras import SubcommandApp
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.errors import ShuttleError, command, printable
 from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
@@ -150,6 +150,13 @@ def run(
         console(stderr=True).print(printable(str(error)) or "interrupted; no file is left half-written", soft_wrap=True)
         return 130
     return 0
+
+
+def watching(log: Path, game: str, profile: str | None) -> str:
+    """The line that tells how to watch a rally log."""
+    flags = {"--game": None if game == "default" else game, "--profile": profile}
+    words = (word for flag, value in flags.items() if value is not None for word in (flag, value))
+    return f"watch it: {command('watch', '--replay', str(log), *words)}"
 
 
 def entry_point(

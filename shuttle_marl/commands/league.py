@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import tyro
 
 from shuttle_marl import league
-from shuttle_marl.base.errors import command, printable
+from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.interrupts import interrupts_held
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
@@ -29,9 +29,7 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     out.print(f"run folder: {printable(str(run.folder))}", soft_wrap=True)
     log = run.folder / RALLIES
     if log.exists():
-        game = () if config.game == "default" else ("--game", config.game)
-        profile = () if config.profile is None or config.players else ("--profile", config.profile)
-        out.print(f"watch it: {command('watch', '--replay', str(log), *game, *profile)}", soft_wrap=True)
+        out.print(cli.watching(log, config.game, None if config.players else config.profile), soft_wrap=True)
 
 
 def train(

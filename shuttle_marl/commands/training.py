@@ -2,14 +2,17 @@
 
 import dataclasses
 import os
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Final
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.interrupts import interrupts_held
-from shuttle_marl.commands.cli import Command, Output, console, entry_point
+from shuttle_marl.commands.cli import Command, Output, console, entry_point, watching
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.config import CONFIGS, A2CConfig, PPOConfig, SACConfig, TrainingConfig
@@ -28,7 +31,7 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
         from shuttle_marl.training.run import train  # noqa: PLC0415  torch
 
     done = train(config, Console(stderr=True, highlight=False))
-    figures = done.evaluation
+    page, figures = _report(done.folder, [done.folder]), done.evaluation
     out = Output(highlight=False, soft_wrap=True, markup=False)
     against = "bc" if config.self_play else " and ".join(config.opponent)
     out.print(
@@ -36,6 +39,18 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
         f"{figures.score_text}, {figures.exploitability_text}"
     )
     out.print(f"agent: {done.folder}/agent, played as agent:{done.folder}/agent")
+    out.print(f"report: {page}")
+    if (log := done.folder / "rallies.mcap").exists():
+        out.print(watching(log, config.game, config.profile))
+
+
+def _report(folder: Path, runs: Sequence[Path]) -> Path:
+    """Write the page of training runs to a folder, and return its path."""
+    from shuttle_marl.league.page.tournament import compare  # noqa: PLC0415  scipy
+
+    path = folder / "report.html"
+    replace_file(path, compare(runs))
+    return path
 
 
 def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
@@ -49,8 +64,9 @@ def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
         table.add_row(name.replace("_", " "), numbers[0], f"{numbers[1]} to {numbers[2]}", *numbers[3:])
     out = console()
     out.print(table)
-    first = done.folder / f"seed-{config.seed}" / "agent"
-    out.print(f"{seeds} agents are in {done.folder}; the first is played as agent:{first}")
+    folders = [done.folder / f"seed-{seed}" for seed in range(config.seed, config.seed + seeds)]
+    out.print(f"{seeds} agents are in {done.folder}; the first is played as agent:{folders[0] / 'agent'}")
+    out.print(f"report: {_report(done.folder, folders)}", soft_wrap=True)
 
 
 Seeds = Annotated[int, tyro.conf.arg(help="number of seeds to train, starting at --seed; prints the spread of their results.")]

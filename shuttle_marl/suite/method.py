@@ -111,6 +111,7 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "shipped-best-response": Baseline("learned:Shipped", "tables", "reference", "best-response:human:0.05"),
     },
     "evaluate": {
+        "behaviour": Baseline("estimators:Behaviour", kind="reference"),
         "importance-sampling": Baseline("estimators:ImportanceSampling"),
         "weighted-importance-sampling": Baseline("estimators:WeightedImportanceSampling"),
         "truncated-importance-sampling": Baseline("estimators:TruncatedImportanceSampling"),

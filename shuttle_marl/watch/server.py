@@ -185,7 +185,13 @@ class _Guard:
 def _with_headers(send: Send) -> Send:
     async def sending(event: Any) -> None:
         if event["type"] == "http.response.start":
-            extra = {"content-security-policy": _POLICY, "x-content-type-options": "nosniff", "referrer-policy": "no-referrer"}
+            extra = {
+                "content-security-policy": _POLICY,
+                # Else a page of another origin could show the film that is tagged.
+                "cross-origin-resource-policy": "same-origin",
+                "x-content-type-options": "nosniff",
+                "referrer-policy": "no-referrer",
+            }
             known = {name for name, _ in event["headers"]}
             added = [(name.encode(), value.encode()) for name, value in extra.items() if name.encode() not in known]
             event["headers"] = [*event["headers"], *added]

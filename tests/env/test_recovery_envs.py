@@ -131,6 +131,16 @@ def test_draws_of_positions_equal_those_by_counter() -> None:
         assert [draws.position(rally, k) for k in range(40)] == expected
 
 
+def test_without_a_mask_strikers_strike_and_receivers_wait() -> None:
+    states = np.tile(np.flatnonzero(GAME.playable)[[40, 90]], 2_000)
+    rows, waits = observations(GAME, states), np.arange(len(states)) % 4 < 2
+    seen = np.c_[np.where(waits[:, None], rows[:, SWAP], rows), waits]
+    actions = np.asarray(GamePolicy(FORWARD, GAME).act(seen, rng=np.random.default_rng(3)))
+    assert np.array_equal(actions >= GAME.n_strokes, waits)
+    assert GAME.mask(states[~waits])[np.arange((~waits).sum()), actions[~waits]].all()
+    assert GAME.waiting.mask(GAME.base(states[waits]))[np.arange(waits.sum()), actions[waits] - GAME.n_strokes].all()
+
+
 @pytest.mark.parametrize("seat", [0, 1])
 def test_a_rally_against_an_opponent_is_the_rule_with_the_draws_of_the_rally(seat: Seat) -> None:
     env = SingleRallyEnv(opponent=FORWARD, game=GAME, seat=seat, render_mode="ansi")

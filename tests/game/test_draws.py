@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.game.draws import CHOICE_ONE, choice_draw, draw, mix, outcome_draw, stream
+from shuttle_marl.game.draws import CHOICE_ONE, choice_draw, draw, mix, outcome_draw, position_draw, stream
 
 _GOLDEN = 0x9E3779B97F4A7C15
 
@@ -23,6 +23,14 @@ def test_the_largest_draws_stay_below_their_bounds() -> None:
     assert outcome_draw(ones).tolist() == [(1 << 24) - 1]
     assert choice_draw(ones).tolist() == [CHOICE_ONE - 1]
     assert choice_draw(np.array([0xFFFFFFFF], dtype=np.uint64)).tolist() == [0]
+
+
+def test_stroke_position_and_outcome_take_bits_of_their_own() -> None:
+    """The upper half chooses the stroke, the 32 bits from the sixteenth the position, the lowest 24 the outcome."""
+    numbers = np.array([1 << bit for bit in range(64)], dtype=np.uint64)
+    assert np.flatnonzero(choice_draw(numbers)).tolist() == [*range(49, 64)]
+    assert np.flatnonzero(position_draw(numbers)).tolist() == [*range(33, 48)]
+    assert np.flatnonzero(outcome_draw(numbers)).tolist() == [*range(24)]
 
 
 @given(st.integers(0, 2**64 - 1), st.permutations(range(12)))

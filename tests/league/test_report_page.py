@@ -149,6 +149,14 @@ def test_runs_side_by_side(tmp_path: Path, small_model: str, capsys: pytest.Capt
     assert "0.2000 to 0.2200" in words
 
 
+def test_one_training_run_has_its_last_evaluation_and_settings(tmp_path: Path) -> None:
+    words = parsed(compare([training_run(tmp_path / "run", 0, 0.1, 0.2)])).words
+    for expected in ("Last evaluation", "exploitability", "0.3", "Settings", "entropy", "0.1"):
+        assert expected in words, expected
+    assert "seeds" not in words
+    assert "Comparison" not in words
+
+
 def test_what_cannot_be_compared(tmp_path: Path) -> None:
     run = training_run(tmp_path / "run", 0, 0.1, 0.1)
     (tmp_path / "empty").mkdir()

@@ -1,7 +1,6 @@
 """Staged rallies measured as motion, also of hurried strikers, and rallies that are continued without a jump."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -158,34 +157,6 @@ def test_every_end_of_a_rally_is_staged(played: list[Rally]) -> None:
 def test_wrong_options(played: list[Rally], change: dict[str, object], message: str) -> None:
     with pytest.raises(StagingError, match=message):
         stage(played[0], seed=0, **change)  # type: ignore[arg-type]
-
-
-def test_wrong_rallies() -> None:
-    catalogue = default_game().catalogue
-    serve = int(np.flatnonzero(catalogue.is_serve)[0])
-    reply = int(np.flatnonzero(~catalogue.is_serve)[0])
-
-    def checked(**changes: object) -> None:
-        fields: dict[str, Any] = {"catalogue": catalogue, "server": 0, "stroke": np.array([serve]), "ending": WINNER, **changes}
-        Rally(**{"hurried": np.zeros(np.shape(fields["stroke"]), np.bool_), **fields}).checked()
-
-    checked()
-    for changes, message in (
-        ({"stroke": np.array([], dtype=np.int64)}, "without strokes"),
-        ({"stroke": np.array([reply])}, "starts with a serve"),
-        ({"stroke": np.array([serve, serve])}, "starts with a serve"),
-        ({"stroke": np.array([len(catalogue)])}, "the catalogue has"),
-        ({"server": 2}, "expected seat 0 or 1"),
-        ({"ending": 6}, "expected 0 to 5"),
-        ({"hurried": np.array([True])}, "none for the serve"),
-    ):
-        with pytest.raises(RallyError, match=message):
-            checked(**changes)
-    with pytest.raises(RallyError, match="take turns"):
-        Rally.from_strokes(catalogue, [(0, serve, 2), (0, reply, 1)])
-    wrong = 3 - int(catalogue.height[reply])
-    with pytest.raises(RallyError, match="heights of the strokes"):
-        Rally.from_strokes(catalogue, [(0, serve, wrong), (1, reply, WINNER)])
 
 
 def test_changed_ends_turn_the_whole_rally(played: list[Rally]) -> None:

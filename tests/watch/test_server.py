@@ -115,6 +115,7 @@ def test_files_are_served_and_nothing_else(served: Served) -> None:
         assert status == 403
         assert "default-src 'none'" in told["content-security-policy"]
         assert told["x-content-type-options"] == "nosniff"
+        assert told["cross-origin-resource-policy"] == "same-origin"
     with pytest.raises(InvalidStatus):
         connected(served, origin="http://evil.example")
 

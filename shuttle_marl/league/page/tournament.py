@@ -165,7 +165,7 @@ class ComparedRun:
 
 
 def compare(folders: Sequence[Path]) -> bytes:
-    """The page of some runs as the content of a file.
+    """The page of one training run, or of some runs side by side, as the content of a file.
 
     Args:
         folders: of tournaments, of training runs, or of both.
@@ -189,7 +189,7 @@ def compare(folders: Sequence[Path]) -> bytes:
     return render(
         __package__,
         "comparison.html.j2",
-        title="Comparison of runs",
+        title="Comparison of runs" if len(folders) > 1 else "Run",
         subtitle=" · ".join(names),
         **_compare_tournaments(tournaments),
         **_compare_training([*trained.values()]),
@@ -272,9 +272,22 @@ def _compare_training(trained: Sequence[ComparedRun]) -> dict[str, Any]:
         columns += _final_columns(figure, values)
     return {
         "curves": learning_charts([run.curve for run in trained]),
-        "seeds": table(labels, columns) if trained else None,
+        "settings": _settings(trained[0]) if len(trained) == 1 else None,
+        "seeds": table(labels, columns) if len(trained) > 1 else None,
         "improvements": _improvements(finals) if len(methods) > 1 else None,
     }
+
+
+def _settings(run: ComparedRun) -> list[Table]:
+    """The last evaluation of a training run, and its settings."""
+    columns: list[Column[tuple[str, Cell]]] = [
+        Column("name", lambda row: name(row[0]), left=True),
+        Column("value", lambda row: row[1]),
+    ]
+    last = {key.replace("_", " "): run.curve.last(key) for key in (run.curve.rows[-1] if run.curve.rows else {})}
+    figures = [(key, number(value, ",.6g")) for key, value in last.items() if not math.isnan(value)]
+    settings = [(key.replace("_", " "), name(_words(value))) for key, value in json.loads(run.settings).items()]
+    return [table(figures, columns, "Last evaluation"), table(settings, columns, "Settings")]
 
 
 def _finals(group: Sequence[ComparedRun], figure: str) -> list[float]:
@@ -320,4 +333,5 @@ def _labels(settings: Sequence[str]) -> list[str]:
 
 
 def _words(value: object) -> str:
-    return " and ".join(map(_words, value)) if isinstance(value, list) else "none" if value is None else str(value)
+    words = " and ".join(map(_words, value)) if isinstance(value, list) else value
+    return "none" if words in (None, "") else str(words)

@@ -58,6 +58,14 @@ def per_rally(data: Transitions, won: Sequence[float]) -> list[float]:
     return [float((each + data.idle_wins) / data.n_rallies) for each in won]
 
 
+class Behaviour:
+    """What the behaviour won, for each policy: the estimate of one who looks at none."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        return [float(log.won.mean())] * len(policies)
+
+
 class ImportanceSampling:
     """Unbiased, with a variance that grows with the length of rallies."""
 

@@ -1,0 +1,113 @@
+"""The design card, the system of the paper clause by clause: each test is named after its clause and plays the shipped game.
+
+The live page has its clauses in ``tests/watch/test_page.py``.
+"""
+
+import io
+import json
+import unittest.mock
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from mcap.reader import make_reader
+from torch import nn
+from torchrl.collectors import BaseCollector
+
+import shuttle_marl as sm
+from docs.tools import reproduce
+from docs.tools.markdown import ROOT
+from shuttle_marl.commands.recording import main as recording
+from shuttle_marl.dynamics.modules import MRet, MSucc
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
+from shuttle_marl.training.learner import RallyCollector
+
+CONFIGS = (sm.PPOConfig, sm.A2CConfig, sm.SACConfig)
+
+
+def test_two_agents_alternate_strokes_and_the_reward_is_one_at_the_end_of_a_rally() -> None:
+    env, rng = sm.rally_v0.env(), np.random.default_rng(1)
+    for seed in range(30):
+        env.reset(seed=seed)
+        strikers = []
+        while not any(env.terminations.values()):
+            assert set(env.rewards.values()) == {0}
+            strikers.append(env.agent_selection)
+            env.step(int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"]))))
+        assert all(before != after for before, after in pairwise(strikers))
+        assert sorted(env.rewards.values()) == [-1, 1]
+
+
+def test_a_stroke_is_shot_type_target_area_contact_height_and_technique() -> None:
+    catalogue = sm.default_game().catalogue
+    parts = [name.split(":") for name in catalogue.names]
+    assert len({tuple(part) for part in parts}) == len(catalogue)
+    assert {len(part) for part in parts} == {4}
+    for values, known in zip(zip(*parts, strict=True), (SHOTS, AREAS, ("below", "above"), TECHNIQUES), strict=True):
+        assert set(values) <= set(known)
+        assert len(set(values)) > 1
+
+
+def test_torch_models_decide_whether_a_stroke_is_good_and_returned() -> None:
+    models = sm.load_models()
+    kinds = {type(each): each for each in vars(models).values() if isinstance(each, nn.Module)}
+    assert {MSucc, MRet} <= set(kinds)
+    won = {}
+    for outcomes in ("tables", "models"):
+        env, rng = sm.rally_v0.env(outcomes=outcomes), np.random.default_rng(1)
+        for seed in range(5):
+            env.reset(seed=seed)
+            while not any(env.terminations.values()):
+                env.step(int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"]))))
+            won[outcomes, seed] = env.rewards["player_0"]
+    assert all(won["tables", seed] == won["models", seed] for seed in range(5))
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+def test_agents_learn_through_torchrl_collectors(kind: type, tmp_path: Path) -> None:
+    assert issubclass(RallyCollector, BaseCollector)
+    with unittest.mock.patch.object(RallyCollector, "collect", autospec=True, side_effect=RallyCollector.collect) as collected:
+        done = sm.train(kind(strokes=20_000, out=tmp_path / "run"))
+    assert collected.call_count
+    assert done.evaluation.rally_win > 0.45, "it has learned something against bc"
+    assert isinstance(sm.agent_network(done.folder / "agent"), nn.Module)
+
+
+def test_a_league_of_self_play_and_imitated_opponents(tmp_path: Path) -> None:
+    league = sm.run_league(sm.LeagueConfig(pool=("bc", "random", "ppo", "ppo:self-play"), matches=40, out=tmp_path / "league"))
+    ranks = {standing.player: standing.rank for standing in league.standings}
+    assert max(ranks["ppo"], ranks["ppo:self-play"]) < min(ranks["bc"], ranks["random"])
+    for standing in league.standings:
+        assert 0 <= standing.share <= 1
+
+
+def test_every_rally_is_recorded_to_mcap_and_replays_in_foxglove(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    done = sm.train(sm.PPOConfig(strokes=20_000, out=tmp_path / "run"))
+    with sm.RallyLog(done.folder / "rallies.mcap") as log:
+        assert np.count_nonzero(sm.to_df(log.stroke_table())["seat"] == 0) == done.strokes
+    scene = tmp_path / "scene.mcap"
+    assert recording(["scene", str(done.folder / "rallies.mcap"), "--rally", "0", "--fps", "25", "--out", str(scene)]) == 0
+    summary = make_reader(io.BytesIO(scene.read_bytes())).get_summary()
+    schemas = {schema.name for schema in summary.schemas.values()}
+    assert {"foxglove.SceneUpdate", "foxglove.FrameTransforms"} <= schemas
+    assert str(scene) in capsys.readouterr().out
+
+
+def test_tables_of_the_paper_are_there_and_have_a_command_that_ci_runs() -> None:
+    tables = {name: command for name, command, *_ in reproduce.listed()}
+    for name in ("next_stroke", "win_rates"):
+        assert any(name in command for command in tables.values())
+        assert json.loads((ROOT / f"experiments/results/{name}.json").read_text())
+    script = (ROOT / ".ci/run").read_text()
+    assert "docs.tools.reproduce" in script
+    assert "experiments.win_rates --quick" in script
+
+
+def test_networks_of_agents_are_ordinary_modules() -> None:
+    game = sm.default_game()
+    network = sm.agent_network(Path(sm.__file__).parent / "models/default/agents/ppo")
+    with torch.no_grad():
+        assert network(torch.from_numpy(game.observation(np.arange(7)))).shape == (7, game.n_strokes)
