@@ -2,14 +2,18 @@
 
     python -m benchmarks.tagging [--rallies N] [--kills N] [--film FILE] [--json]
 
-A simulated match between two average players is filmed; then a script tags the film in Chromium. It enters the strokes that were
-played, as a person would: shot types and endings by keys, places by the keypad in one rally and by clicks in the next, techniques
-and contact heights only where the page assumes others. The server is killed at random moments and started again. The table is
-imported and compared with the match: stroke by stroke, except that a stroke that fell on the striker's own side has no target.
+A simulated match between two average players is filmed, with a break of a minute in which they walk; then a script tags the
+film in Chromium while it plays. It enters the strokes that were played, as a person would: it waits until the film shows one,
+and presses a key a little later. Shot types and endings are keys, with Shift where the page offers so; places are keys in one
+rally and clicks in the next; techniques and contact heights are entered only where the page assumes others. All keys and clicks
+count, also those that seek, pause and play; a key with Shift counts once. The corners are first clicked in every wrong order.
+The server is killed at random moments and started again. The table is imported and compared with the match: stroke by stroke,
+except that a stroke that fell on the striker's own side has no target.
 """
 
 import contextlib
 import dataclasses
+import itertools
 import json
 import re
 import signal
@@ -39,7 +43,7 @@ from shuttle_marl.game.court import AREAS, HALF_LENGTH, WIDTH
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.building import build
-from shuttle_marl.watch.messages import RallyFacts, RallyRequest
+from shuttle_marl.watch.messages import RallyFacts, RallyRequest, Stroke
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.server import Server, application, bind, browser_flags, browser_program, hosts_of, write_video
@@ -51,6 +55,19 @@ _SHOTS: Final = dict(zip(SHOTS, "sgcldsavpknbx", strict=True))
 _ENDINGS: Final = {"out": "o", "net": "t", "winner": "i"}
 _REASONS: Final = {"winner": "landed"}
 _NAMES: Final = ("Anna Example", "Berta Sample")
+_BREAK: Final = 2
+"""Rally before which there is a break of a minute."""
+_SLOW: Final = 6
+"""How much slower the players of a rally walk in the break."""
+_LATE: Final = (0.15, 0.05)
+"""Time after which a person presses a key, and its standard deviation [s]."""
+_LONG: Final = 5.0
+"""Time without play over which a person seeks [s]."""
+_WATCH: Final = """(time) => new Promise((passed) => {
+  const film = document.querySelector("video");
+  const look = () => (film.currentTime >= time || film.paused ? passed(film.currentTime) : requestAnimationFrame(look));
+  look();
+})"""
 _PATIENCE: Final = 60.0
 """Time that the page or a server may take [s]."""
 
@@ -90,15 +107,11 @@ def film(path: Path, rallies: int, seed: int, console: Console) -> Film:
             plane = _plane(f"{link}1")
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             parts = [folder / f"{number}.webm" for number in range(rallies)]
-            frames = [
+            for number, part in enumerate(track(parts, "filming", console=console)):
                 write_video(f"{link}{number + 1}", part, size=SIZE, fps=FPS)
-                for number, part in enumerate(track(parts, "filming", console=console))
-            ]
-            _join(parts, path)
-            about.write_text(json.dumps({"frames": frames, "plane": plane.tolist()}))
+            about.write_text(json.dumps({"begins": _join(parts, path), "plane": plane.tolist()}))
     saved = json.loads(about.read_text())
-    begins = [sum(saved["frames"][:number]) / FPS for number in range(rallies)]
-    return Film(path=path, rallies=facts, begins=begins, plane=np.array(saved["plane"]))
+    return Film(path=path, rallies=facts, begins=saved["begins"], plane=np.array(saved["plane"]))
 
 
 @contextlib.contextmanager
@@ -139,16 +152,31 @@ def _plane(address: str) -> F64:
     return np.append(np.linalg.solve(rows, values), 1.0).reshape(3, 3)
 
 
-def _join(parts: Sequence[Path], path: Path) -> None:
+def _join(parts: Sequence[Path], path: Path) -> list[float]:
+    """Join films, with a break and with the noise of a camera; returns when each begins [s]."""
+    noise = np.random.default_rng(0).normal(0, 3, (SIZE[1], SIZE[0], 3))
+    begins, frames = [], 0
     with av.open(str(path), "w", format="webm") as container:
         stream: Any = container.add_stream("libvpx-vp9", rate=FPS)
         stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
         stream.options = {"crf": "30", "g": str(FPS), "deadline": "realtime", "cpu-used": "8"}
-        for part in parts:
-            with av.open(str(part)) as read:
-                for image in read.decode(video=0):
-                    container.mux(stream.encode(av.VideoFrame.from_ndarray(image.to_ndarray(format="rgb24"), format="rgb24")))
+        for number, part in enumerate(parts):
+            for slower, source, most in ((_SLOW, parts[0], 60 * FPS if number == _BREAK else 0), (1, part, None)):
+                begins += [frames / FPS] if most is None else []
+                for image in itertools.islice(_pictures(source, slower), most):
+                    noisy = (image + np.roll(noise, 37 * frames, axis=(0, 1))).clip(0, 255).astype(np.uint8)
+                    container.mux(stream.encode(av.VideoFrame.from_ndarray(noisy, format="rgb24")))
+                    frames += 1
         container.mux(stream.encode())
+    return begins
+
+
+def _pictures(path: Path, slower: int) -> Iterator[F64]:
+    """Pictures of a film, and between two of them what makes it slower."""
+    with av.open(str(path)) as read:
+        pictures = (image.to_ndarray(format="rgb24").astype(float) for image in read.decode(video=0))
+        for before, after in itertools.pairwise(pictures):
+            yield from (before + i / slower * (after - before) for i in range(slower))
 
 
 class Script:
@@ -156,12 +184,16 @@ class Script:
 
     Attributes:
         inputs: keys and clicks.
+        chords: of them, keys with Shift.
+        seeks: of them, those that seek over the break.
+        refused: of the 23 wrong orders of the corners, how many are refused.
         first: of each stroke, whether the first suggestion was its shot type.
     """
 
     def __init__(self, page: Page, played: Film) -> None:
         self.page, self._film = page, played
-        self.inputs = 0
+        self.inputs = self.chords = self.seeks = self.refused = 0
+        self._rng = np.random.default_rng(0)
         self.first: dict[tuple[int, int], bool] = {}
 
     def state(self) -> dict[str, Any]:
@@ -190,20 +222,44 @@ class Script:
         self.page.select_option("[name=discipline]", "WS")
         self.page.click("text=Begin")
         self.page.click("text=corners")
-        x, y = WIDTH / 2, HALF_LENGTH
-        for corner in ((-x, -y), (x, -y), (x, y), (-x, y)):
-            self._click(*self._film.pixel(*corner))
         self.inputs += 2
+        x, y = WIDTH / 2, HALF_LENGTH
+        corners = ((-x, -y), (x, -y), (x, y), (-x, y))
+        for order in sorted(itertools.permutations(range(4)), reverse=True):  # the right one is the last
+            before = self.inputs
+            for corner in order:
+                self._click(*self._film.pixel(*corners[corner]))
+            if self.state()["corners"] < len(corners):
+                self.refused += 1
+                self.inputs = before
+                while self.state()["corners"]:
+                    self.page.keyboard.press("Backspace")
+                self.page.click("text=corners")
 
     def _press(self, key: str) -> None:
         self.page.keyboard.press(key)
         self.inputs += 1
 
-    def _click(self, u: float, v: float) -> None:
-        box = self.page.locator("video").bounding_box()
+    def _click(self, u: float, v: float, of: str = "video") -> None:
+        box = self.page.locator(of).bounding_box()
         assert box is not None
         self.page.mouse.click(box["x"] + u * box["width"], box["y"] + v * box["height"])
         self.inputs += 1
+
+    def _watch(self, moment: float, *, serve: bool = False) -> None:
+        """Watch the film until a moment, and until a person presses a key."""
+        at = float(self.page.evaluate("document.querySelector('video').currentTime"))
+        if serve and moment - at > _LONG:
+            self._press("PageDown")
+            at = float(self.page.evaluate("document.querySelector('video').currentTime"))
+            if not 0 < moment - at < _LONG:
+                self._click((moment - 2) / float(self.page.evaluate("document.querySelector('video').duration")), 0.5, ".scrub")
+        while at > moment + 0.5:  # missed
+            self._press("ArrowLeft")
+            at -= 1
+        while self.page.evaluate(_WATCH, moment) < moment:
+            self._press(" ")
+        self.page.wait_for_timeout(1000 * max(0.0, self._rng.normal(*_LATE)))
 
     def step(self) -> bool:
         """Enter one thing; False when all rallies are entered."""
@@ -215,12 +271,9 @@ class Script:
         if state["phase"] == "ask":
             self._press("Enter")
             return True
-        if last is not None:
-            stroke = rally.strokes[count - 1]
-            for key, name, words in (("q", "technique", TECHNIQUES), ("-", "height", HEIGHTS)):
-                if words[last[name]] != getattr(stroke, name):
-                    self._press(key)
-                    return True
+        if last is not None and _way(rally.strokes[count - 1]) != len(HEIGHTS) * last["technique"] + last["height"]:
+            self._press("q")
+            return True
         if state["phase"] == "place":
             self._place(number, count - 1)
         elif count == len(rally.strokes):
@@ -230,15 +283,23 @@ class Script:
         return True
 
     def _shot(self, number: int, count: int) -> None:
-        stroke = self._film.rallies[number].strokes[count]
-        self.page.evaluate("(t) => { document.querySelector('video').currentTime = t; }", self._film.begins[number] + stroke.time)
+        stroke, before = self._film.rallies[number].strokes[count], self.inputs
+        if count == 0:
+            self._watch(self._film.begins[number] + stroke.time, serve=True)
+            self.seeks += self.inputs - before if number == _BREAK else 0
         self.until("window.viewer.state().suggested !== null")
-        self.first.setdefault((number, count), self.state()["suggested"][0] == stroke.shot)
-        self._press(_SHOTS[stroke.shot])
+        state = self.state()
+        self.first.setdefault((number, count), state["suggested"][0] == stroke.shot)
+        other = state["ways"].get(stroke.shot, [None, None])[1] == _way(stroke)
+        self.chords += other
+        self._press("Shift+" * other + _SHOTS[stroke.shot])
 
     def _place(self, number: int, count: int) -> None:
         rally = self._film.rallies[number]
-        if count == len(rally.strokes) - 1 and rally.strokes[-1].end == "net":
+        final = count == len(rally.strokes) - 1
+        met = rally.strokes[count].end_time if final else rally.strokes[count + 1].time
+        self._watch(self._film.begins[number] + met)
+        if final and rally.strokes[-1].end == "net":
             self._press(_ENDINGS["net"])
             return
         near = (rally.strokes[count].seat == 0) != rally.ends_changed
@@ -248,6 +309,10 @@ class Script:
             return
         depth, side = divmod(int(court.area_of(np.array(x), np.array(y))), 3)
         self._press(str(1 + (3 * depth + side if near else 3 * (2 - depth) + 2 - side)))
+
+
+def _way(stroke: Stroke) -> int:
+    return len(HEIGHTS) * TECHNIQUES.index(stroke.technique) + HEIGHTS.index(stroke.height)
 
 
 def place_of(rally: RallyFacts, count: int) -> tuple[float, float]:
@@ -313,12 +378,17 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
                     # A person is never faster than the disk.
                     script.until("(({inputs, saved}) => inputs === saved)(window.viewer.state())")
                 saving += script.state()["saving_ms"]
-    found = recovered(played, out)
+    found, late = recovered(played, out)
     return {
         "rallies": len(played.rallies),
         "strokes": strokes,
         "recovered": float(np.mean(found)),
         "inputs_per_stroke": script.inputs / strokes,
+        "with_shift": script.chords / strokes,
+        "seeks_over_break": script.seeks,
+        "wrong_corners_refused": script.refused,
+        "late_ms": 1000 * float(np.median(late)),
+        "late_ms_95": 1000 * float(np.quantile(late, 0.95)),
         "first_suggestion": float(np.mean(list(script.first.values()))),
         "autosave_ms": float(np.median(saving)),
         "autosave_ms_95": float(np.quantile(saving, 0.95)),
@@ -327,16 +397,17 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
     }
 
 
-def recovered(played: Film, out: Path) -> list[bool]:
-    """Of each stroke that was played, whether the imported table has it, with its time, score and ending."""
+def recovered(played: Film, out: Path) -> tuple[list[bool], list[float]]:
+    """Of each stroke that was played, whether the imported table has it, with its score and ending, and how late it is [s]."""
     rows = {(row["rally"], row["stroke"]): row for row in import_matches(out).strokes.to_pylist()}
-    found = []
+    found, late = [], []
     for number, (rally, begins) in enumerate(zip(played.rallies, played.begins, strict=True)):
         for count, stroke in enumerate(rally.strokes):
             row = rows.get((number + 1, count + 1))
             if row is None or rally.after is None:
                 found.append(False)
                 continue
+            late.append(row["frame"] / 30 - begins - stroke.time)
             last = count == len(rally.strokes) - 1
             x, y = place_of(rally, count)
             area = None if last and stroke.end == "net" else int(court.area_of(np.array(x), np.array(y)))
@@ -347,10 +418,9 @@ def recovered(played: Film, out: Path) -> list[bool]:
                 and row["player"] == _NAMES[stroke.seat].lower().replace(" ", "-")
                 and REASONS[row["reason"]] == (_REASONS.get(stroke.end, stroke.end) if last else "returned")
                 and (row["points"], row["points_opponent"]) == points
-                and abs(row["frame"] / 30 - begins - stroke.time) < 1 / 30
                 and (row["landing_x"] is None or number % 2 == 0 or np.hypot(row["landing_x"] - x, row["landing_y"] - y) < 0.1)
             )
-    return found
+    return found, late
 
 
 def main(

@@ -50,6 +50,8 @@ _PATIENCE: Final = 10.0
 """Maximum time that a new server waits for its first page before it compiles [s]."""
 _LEAST: Final = 1e-4
 """Least probability of a stroke that a person chose, under an imitated player."""
+_TOLD: Final = 5e-4
+"""Cost of a stroke from which pages tell it in matches, not in rallies."""
 _MOMENTS: Final = 5
 """Number of costliest strokes of a match."""
 
@@ -233,12 +235,12 @@ class Answers:
             for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
                 marks[seat][value.mark] += 1
                 shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]
-                if "?" in value.mark:
-                    costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.loss, value.loss * (won - lost)))
                 if value.change is not None:
+                    if "?" in value.mark:
+                        cost = value.loss * (won - lost)
+                        costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.change, cost))
                     sound[seat].append("?" not in value.mark)
-        # Where one side wins for certain, no stroke costs the match: then the cost of the rally decides.
-        costly.sort(key=lambda moment: (-round(moment.cost, 4), -moment.loss))
+        costly.sort(key=lambda moment: (-moment.cost * (moment.cost >= _TOLD), moment.change))
         means = [float(np.mean(part)) if part else None for part in sound]
         return messages.MatchReply(
             rallies=rows,
@@ -311,12 +313,15 @@ class Answers:
         k = min(query.tried)
         first, second = self._players(query).tables
         if first is None or second is None:
-            raise WatchError("the policies of this rally are unknown; no stroke can be tried")
+            raise WatchError("the policies of this rally are unknown; nothing can be tried")
         about = rally.number, rally.names, rally.score
-        branch = play_rally(
-            self._values_of(query).game, (first, second), stream(rally.key, k), about, query.tried, begun=(rally, k)
-        )
-        return dataclasses.replace(branch, key=rally.key, hands=rally.hands, athletes=rally.athletes)
+        waited = {i: -1 - choice for i, choice in query.tried.items() if choice < 0}
+        chosen = {i: choice for i, choice in query.tried.items() if choice >= 0}
+        kept = {k: int(rally.stroke[k])} if k < len(rally) else {}
+        game, key = self._values_of(query).game, stream(rally.key, k)
+        branch = play_rally(game, (first, second), key, about, kept | chosen, begun=(rally, k), waited=waited)
+        tried = tuple(i for i in branch.chosen if i in chosen)
+        return dataclasses.replace(branch, key=rally.key, hands=rally.hands, athletes=rally.athletes, chosen=tried)
 
     def _players(self, query: messages.Query) -> Players:
         if query.plan is not None:

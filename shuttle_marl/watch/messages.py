@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.plan import DUEL, MAX_RALLIES, CatalogueIndex, Chosen, Person, Plan, RallyNumber, StrokeNumber
+from shuttle_marl.watch.plan import DUEL, MAX_RALLIES, CatalogueIndex, Person, Plan, RallyNumber, StrokeNumber, Tried
 
 Point = tuple[float, float, float]
 Box = tuple[float, float, float, float]
@@ -47,14 +47,14 @@ class Query(Request, kw_only=True, frozen=True):
 
     Attributes:
         plan: plan of its match; None: a recorded rally, or one of the game of two persons.
-        tried: strokes that replace those of a recorded rally.
+        tried: what replaces strokes, or positions of receivers, of a recorded rally.
         friend: the seat of who asks about a game of two persons, whose plan the server has.
     """
 
     rally: Annotated[int, Meta(ge=0, lt=1 << 40)]
     plan: Plan | None = None
     person: Person | None = None
-    tried: Chosen = {}
+    tried: Tried = {}
     friend: FriendSeat | None = None
 
     def __post_init__(self) -> None:
@@ -608,14 +608,14 @@ class MatchRally(Struct):
 
 
 class Moment(Struct):
-    """A costly stroke: ``loss`` and ``cost`` are the probabilities of winning the rally and the match that it loses."""
+    """A costly stroke: what it changes of the probability of winning the rally, and costs of that of winning the match."""
 
     rally: int
     stroke: int
     seat: int
     shot: str
     mark: str
-    loss: float
+    change: float
     cost: float
 
 
@@ -711,12 +711,11 @@ class Saved(Struct):
 
 
 class Suggestion(Struct):
-    """A shot type with its probability, its usual technique and its usual contact height, as indices."""
+    """A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height."""
 
     shot: int
     probability: float
-    technique: int
-    height: int
+    ways: list[int]
 
 
 class Suggestions(Struct):

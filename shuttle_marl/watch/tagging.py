@@ -155,7 +155,7 @@ def _line(row: TagRow) -> str:
 
 
 def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers: Hands = ("right", "right")) -> list[Suggestion]:
-    """Shot types with which a policy continues a rally, the most probable first, each with its usual technique and height.
+    """Shot types with which a policy continues a rally, and the ways of playing each, the most probable first.
 
     Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states.
 
@@ -178,15 +178,10 @@ def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers
         states = {state: mass / total for state, mass in states.items()}
     asked = States(game=game, state=np.array(list(states), np.int32))
     share = np.array(list(states.values())) @ checked_probabilities(policy, asked)
-    table = np.zeros((len(SHOTS), len(TECHNIQUES), len(HEIGHTS)))
-    np.add.at(table, (game.catalogue.shot, game.catalogue.technique, game.catalogue.height), share)
-    order = np.argsort(-table.sum(axis=(1, 2)), kind="stable").tolist()
+    table = np.zeros((len(SHOTS), len(TECHNIQUES) * len(HEIGHTS)))
+    np.add.at(table, (game.catalogue.shot, game.catalogue.technique * len(HEIGHTS) + game.catalogue.height), share)
+    probability, ways = table.sum(axis=1), np.argsort(-table, axis=1, kind="stable")
     return [
-        Suggestion(
-            shot=shot,
-            probability=float(table[shot].sum()),
-            technique=int(table[shot].sum(axis=1).argmax()),
-            height=int(table[shot].sum(axis=0).argmax()),
-        )
-        for shot in order
+        Suggestion(shot=shot, probability=float(probability[shot]), ways=ways[shot].tolist())
+        for shot in np.argsort(-probability, kind="stable").tolist()
     ]

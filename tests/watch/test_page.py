@@ -23,7 +23,7 @@ from shuttle_marl.recording.replay import check
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.building import SOURCE
 from shuttle_marl.watch.plan import DUEL, LADDER
-from tests.watch.conftest import serving
+from tests.watch.conftest import Viewer, serving
 
 pytestmark = pytest.mark.slow
 
@@ -515,18 +515,27 @@ SIZES = ((390, 844), (820, 1180), (1366, 768))
 """A phone, a tablet and a laptop: the three layouts [px]."""
 
 
-def test_page_is_accessible(viewer: Any, served: Any) -> None:
-    axe = (SOURCE / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
-    problems = "axe.run(document).then((r) => r.violations.map((v) => [v.id, v.nodes.map((n) => n.html.slice(0, 120))]))"
+def barriers(viewer: Any) -> list[Any]:
+    """What axe-core finds in the page, light and dark."""
+    page, found = viewer.page, []
+    if not page.evaluate("!!window.axe"):
+        page.evaluate((SOURCE / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8") + "; 0")
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        found += page.evaluate(
+            "axe.run(document).then((r) => r.violations.map((v) => [v.id, v.nodes.map((n) => n.html.slice(0, 120))]))"
+        )
+    return found
 
+
+def test_page_is_accessible(viewer: Any, served: Any) -> None:
     def checked(mode: str) -> None:
         for width, height in SIZES:
             viewer.page.set_viewport_size({"width": width, "height": height})
-            assert viewer.page.evaluate(problems) == [], (mode, width)
+            assert barriers(viewer) == [], (mode, width)
             assert viewer.page.evaluate("document.documentElement.scrollWidth") <= width
 
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
-    viewer.page.evaluate(axe + "; 0")
     for tab in ("Watch", "Analyse", "Learn", "Play"):
         viewer.page.get_by_role("tab", name=tab).click()
         viewer.until(lambda tab=tab: viewer.state("turn" if tab == "Play" else "analysis") is not None)
@@ -540,6 +549,41 @@ def test_page_is_accessible(viewer: Any, served: Any) -> None:
     viewer.press("w")
     assert viewer.page.locator(".announcements li").count() >= 1
     checked("words")
+
+
+SMALL = """() => [...document.querySelectorAll('a[href], button, input, select, summary')].flatMap((element) => {
+  const { width, height } = element.getBoundingClientRect(), dialog = document.querySelector('dialog[open]');
+  const seen = element.checkVisibility({ visibilityProperty: true }) && (!dialog || dialog.contains(element));
+  return seen && Math.min(width, height) < 43.9 ? [`${element.outerHTML.slice(0, 90)} ${width} by ${height}`] : [];
+})"""
+"""Targets that are narrower or lower than 44 px."""
+
+
+def test_targets_are_large_where_fingers_touch(browser: Any, served: Any) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True, reduced_motion="reduce")
+    viewer = Viewer(context.new_page())
+
+    def checked(what: str) -> None:
+        for width, height in SIZES:
+            viewer.page.set_viewport_size({"width": width, "height": height})
+            assert viewer.page.evaluate(SMALL) == [], (what, width)
+
+    viewer.open(served.address)
+    viewer.page.locator("dialog.start").wait_for()
+    checked("start")
+    viewer.press("Escape")
+    viewer.page.goto("about:blank")
+    viewer.open(f"{served.address}{PLACE}").analysed()
+    for mode in ("watch", "analyse", "learn", "play"):
+        viewer.enter(mode)
+        checked(mode)
+    viewer.press("h")
+    checked("keys")
+    viewer.press("Escape")
+    viewer.page.set_viewport_size({"width": 1366, "height": 768})
+    viewer.page.get_by_text("Share", exact=True).click()
+    checked("share")
+    context.close()
 
 
 def test_a_bad_link_shows_a_rally(viewer: Any, served: Any) -> None:
@@ -651,6 +695,7 @@ def test_every_mode_fits_in_every_language(viewer: Any, served: Any, language: L
             viewer.enter(mode)
         for _ in sized(viewer, ((390, 844), (1280, 720))):
             assert "undefined" not in viewer.page.inner_text("body")
+        assert barriers(viewer) == [], mode
         assert viewer.page.locator(f"#tab-{mode}").inner_text() == say(f"mode.{mode}")
 
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import msgspec
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.rally import legal_states
+from shuttle_marl.analysis.rally import Players, legal_states
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
@@ -22,9 +23,9 @@ from shuttle_marl.watch.match import CourtRally, Match
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, RealRallies
+from shuttle_marl.watch.recorded import LogRallies, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.values import StrokeValues
+from shuttle_marl.watch.values import ELITE, StrokeValues
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 SIDES = (Side(policy="bc"), Side(policy="minimax"))
@@ -176,3 +177,25 @@ def test_real_receivers_wait_where_they_were_annotated() -> None:
     waited = np.concatenate([rally.waited for rally in map(shown.rally, range(30)) if rally.waited is not None])
     assert len(np.unique(waited)) > 5
     assert all(rally.waited is None for rally in map(RealRallies(SAMPLE, load_game()).rally, range(5)))
+
+
+def test_a_position_tried_in_a_recorded_rally_keeps_the_stroke_that_its_receiver_met(policies: PolicyTables) -> None:
+    plan = msgspec.structs.replace(plan_of(), sides=(ELITE, ELITE))
+    rallies = [Match(plan, policies).rally(number) for number in range(6)]
+    policy, stepper = policies.table(ELITE), stepper_of(policies.game)
+    players = Players(tables=(policy, policy), value=None)
+    recorded = SimpleNamespace(rally=rallies.__getitem__, players=lambda _: players, people=lambda _: None)
+    answers = Answers(policies, plan, STAGER, recorded=cast(Recorded, recorded))
+    changed = 0
+    for rally in rallies:
+        assert rally.waited is not None
+        for k, state in enumerate(rally.states(policies.game).tolist()):
+            other = next((at for at in range(N_POSITIONS) if stepper.is_feasible(state, at) and at != rally.waited[k]), None)
+            if stepper.chooses_position(state) and other is not None:
+                branch = answers._played(messages.RallyRequest(id=1, rally=rally.number, tried={k: -1 - other}))
+                assert branch.waited is not None
+                assert branch.stroke[: k + 1].tolist() == rally.stroke[: k + 1].tolist()
+                assert branch.waited[: k + 1].tolist() == [*rally.waited[:k].tolist(), other]
+                assert branch.chosen == (), "no stroke was tried"
+                changed += branch.stroke.tolist() != rally.stroke.tolist()
+    assert changed

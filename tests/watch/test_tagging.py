@@ -34,7 +34,14 @@ from shuttle_marl.watch.tagging import TagFile, suggestions
 from tests.watch.conftest import Viewer, get, run_script, running, serving
 
 SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "hands": [None, "left"], "server": 0}
-CORNERS: list[dict[str, Any]] = [{"kind": "corner", "x": x, "y": y} for x, y in ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))]
+CLICKS = ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))
+
+
+def corners(*clicks: tuple[float, float]) -> list[dict[str, Any]]:
+    return [{"kind": "corner", "x": x, "y": y} for x, y in clicks]
+
+
+CORNERS: list[dict[str, Any]] = [*corners(*CLICKS), {"kind": "confirm"}]
 
 
 def shot(name: str, time: float, technique: int = 0, height: int = 0, probability: float | None = None) -> dict[str, Any]:
@@ -43,7 +50,7 @@ def shot(name: str, time: float, technique: int = 0, height: int = 0, probabilit
 
 
 def cell(number: int) -> dict[str, Any]:
-    return {"kind": "cell", "cell": number}
+    return {"kind": "cell", "cell": number, "time": 0.0}
 
 
 def end(ending: str) -> dict[str, Any]:
@@ -91,11 +98,15 @@ def test_two_inputs_a_stroke_and_the_rules_tell_the_rest(tmp_path: Path) -> None
         ([SETUP, shot("short-serve", 1), shot("lift", 2)], "Shot keys sleep"),
         ([SETUP, shot("smash", 1)], "begins with a serve"),
         ([SETUP, shot("short-serve", 1), cell(7), shot("long-serve", 2)], "how did this one end"),
-        ([SETUP, shot("short-serve", 2), cell(7), shot("lift", 1)], "before the last stroke"),
+        ([SETUP, shot("short-serve", 2), cell(7), shot("lift", 1)], "not after the last stroke"),
         ([SETUP, shot("short-serve", 2), end("landed")], "where did it fall"),
-        ([SETUP, shot("short-serve", 2), {"kind": "place", "x": 0.5, "y": 0.5}], "click the four corners"),
+        ([SETUP, shot("short-serve", 2), {"kind": "place", "x": 0.5, "y": 0.5, "time": 1.5}], "click the four corners"),
         ([{**SETUP, "players": ["Ada", "Ada"]}], "different names"),
-        ([SETUP, *CORNERS[:2], {**CORNERS[0], "x": 0.5}, {**CORNERS[0], "x": 0.3}], "one line"),
+        ([SETUP, *corners((0.9, 0.9), (0.1, 0.9))], "not the near right corner"),
+        ([SETUP, *corners((0.3, 0.2), (0.7, 0.2), (0.9, 0.9))], "not the far right corner: near corners lie lower"),
+        ([SETUP, *corners(*CLICKS[:2], (0.3, 0.2), (0.7, 0.2))], "not the far left corner"),
+        ([SETUP, *corners(*CLICKS[:2], (0.7, 0.2), (0.8, 0.55))], "not the far left corner"),
+        ([SETUP, *corners((0.1, 0.9), (0.5, 0.5), (0.9, 0.1))], "not the far right corner"),
     ],
 )
 def test_impossible_inputs_are_refused_and_change_nothing(inputs: list[dict[str, Any]], reason: str, tmp_path: Path) -> None:
@@ -114,20 +125,23 @@ def test_improbable_inputs_are_asked_once(tmp_path: Path) -> None:
     wrong_court = tagged(tmp_path, [SETUP, shot("short-serve", 1), cell(9)])
     assert "right service court" in wrong_court["question"]
     for y, ending, asks in ((-0.3, "landed", True), (-0.3, "out", False), (0.1, "out", True)):
-        found = tagged(tmp_path, [SETUP, *CORNERS, shot("long-serve", 1), {"kind": "place", "x": 0.5, "y": 0.2 + y}, end(ending)])
+        found = tagged(
+            tmp_path,
+            [SETUP, *CORNERS, shot("long-serve", 1), {"kind": "place", "x": 0.5, "y": 0.2 + y, "time": 1.5}, end(ending)],
+        )
         assert found["refused"] == []
         assert found["phases"][-1] == ("ask" if asks else "shot")
 
 
 def test_places_of_clicks_are_metres(tmp_path: Path) -> None:
-    inputs = [SETUP, *CORNERS, shot("short-serve", 1), {"kind": "place", "x": 0.5, "y": 0.3}, shot("lift", 2),
-              {"kind": "place", "x": 0.1, "y": 0.9}]  # fmt: skip
+    inputs = [SETUP, *CORNERS, shot("short-serve", 1), {"kind": "place", "x": 0.5, "y": 0.3, "time": 1.5}, shot("lift", 2),
+              {"kind": "place", "x": 0.1, "y": 0.9, "time": 1.5}]  # fmt: skip
     found = tagged(tmp_path, inputs)
     u, v = 0.5, 0.4
-    corners = np.array([(c["x"], c["y"]) for c in CORNERS])
+    clicks = np.array(CLICKS)
     goal = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    lines = [[x, y, 1, 0, 0, 0, -x * a, -y * a] for (x, y), (a, _) in zip(corners, goal, strict=True)]
-    lines += [[0, 0, 0, x, y, 1, -x * b, -y * b] for (x, y), (_, b) in zip(corners, goal, strict=True)]
+    lines = [[x, y, 1, 0, 0, 0, -x * a, -y * a] for (x, y), (a, _) in zip(clicks, goal, strict=True)]
+    lines += [[0, 0, 0, x, y, 1, -x * b, -y * b] for (x, y), (_, b) in zip(clicks, goal, strict=True)]
     h = np.append(np.linalg.solve(lines, [*goal[:, 0], *goal[:, 1]]), 1).reshape(3, 3) @ [u, v, 1]
     assert np.allclose(found["middle"], h[:2] / h[2])
     serve, lift = found["rows"]
@@ -151,6 +165,25 @@ def test_the_score_serves_and_changes_ends(tmp_path: Path) -> None:
     assert found["near"] == 1
     assert [(row["game"], row["rally"]) for row in found["rows"]] == [(g, r) for g in (1, 2) for r in range(1, 22)]
     assert {AREAS[row["area"]] for row in found["rows"]} == {"back-right", "back-left"}
+
+
+def test_time_without_play_is_skipped(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+
+    def asked(*parts: tuple[float, float], start: float, within: float = 3.0) -> float | None:
+        """Where the film goes on from a time; parts of so many seconds have so much motion, the first is the known rally."""
+        motion = np.concatenate([rng.normal(level, 0.3 * level, int(4 * seconds)).clip(0) for seconds, level in parts])
+        given = {"motion": motion.tolist(), "rallies": [{"from": 0, "to": parts[0][0]}], "from": start, "within": within}
+        (tmp_path / "given.json").write_text(json.dumps(given))
+        return json.loads(run_script("dead.ts", tmp_path, str(tmp_path / "given.json")))  # type: ignore[no-any-return]
+
+    to = asked((10, 1.0), (60, 0.2), (10, 1.0), start=10)
+    assert to is not None
+    assert 66 <= to <= 69
+    assert asked((10, 1.0), (60, 0.2), start=10) is None, "the next rally has not been found yet"
+    assert asked((10, 1.0), (2, 0.2), (10, 1.0), start=10) is None, "not worth a jump"
+    assert asked((10, 1.0), (10, 1.0), (60, 0.2), (10, 1.0), start=10) is None, "another rally is not skipped"
+    assert asked((10, 1.0), (10, 1.0), (60, 0.2), (10, 1.0), start=10, within=60) is not None
 
 
 def test_a_let_is_replayed_without_a_point(tmp_path: Path) -> None:
@@ -180,7 +213,8 @@ def test_suggestions_are_shares_of_the_policy() -> None:
     assert sum(one.probability for one in replies) == pytest.approx(1)
     assert [one.probability for one in replies] == sorted((one.probability for one in replies), reverse=True)
     assert {SHOTS[one.shot] for one in replies[:4]} == {"clear", "drop", "smash", "half-smash"}
-    assert HEIGHTS[replies[0].height] == "above"
+    assert [sorted(one.ways) for one in replies] == [list(range(len(TECHNIQUES) * len(HEIGHTS)))] * len(SHOTS)
+    assert [HEIGHTS[one.ways[0] % 2] for one in replies[:4]] == ["above"] * 4
     mirrored = [*line, TagStroke(shot=SHOTS.index("lift"), technique=0, height=0, area=6)]
     assert suggestions(game, policy, mirrored, ("right", "left")) == replies != suggestions(game, policy, mirrored)
     assert suggestions(game, policy, lifted * 1 + [TagStroke(shot=SHOTS.index("drop"), technique=0, height=1, area=None)])
@@ -433,13 +467,37 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         assert viewer.state("suggested")[0] == "short-serve"
         page.click("text=corners")
         box = page.locator("video").bounding_box()
-        for corner in CORNERS:
-            page.mouse.click(box["x"] + corner["x"] * box["width"], box["y"] + corner["y"] * box["height"])
+
+        def click(x: float, y: float) -> None:
+            page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+
+        for x, y in (CLICKS[0], CLICKS[3], CLICKS[2]):
+            click(x, y)
+        assert "This is not the far right corner" in page.inner_text(".refusal")
+        viewer.press("Backspace")
+        for x, y in CLICKS[1:]:
+            click(x, y)
+        assert page.inner_text(".prompt").startswith("Do the drawn lines lie on those of the court?")
+        assert page.locator(".picture polyline").count() == 13
+        viewer.press("Enter")
         assert page.inner_text(".prompt") == "Ada serves"
-        for time, keys in ((1.0, "s7"), (1.5, "l1"), (2.5, "s")):
-            page.evaluate("(t) => { document.querySelector('video').currentTime = t; }", time)
-            viewer.until(lambda: viewer.state("suggested") is not None)
-            viewer.press(*keys)
+
+        def show(time: float) -> None:
+            page.evaluate("(t) => { const film = document.querySelector('video'); film.pause(); film.currentTime = t; }", time)
+
+        def film(what: str) -> Any:
+            return page.evaluate(f"document.querySelector('video').{what}")
+
+        # The stroke is struck when its place is entered; then the film shows its flight, and stops before the next one.
+        for time, keys in ((1.0, "s"), (1.5, "7l"), (2.5, "1s")):
+            show(time)
+            for key in keys:
+                viewer.press(key)
+                if key.isdigit():
+                    viewer.until(lambda: film("paused") and film("currentTime") > time + 0.5)  # noqa: B023
+                    assert film("playbackRate") == 0.5
+                    viewer.until(lambda: viewer.state("suggested") is not None)
+        viewer.until(lambda: not film("paused"), 10)
         viewer.press("c")  # shot keys sleep while the place is asked for
         assert "Shot keys sleep" in page.inner_text(".refusal")
         viewer.press("6", "Backspace", "3", "i")
@@ -447,16 +505,22 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         assert "Ada 1 : 0 Bea" in page.inner_text(".score")
         viewer.until(saved)
         page.click("text=Bea: lift")
-        assert page.evaluate("document.querySelector('video').currentTime") == 1.5
+        assert film("currentTime") == 1.5
+        assert page.inner_text(".spans") == "0 : 0"
+        bar = page.locator("[type=range]")
+        bar.fill("3")
+        viewer.until(lambda: bar.get_attribute("aria-valuetext") == "0:03.0 of 0:04.0, between rallies")
+        assert film("currentTime") == 3
+        viewer.press("End")  # the bar does not keep the keys that it does not need
         page.goto("about:blank")
         server.process.kill()
         server.process.wait()
     with serving(*flags) as server:
         viewer.open(server.address)
-        assert viewer.state("phase", "rally", "inputs") == ["shot", 2, 12]
+        assert viewer.state("phase", "rally", "inputs") == ["shot", 2, 13]
         viewer.press("Backspace")
         viewer.until(saved)
-        assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 11]
+        assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 12]
         viewer.press("i")
         viewer.until(saved)
         page.set_viewport_size({"width": 390, "height": 844})

@@ -303,9 +303,7 @@ export class OptionTable {
         "h2",
         {},
         h("span", {}, say("page.at_stroke", { name: nameAt(rally.names, stroke.seat), number: index + 1 })),
-        value.change === null
-          ? h("span", {}, say("page.rare"))
-          : term("loss", say("page.change_loses", { change: signed(value.change), share: percent(value.loss) })),
+        value.change === null ? h("span", {}, say("page.rare")) : term("change", signed(value.change)),
       ),
       h("table", { class: "options" }, h("thead", {}, head), h("tbody", {}, ...rows)),
       h("p", { class: "quiet" }, `${strong ? say("page.strongly") : ""}${sure(value.support)}${realised(analysis!.factor)}`),

@@ -1,6 +1,6 @@
 // The match at a glance: probability of winning it, its costliest strokes, accuracy and marks of both sides.
 
-import { h, percent, replaceChildren, s } from "./dom";
+import { h, percent, replaceChildren, s, signed } from "./dom";
 import { term } from "./glossary";
 import { nameAt } from "./names";
 import type { MatchReply, Moment } from "./wire.gen";
@@ -47,8 +47,8 @@ export class MatchPanel {
   private moment(moment: Moment): HTMLElement {
     const cost =
       moment.cost >= 5e-4
-        ? say("page.of_match", { points: points(moment.cost) })
-        : say("page.of_rally", { points: points(moment.loss) });
+        ? say("page.of_match", { points: `−${decimal(100 * moment.cost, 1)} %` })
+        : say("page.of_rally", { points: signed(moment.change) });
     return h(
       "button",
       { onclick: () => this.open(moment.rally, moment.stroke) },
@@ -59,7 +59,7 @@ export class MatchPanel {
         say("page.moment", { rally: moment.rally + 1, stroke: moment.stroke + 1, shot: words(moment.shot) }),
         h("span", { class: "mark bad" }, moment.mark),
       ),
-      h("span", { class: "quiet" }, `−${cost}`),
+      h("span", { class: "quiet" }, cost),
     );
   }
 
@@ -102,8 +102,4 @@ export class MatchPanel {
   get shown(): MatchReply | null {
     return this.match;
   }
-}
-
-function points(p: number): string {
-  return `${decimal(100 * p, 1)} %`;
 }

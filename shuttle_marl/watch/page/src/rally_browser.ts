@@ -34,7 +34,7 @@ function matchName({ title, names, date }: RecordedMatch): string {
 }
 
 export class RallyBrowser {
-  readonly element = h("section", { class: "panel browser hidden", "aria-label": say("page.match_rallies") });
+  readonly element = h("section", { class: "panel browser", "aria-label": say("page.match_rallies") });
   private list = h("ol");
   private readonly files = new Map([
     ["report", h("a", { target: "_blank", rel: "noopener" }, say("page.report"))],
@@ -77,6 +77,7 @@ export class RallyBrowser {
     const newest = [...matches].sort((a, b) => (b.date ?? "").localeCompare(a.date ?? ""));
     const names = h("datalist", { id: "matches" }, ...newest.map((one) => h("option", { value: matchName(one) })));
     this.picker = matches.length > 1 ? h("div", { class: "picker" }, picker, names) : null;
+    replaceChildren(this.element, this.picker, h("p", { class: "quiet" }, say("page.computing_style")));
   }
 
   /** Lists the rallies that every filter lets through. */
@@ -97,11 +98,14 @@ export class RallyBrowser {
   /**
    * @param match the match; null: as before.
    * @param current number of the rally on the court.
+   * @param over whether nothing more is known of the match.
    */
-  show(match: MatchReply | null, current: number): void {
-    if (match && match !== this.match) {
+  show(match: MatchReply | null, current: number, over = false): void {
+    if (over && !match?.rallies.length) {
+      replaceChildren(this.element, this.picker);
+    }
+    if (match?.rallies.length && match !== this.match) {
       this.match = match;
-      this.element.classList.toggle("hidden", !match.rallies.length);
       const rows = match.rallies.map((rally) =>
         h(
           "li",
@@ -125,6 +129,7 @@ export class RallyBrowser {
         this.element,
         this.picker,
         h("h2", {}, term("rallies", say("term.rallies")), h("span", {}, say("page.swing"))),
+        h("p", { class: "quiet" }, say("page.restaged")),
         missing > 0 && h("p", { class: "quiet" }, say(missing > 1 ? "page.missing" : "page.missing_one", { count: missing })),
         h("div", { class: "filters" }, ...this.filters.map(({ select }) => select)),
         this.count,

@@ -123,7 +123,7 @@ export class Screen {
     this.cameras = cameraButtons((camera) => acts.camera(camera));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
-    this.places = new PlacePanel(hello.hall, live && match ? (position) => acts.waitThere(position) : null);
+    this.places = new PlacePanel(hello.hall, live ? (position) => acts.waitThere(position) : null);
     this.decisions = new Decisions(() => acts.retry());
     this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
     this.browser = match ? null : new RallyBrowser((rally) => acts.open(rally, null), live, hello.recorded!.matches);

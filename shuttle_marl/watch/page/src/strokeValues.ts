@@ -88,7 +88,7 @@ export class StrokeValues {
       if (screen.mode === "analyse" || screen.browser) {
         const match = await this.overview(wanted);
         if (now()) {
-          screen.browser?.show(match, rally.number);
+          screen.browser?.show(match, rally.number, true);
           screen.match.show(screen.mode === "analyse" ? match : null, rally.names, rally.number);
         }
       }

@@ -1,7 +1,7 @@
 // The summary of a game that a person played: their costliest decisions.
 
 import { accuracy } from "./analysis";
-import { h, percent } from "./dom";
+import { h, percent, signed } from "./dom";
 import { displayName } from "./names";
 import type { Analysis, Likeness, RallyFacts } from "./wire.gen";
 import { say, words } from "./words";
@@ -36,7 +36,7 @@ export async function summary(
   );
   const worst = strokes
     .filter(({ value }) => value.mark.includes("?"))
-    .sort((a, b) => b.value.loss - a.value.loss)
+    .sort((a, b) => (a.value.change ?? 0) - (b.value.change ?? 0))
     .slice(0, MOST);
   const rows = worst.map(({ number, i, stroke, value }) => {
     const better = value.options.find((option) => option.stroke === value.better);
@@ -44,7 +44,7 @@ export async function summary(
       "li",
       { style: "margin:6px 0" },
       h("button", { onclick: () => go(number, i) }, say("duel.place", { rally: number + 1, stroke: i + 1 })),
-      say("duel.loses", { stroke: target(stroke), share: percent(value.loss) }),
+      say("duel.loses", { stroke: target(stroke), share: signed(value.change ?? 0) }),
       better ? say("duel.better", { stroke: target(better) }) : "",
     );
   });

@@ -4,8 +4,12 @@ import { areaWords, decimal, type Key, say, words } from "./words";
 import "./tag.css";
 import type { Connection } from "./connection";
 import { type Child, capitalised, h, percent, replaceChildren, s } from "./dom";
+import { Film } from "./film";
 import { languageMenu } from "./layout";
 import {
+  CORNER_NAMES,
+  CORNERS,
+  courtLines,
   current,
   ENDINGS,
   type Ending,
@@ -27,11 +31,11 @@ import type { HallFacts, Hello, Suggestion, TagFacts, TagRequest, TagRow } from 
 
 const SHOT_KEYS = "sgcldsavpknbx"; // in the order of the vocabulary; s serves or smashes
 const END_KEYS: Record<Ending, string> = { out: "o", net: "t", short: "r", foul: "f", let: "e", landed: "i", misjudged: "m" };
-const STEP = 1 / 30; // a step by frame [s]
+const FLIGHT = 0.6; // after a place, in which the shot is seen, before the next stroke [s]
+const SOON = 3; // time in which play ends after a rally [s]
 const SHOWN = 5; // suggestions
 const CHUNK = 200; // rows of a request
 const AGAIN = 3000; // time after which what was not saved is sent again [ms]
-const CORNER_NAMES = ["near left", "near right", "far right", "far left"] as const;
 
 /** A request that saves, and what is saved with it. */
 interface Change {
@@ -39,6 +43,11 @@ interface Change {
   inputs: number;
   strokes: number;
   begun: number;
+}
+
+/** Whether a suggestion is shown, with its usual ways. */
+function likely({ probability }: Suggestion, rank: number): boolean {
+  return rank < SHOWN && probability >= 0.01;
 }
 
 function trim(field: HTMLInputElement): void {
@@ -58,10 +67,14 @@ export class Tagging {
   private savingTimes: number[] = [];
   private suggested: Suggestion[] = [];
   private suggestedFor = "";
-  private marking = false;
-  private readonly video = h("video", { src: "video", preload: "auto", playsinline: true, "aria-label": say("tag.video") });
+  private asked = false; // for the corners
+  private sought = false; // the person has chosen the moment of the next stroke
+  private ways: readonly number[] = []; // of playing the last shot
+  private readonly film = new Film(
+    () => (this.sought = true),
+    (text) => (this.status.textContent = text),
+  );
   private readonly marks = s("svg", { viewBox: "0 0 1 1", preserveAspectRatio: "none", "aria-hidden": "true" });
-  private readonly time = h("output", {});
   private readonly score = h("p", { class: "score" });
   private readonly prompt = h("p", { class: "prompt", role: "status" });
   private readonly refusal = h("p", { class: "refusal", role: "alert" });
@@ -86,14 +99,18 @@ export class Tagging {
     const picture = h(
       "div",
       { class: "picture", onpointerdown: (event) => this.clicked(event as PointerEvent) },
-      this.video,
+      this.film.video,
       this.marks,
     );
     document.body.append(
-      h("main", {}, h("div", { class: "film" }, picture, this.controls(), this.status), h("div", {}, this.setup, this.board)),
+      h(
+        "main",
+        {},
+        h("div", { class: "film" }, picture, this.film.bar, this.controls(), this.status),
+        h("div", {}, this.setup, this.board),
+      ),
     );
-    this.video.addEventListener("timeupdate", () => this.showTime());
-    this.video.addEventListener("error", () => this.refused(say("tag.cannot")));
+    this.film.video.addEventListener("error", () => this.refused(say("tag.cannot")));
     document.addEventListener("keydown", (event) => this.pressed(event));
     document.addEventListener("click", ({ target, detail }) => {
       const button = (target as HTMLElement).closest("button");
@@ -107,7 +124,9 @@ export class Tagging {
   /** State for tests and scripts. */
   get facts(): Record<string, unknown> {
     const { phase, rallies, games, question } = this.state;
-    const suggested = this.suggestedFor === this.line() ? this.suggested.map(({ shot }) => this.hall.shots[shot]) : null;
+    const known = this.suggestedFor === this.line() ? this.suggested : null;
+    const suggested = known?.map(({ shot }) => this.hall.shots[shot]) ?? null;
+    const ways = Object.fromEntries(known?.filter(likely).map(({ shot, ways }) => [this.hall.shots[shot], ways]) ?? []);
     const strokes = rallies.at(-1)?.strokes ?? [];
     const { inputs, saved, savingTimes } = this;
     return {
@@ -118,6 +137,8 @@ export class Tagging {
       last: strokes.at(-1) ?? null,
       strokes: strokes.length,
       suggested,
+      ways,
+      corners: this.state.corners.length,
       rally: rallies.length,
       inputs: inputs.length,
       saved,
@@ -137,7 +158,7 @@ export class Tagging {
     this.sent = all.slice(0, Math.min(settled, this.file.rows)).map((row) => JSON.stringify(row));
     if (known.length) {
       this.save("rows");
-      this.video.currentTime = this.state.rallies.flatMap(({ strokes }) => strokes).at(-1)?.time ?? 0;
+      this.toLast();
     }
   }
 
@@ -194,75 +215,68 @@ export class Tagging {
     return h(
       "div",
       { class: "controls" },
-      button(say("tag.play"), say("tag.play_about"), () => this.toggle()),
-      button("−1", say("tag.back_about"), () => this.seek(-STEP)),
-      button("+1", say("tag.on_about"), () => this.seek(STEP)),
-      button("½×", say("tag.slower"), () => this.speed(0.5)),
-      button("2×", say("tag.faster"), () => this.speed(2)),
+      button(say("tag.play"), say("tag.play_about"), () => this.film.toggle()),
+      button("−1", say("tag.back_about"), () => this.film.step(-1)),
+      button("+1", say("tag.on_about"), () => this.film.step(1)),
+      button("½×", say("tag.slower"), () => this.film.speed(0.5)),
+      button("2×", say("tag.faster"), () => this.film.speed(2)),
+      button(say("tag.skip"), say("tag.skip_about"), () => this.film.skip()),
+      button(say("tag.last"), say("tag.last_about"), () => this.toLast()),
       button(say("tag.corners"), say("tag.corners_about"), () => {
-        this.marking = this.state.corners.length < 4;
+        this.asked = true;
         this.show();
       }),
       button(say("tag.undo"), say("tag.undo_about"), () => this.undo()),
-      this.time,
     );
   }
 
-  private toggle(): void {
-    void (this.video.paused ? this.video.play() : this.video.pause());
+  private get marking(): boolean {
+    const known = this.state.corners.length;
+    return (this.asked || known > 0) && known < CORNERS.length;
   }
 
-  private seek(by: number): void {
-    this.video.pause();
-    this.video.currentTime = Math.max(0, this.video.currentTime + by);
-  }
-
-  private speed(by: number): void {
-    this.video.playbackRate = Math.min(Math.max(this.video.playbackRate * by, 0.125), 4);
-    this.showTime();
-  }
-
-  private showTime(): void {
-    this.time.textContent = say("tag.time", {
-      time: decimal(this.video.currentTime, 2),
-      speed: this.video.playbackRate,
-    });
+  private toLast(): void {
+    this.film.jump(this.state.met ?? this.state.rallies.flatMap(({ strokes }) => strokes).at(-1)?.time ?? 0);
   }
 
   private pressed(event: KeyboardEvent): void {
     const target = event.target as HTMLElement;
-    if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT)$/.test(target.tagName)) {
+    const slides = target.matches("[type=range]") && !/^(Arrow|Page|End)/.test(event.key);
+    if (event.ctrlKey || event.metaKey || event.altKey || (!slides && /^(INPUT|SELECT)$/.test(target.tagName))) {
       return;
     }
     if ((event.key === "Enter" || event.key === " ") && target.closest("button")) {
       return;
     }
-    const act = this.acts()[event.key];
+    const acts = this.acts();
+    const act = acts[event.key] ?? acts[event.key.toLowerCase()];
     if (act) {
       event.preventDefault();
-      act();
+      act(event.shiftKey);
     }
   }
 
   /** What each key does; letters are shots, and endings after a stroke. */
-  private acts(): Record<string, () => void> {
-    const acts: Record<string, () => void> = {
-      " ": () => this.toggle(),
-      ",": () => this.seek(-STEP),
-      ".": () => this.seek(STEP),
-      "<": () => this.speed(0.5),
-      ">": () => this.speed(2),
-      ArrowLeft: () => this.seek(-1),
-      ArrowRight: () => this.seek(1),
+  private acts(): Record<string, (shift: boolean) => void> {
+    const acts: Record<string, (shift: boolean) => void> = {
+      " ": () => this.film.toggle(),
+      ",": () => this.film.step(-1),
+      ".": () => this.film.step(1),
+      "<": () => this.film.speed(0.5),
+      ">": () => this.film.speed(2),
+      ArrowLeft: () => this.film.seek(-1),
+      ArrowRight: () => this.film.seek(1),
+      PageDown: () => this.film.skip(),
+      PageUp: () => this.film.back(),
+      End: () => this.toLast(),
       Backspace: () => this.undo(),
       Enter: () => this.enter({ kind: "confirm" }),
-      q: () => this.enter({ kind: "technique" }),
-      "-": () => this.enter({ kind: "height" }),
+      q: () => this.nextWay(),
     };
-    this.shots().forEach((shot) => (acts[SHOT_KEYS[shot]!] = () => this.shot(shot)));
+    this.shots().forEach((shot) => (acts[SHOT_KEYS[shot]!] = (shift) => this.shot(shot, shift)));
     ENDINGS.forEach((ending) => (acts[END_KEYS[ending]] = () => this.enter({ kind: "end", ending })));
     for (let cell = 1; cell <= 9; cell++) {
-      acts[cell] = () => this.enter({ kind: "cell", cell });
+      acts[cell] = () => this.enter({ kind: "cell", cell, time: this.film.at });
     }
     return acts;
   }
@@ -273,33 +287,49 @@ export class Tagging {
     return this.hall.shots.map((_, shot) => shot).filter((shot) => shot < 2 === serves);
   }
 
-  private shot(shot: number): void {
+  /** Ways of playing a shot, the most probable first. */
+  private waysOf(shot: number): readonly number[] {
     const known = this.suggestedFor === this.line() ? this.suggested.find((one) => one.shot === shot) : undefined;
-    const above = /^(clear|drop|smash|half-smash|net-kill)$/.test(this.hall.shots[shot]!);
-    const usual = known && known.probability > 0 ? known : { technique: 0, height: above ? 1 : 0 };
+    if (known && known.probability > 0) {
+      return known.ways;
+    }
+    const above = Number(/^(clear|drop|smash|half-smash|net-kill)$/.test(this.hall.shots[shot]!));
+    const all = this.hall.techniques.flatMap((_, technique) => [0, 1].map((height) => 2 * technique + height));
+    return all.sort((a, b) => Number(a % 2 !== above) - Number(b % 2 !== above));
+  }
+
+  /** Enters a shot in its usual way, or in the next one. */
+  private shot(shot: number, other: boolean): void {
+    const known = this.suggestedFor === this.line() ? this.suggested.find((one) => one.shot === shot) : undefined;
+    this.ways = this.waysOf(shot);
+    const way = this.ways[Number(other)]!;
     this.enter({
       kind: "shot",
       shot,
-      time: Math.round(1000 * this.video.currentTime) / 1000,
-      technique: usual.technique,
-      height: usual.height,
+      time: (this.sought ? null : this.state.met) ?? this.film.at,
+      technique: Math.floor(way / 2),
+      height: way % 2,
       probability: known?.probability ?? null,
     });
   }
 
+  private nextWay(): void {
+    const last = this.state.setup && current(this.state).strokes.at(-1);
+    const ways = this.ways.length ? this.ways : this.waysOf(last?.shot ?? 0);
+    const way = ways[(ways.indexOf(last ? 2 * last.technique + last.height : 0) + 1) % ways.length]!;
+    this.enter({ kind: "way", technique: Math.floor(way / 2), height: way % 2 });
+  }
+
   private clicked(event: PointerEvent): void {
-    const box = this.video.getBoundingClientRect();
+    const box = this.film.video.getBoundingClientRect();
     const [x, y] = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
     event.preventDefault();
     if (this.marking) {
-      this.marking = this.state.corners.length < CORNER_NAMES.length - 1;
       this.enter({ kind: "corner", x, y });
-      this.marking = this.state.corners.length < 4;
-      this.show();
     } else if (this.state.phase === "place") {
-      this.enter({ kind: "place", x, y });
+      this.enter({ kind: "place", x, y, time: this.film.at });
     } else if (this.state.setup) {
-      this.toggle();
+      this.film.toggle();
     }
   }
 
@@ -317,10 +347,30 @@ export class Tagging {
     this.refused("");
     this.save(input);
     this.show();
+    this.follow(input);
+  }
+
+  /** The film goes on after an input, and stops where something is asked. */
+  private follow({ kind }: Input): void {
+    const { phase, met } = this.state;
+    this.sought = this.sought && kind === "way";
+    if (phase === "ask" || phase === "over") {
+      this.film.video.pause();
+    } else if (phase === "place" && kind !== "way") {
+      this.film.go();
+    } else if (kind === "end" || (kind === "confirm" && !current(this.state).strokes.length)) {
+      this.film.skip(SOON);
+    } else if (kind === "cell" || kind === "place" || kind === "confirm") {
+      this.film.go((met ?? Number.POSITIVE_INFINITY) + FLIGHT);
+    }
   }
 
   private undo(): void {
-    if (this.inputs.pop()) {
+    const last = this.inputs.pop();
+    if (last) {
+      if ("time" in last) {
+        this.film.jump(last.time);
+      }
       this.state = replay(this.inputs, this.hall);
       this.refused("");
       this.save("undo");
@@ -412,6 +462,14 @@ export class Tagging {
     if (!begun) {
       return;
     }
+    if (state.corners.length === CORNERS.length) {
+      this.film.crop(state.corners);
+    }
+    this.film.show(
+      state.rallies.flatMap(({ strokes, points }) =>
+        strokes.length ? [{ from: strokes[0]!.time, to: strokes.at(-1)!.time, label: points.join(" : ") }] : [],
+      ),
+    );
     const { points, server, game } = current(state);
     const after = state.rallies.filter((rally) => rally.strokes.length).length;
     const [a, b] = state.setup!.players;
@@ -426,6 +484,11 @@ export class Tagging {
     this.showKeys();
     this.showList();
     this.suggest();
+  }
+
+  private way(way: number): string {
+    const height = say(`heights.${this.hall.heights[way % 2]}` as Key);
+    return `${words(this.hall.techniques[Math.floor(way / 2)]!)} ${height}`;
   }
 
   private asks(): string {
@@ -448,24 +511,29 @@ export class Tagging {
 
   private showKeys(): void {
     const { phase } = this.state;
-    const key = (label: string, name: string, act: () => void, kind = "", note: Child = null) =>
-      h("button", { type: "button", class: kind, onclick: act }, h("kbd", {}, label), ` ${name}`, note);
+    const key = (label: string, name: string, act: (shift: boolean) => void, kind = "", note: Child = null) => {
+      const onclick = (event: Event) => act((event as MouseEvent).shiftKey);
+      return h("button", { type: "button", class: kind, onclick }, h("kbd", {}, label), ` ${name}`, note);
+    };
     const blocks: Child[] = [];
     if (phase === "shot") {
       const fresh = this.suggestedFor === this.line() ? this.suggested : [];
-      const probability = new Map(fresh.map((one, rank) => [one.shot, { p: one.probability, rank }]));
-      const order = this.shots().sort((a, b) => (probability.get(a)?.rank ?? a) - (probability.get(b)?.rank ?? b));
+      const rank = new Map(fresh.map(({ shot }, rank) => [shot, rank]));
+      const order = this.shots().sort((a, b) => (rank.get(a) ?? a) - (rank.get(b) ?? b));
       blocks.push(
         ...order.map((shot, i) => {
-          const found = i < SHOWN ? probability.get(shot) : undefined;
-          const likely = found !== undefined && found.p >= 0.01;
-          const note = likely ? h("small", {}, ` ${percent(found.p)}`) : null;
-          return key(SHOT_KEYS[shot]!, words(this.hall.shots[shot]!), () => this.shot(shot), likely ? "likely" : "", note);
+          const found = rank.has(shot) && likely(fresh[i]!, i) ? fresh[i]! : null;
+          const [usual, other] = this.waysOf(shot).map((way) => this.way(way));
+          const note = found && h("small", {}, ` ${percent(found.probability)}`, h("br"), `${usual}, ⇧ ${other}`);
+          const act = (shift: boolean) => this.shot(shot, shift);
+          return key(SHOT_KEYS[shot]!, words(this.hall.shots[shot]!), act, found ? "likely" : "", note);
         }),
       );
     }
     if (phase === "place") {
-      const cells = [7, 8, 9, 4, 5, 6, 1, 2, 3].map((cell) => key(String(cell), "", () => this.enter({ kind: "cell", cell })));
+      const cells = [7, 8, 9, 4, 5, 6, 1, 2, 3].map((cell) =>
+        key(String(cell), "", () => this.enter({ kind: "cell", cell, time: this.film.at })),
+      );
       blocks.push(h("div", { class: "cells", role: "group", "aria-label": say("tag.half") }, ...cells));
     }
     if (phase === "place" || (phase === "shot" && current(this.state).strokes.length)) {
@@ -476,8 +544,7 @@ export class Tagging {
       );
       blocks.push(
         h("hr", {}),
-        key("q", say("tag.technique"), () => this.enter({ kind: "technique" })),
-        key("-", say("tag.height"), () => this.enter({ kind: "height" })),
+        key("q", say("tag.way"), () => this.nextWay()),
       );
     }
     if (phase === "ask") {
@@ -498,10 +565,7 @@ export class Tagging {
         const to = (index: number) => areaWords(this.hall.areas[index]!.name, hands[1 - seat] ?? "right");
         const stroke = area === null ? name : say("stroke.to", { shot: name, area: to(area) });
         const text = say("tag.listed", { time: decimal(time, 1), name: players[seat], stroke, ending });
-        const jump = () => {
-          this.video.pause();
-          this.video.currentTime = time;
-        };
+        const jump = () => this.film.jump(time);
         return h("li", { class: i ? "" : "first" }, h("button", { type: "button", onclick: jump }, text));
       }),
     );
@@ -512,32 +576,12 @@ export class Tagging {
   private showMarks(): void {
     const { corners } = this.state;
     const dots = corners.map(([x, y]) => s("circle", { cx: x, cy: y, r: 0.008 }));
-    const outline: SVGElement[] = [];
-    if (corners.length === 4) {
-      const back = homography(
-        [
-          [-1, -1],
-          [1, -1],
-          [1, 1],
-          [-1, 1],
-        ],
-        corners,
-      );
-      const path = (
-        [
-          [-1, -1],
-          [1, -1],
-          [1, 1],
-          [-1, 1],
-          [-1, -1],
-          [-1, 0],
-          [1, 0],
-        ] as const
-      )
-        .map(([x, y]) => mapped(back, x, y).join(","))
-        .join(" ");
-      outline.push(s("polyline", { points: path }));
-    }
-    this.marks.replaceChildren(...dots, ...outline);
+    const onPicture = corners.length === CORNERS.length ? homography(CORNERS, corners) : null;
+    const lines = onPicture
+      ? courtLines(this.hall.court).map((line) =>
+          s("polyline", { points: line.map(([x, y]) => mapped(onPicture, x, y).join(",")).join(" ") }),
+        )
+      : [];
+    this.marks.replaceChildren(...dots, ...lines);
   }
 }

@@ -15,10 +15,9 @@ export type Input =
   | { kind: "setup"; match: string; discipline: Discipline; players: [string, string]; hands: [Hand, Hand]; server: Seat }
   | { kind: "corner"; x: number; y: number }
   | { kind: "shot"; shot: number; time: number; technique: number; height: number; probability: number | null }
-  | { kind: "technique" }
-  | { kind: "height" }
-  | { kind: "cell"; cell: number }
-  | { kind: "place"; x: number; y: number }
+  | { kind: "way"; technique: number; height: number }
+  | { kind: "cell"; cell: number; time: number }
+  | { kind: "place"; x: number; y: number; time: number }
   | { kind: "end"; ending: Ending }
   | { kind: "confirm" };
 
@@ -59,6 +58,8 @@ export interface State {
   rallies: Rally[];
   games: Point;
   near: Seat;
+  /** Time at which the last place was entered, when the next stroke is struck [s]. */
+  met: number | null;
   /** The question of the phase "ask", and the state after it is confirmed. */
   question: string;
   after: State | null;
@@ -71,6 +72,7 @@ export const START: State = {
   rallies: [],
   games: [0, 0],
   near: 0,
+  met: null,
   question: "",
   after: null,
 };
@@ -81,6 +83,7 @@ export class Refused extends Error {}
 const SERVES = 2; // the first shot types of the vocabulary
 const FRAME_RATE = 30; // of the column `frame`: browsers do not tell that of a video
 const BY_HAND = 0.2; // accuracy of places that are clicked [m]
+const FLAT = 1e-4; // least area of three corners, of that of the picture
 const RARE = 0.001; // probability below which a shot is asked about
 const FAULTS: readonly Ending[] = ["out", "net", "short", "foul"];
 const WITHOUT_PLACE: readonly Ending[] = ["net", "short", "foul", "let"];
@@ -113,23 +116,22 @@ export function reduce(state: State, input: Input, hall: HallFacts): State {
         refuse(say("refusal.corners_known"));
       }
       const corners: Point[] = [...state.corners, [input.x, input.y]];
-      if (corners.length === 4) {
-        homography(corners, CORNERS); // refuses those that lie on one line
+      if (!inOrder(corners)) {
+        refuse(say("refusal.corner_order", { corner: say(`tag.${CORNER_NAMES[corners.length - 1]!}`) }));
       }
-      return { ...state, corners };
+      return asked({ ...state, corners }, corners.length === 4 && say("refusal.court"));
     }
     case "confirm":
       return state.phase === "ask" ? state.after! : refuse(say("refusal.not_asked"));
     case "shot":
       return state.phase === "shot" ? struck(state, input, hall) : refuse(waiting(state));
-    case "technique":
-    case "height":
-      return changed(state, input.kind, hall);
+    case "way":
+      return changed(state, input);
     case "cell":
-      return placed(state, cellArea(input.cell, nearStrikes(state)), null, hall);
+      return placed({ ...state, met: input.time }, cellArea(input.cell, nearStrikes(state)), null, hall);
     case "place": {
       const place = onCourt(state, input.x, input.y);
-      return placed(state, areaOf(place, hall), place, hall);
+      return placed({ ...state, met: input.time }, areaOf(place, hall), place, hall);
     }
     case "end":
       return ended(state, input.ending, hall);
@@ -170,23 +172,22 @@ function struck(state: State, input: Input & { kind: "shot" }, hall: HallFacts):
   if (input.shot < SERVES !== !before) {
     refuse(say(before ? "refusal.serve_begins" : "refusal.no_serve"));
   }
-  if (before && input.time < before.time) {
+  if (before && input.time - before.time < 1 / FRAME_RATE) {
     refuse(say("refusal.earlier"));
   }
   const { shot, technique, height, time } = input;
   const stroke = { seat: striker(rally), shot, technique, height, time, area: null, place: null };
-  const next = { ...withRally(state, { strokes: [...rally.strokes, stroke] }), phase: "place" } as const;
+  const next = { ...withRally(state, { strokes: [...rally.strokes, stroke] }), phase: "place", met: null } as const;
   return asked(
     next,
     input.probability !== null && input.probability < RARE && say("refusal.unlikely", { shot: words(hall.shots[shot]!) }),
   );
 }
 
-function changed(state: State, what: "technique" | "height", hall: HallFacts): State {
+function changed(state: State, { technique, height }: Input & { kind: "way" }): State {
   const { strokes } = state.phase === "shot" || state.phase === "place" ? current(state) : refuse(waiting(state));
   const last = strokes.at(-1) ?? refuse(say("refusal.shot_first"));
-  const count = what === "technique" ? hall.techniques.length : hall.heights.length;
-  return withRally(state, { strokes: [...strokes.slice(0, -1), { ...last, [what]: (last[what] + 1) % count }] });
+  return withRally(state, { strokes: [...strokes.slice(0, -1), { ...last, technique, height }] });
 }
 
 function nearStrikes(state: State): boolean {
@@ -235,7 +236,7 @@ function ended(state: State, ending: Ending, hall: HallFacts): State {
   const strokes = WITHOUT_PLACE.includes(ending)
     ? [...rally.strokes.slice(0, -1), { ...last, area: null, place: null }]
     : rally.strokes;
-  const over = afterRally(withRally({ ...state, phase: "shot" }, { ending, strokes }));
+  const over = afterRally(withRally({ ...state, phase: "shot", met: null }, { ending, strokes }));
   const wrong =
     (ending === "landed" && outside(last.place, hall) > BY_HAND && say("refusal.outside")) ||
     (ending === "out" && outside(last.place, hall) < -BY_HAND && say("refusal.inside"));
@@ -296,13 +297,52 @@ function onCourt(state: State, u: number, v: number): Point {
   return nearStrikes(state) ? [x, y] : [-x, -y];
 }
 
-/** Outer corners of the court [m], in the order in which they are clicked: near left, near right, far right, far left. */
-const CORNERS: Point[] = [
+export const CORNER_NAMES = ["near left", "near right", "far right", "far left"] as const;
+
+/** Outer corners of the court [m], in the order in which they are clicked. */
+export const CORNERS: Point[] = [
   [-3.05, -6.7],
   [3.05, -6.7],
   [3.05, 6.7],
   [-3.05, 6.7],
 ];
+
+/** Lines of the court and the net [m], as CORNERS. */
+export function courtLines({ half_width, half_length, short_service, long_service }: HallFacts["court"]): [Point, Point][] {
+  const [outer] = CORNERS[1]!;
+  const edges = [outer, half_width, -half_width, -outer];
+  const rows = [half_length, half_length - long_service, short_service].flatMap((y) => [y, -y]);
+  return [
+    ...edges.map((x): [Point, Point] => [
+      [x, -half_length],
+      [x, half_length],
+    ]),
+    ...[...rows, 0].map((y): [Point, Point] => [
+      [-outer, y],
+      [outer, y],
+    ]),
+    ...[short_service, -short_service].map((y): [Point, Point] => [
+      [0, y],
+      [0, Math.sign(y) * half_length],
+    ]),
+  ];
+}
+
+/** Whether clicked corners are those of a court that is seen from behind: near ones lie lower, and left ones left. */
+function inOrder(corners: readonly Point[]): boolean {
+  const [a, b, c, d] = corners;
+  const far = [c, d].every((corner) => !corner || corner[1] < Math.min(a![1], b![1]));
+  // They run anticlockwise, and no three lie on one line.
+  const turns = (d ? [...corners, a!, b!] : corners).map(
+    (corner, i, all) => i < 2 || turn(all[i - 2]!, all[i - 1]!, corner) < -FLAT,
+  );
+  return (!b || a![0] < b[0]) && far && turns.every(Boolean);
+}
+
+/** Twice the area of a triangle of the picture; negative where its corners run anticlockwise. */
+function turn([ax, ay]: Point, [bx, by]: Point, [cx, cy]: Point): number {
+  return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+}
 
 /** The eight numbers of the plane projection that maps four points to others, by Gaussian elimination. */
 export function homography(from: readonly Point[], to: readonly Point[]): number[] {
@@ -317,9 +357,6 @@ export function homography(from: readonly Point[], to: readonly Point[]): number
     const pivot = rows.reduce((best, row, i) => (i >= k && Math.abs(row[k]!) > Math.abs(rows[best]![k]!) ? i : best), k);
     [rows[k], rows[pivot]] = [rows[pivot]!, rows[k]!];
     const lead = rows[k]![k]!;
-    if (Math.abs(lead) < 1e-9) {
-      refuse(say("refusal.one_line"));
-    }
     rows[k] = rows[k]!.map((value) => value / lead);
     for (let i = 0; i < 8; i++) {
       const factor = i === k ? 0 : rows[i]![k]!;

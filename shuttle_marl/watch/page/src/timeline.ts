@@ -118,7 +118,7 @@ export class Timeline {
         waited: { ...before(waited, number), [number]: { ...before(waited[number] ?? {}, at + 1), ...one(tried.position) } },
       };
     } else {
-      this.tried = { ...before(this.tried, at), ...one(tried.stroke) };
+      this.tried = { ...before(this.tried, at), [at]: tried.stroke ?? -1 - tried.position! };
     }
   }
 

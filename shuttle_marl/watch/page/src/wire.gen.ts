@@ -416,14 +416,14 @@ export interface MatchRally {
   swing: number;
 }
 
-/** A costly stroke: ``loss`` and ``cost`` are the probabilities of winning the rally and the match that it loses. */
+/** A costly stroke: what it changes of the probability of winning the rally, and costs of that of winning the match. */
 export interface Moment {
   rally: number;
   stroke: number;
   seat: number;
   shot: string;
   mark: string;
-  loss: number;
+  change: number;
   cost: number;
 }
 
@@ -572,12 +572,11 @@ export interface Suggestions {
   shots: Suggestion[];
 }
 
-/** A shot type with its probability, its usual technique and its usual contact height, as indices. */
+/** A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height. */
 export interface Suggestion {
   shot: number;
   probability: number;
-  technique: number;
-  height: number;
+  ways: number[];
 }
 
 /** Requests by operation. */
