@@ -187,7 +187,7 @@ def test_best_replies_are_drawn_where_players_of_the_hands_see_them(monkeypatch:
             shown = [text for text in axes.texts if text.get_text().startswith(f"{100 * aim.win[area]:.1f} %\n")]
             x, y = court.area_centre(np.array(area))
             assert (x * side[hands[1]], y) in {tuple(text.get_position()) for text in shown}
-    assert f"the receiver's {'forehand' if hands[1] == 'right' else 'backhand'} side is on the left" in drawn.get_supxlabel()
+    assert f"the opponent's {'forehand' if hands[1] == 'right' else 'backhand'} side is on the left" in drawn.get_supxlabel()
 
 
 def test_rallies_are_chosen_by_game_score_server_and_length() -> None:
