@@ -575,7 +575,10 @@ def test_targets_are_large_where_fingers_touch(browser: Any, served: Any) -> Non
     viewer.page.goto("about:blank")
     viewer.open(f"{served.address}{PLACE}").analysed()
     for mode in ("watch", "analyse", "learn", "play"):
-        viewer.enter(mode)
+        viewer.page.locator(f"#tab-{mode}").click()
+        viewer.until(lambda mode=mode: viewer.state("mode") == mode)
+        if mode == "learn":
+            viewer.page.locator(".quiz button").first.wait_for()
         checked(mode)
     viewer.press("h")
     checked("keys")
