@@ -576,7 +576,7 @@ def test_targets_are_large_where_fingers_touch(browser: Any, served: Any) -> Non
     viewer.open(f"{served.address}{PLACE}").analysed()
     for mode in ("watch", "analyse", "learn", "play"):
         viewer.page.locator(f"#tab-{mode}").click()
-        viewer.until(lambda mode=mode: viewer.state("mode") == mode)
+        viewer.until(lambda mode=mode: bool(viewer.state("mode") == mode))  # type: ignore[misc]
         if mode == "learn":
             viewer.page.locator(".quiz button").first.wait_for()
         checked(mode)

@@ -175,7 +175,7 @@ def test_time_without_play_is_skipped(tmp_path: Path) -> None:
         motion = np.concatenate([rng.normal(level, 0.3 * level, int(4 * seconds)).clip(0) for seconds, level in parts])
         given = {"motion": motion.tolist(), "rallies": [{"from": 0, "to": parts[0][0]}], "from": start, "within": within}
         (tmp_path / "given.json").write_text(json.dumps(given))
-        return json.loads(run_script("dead.ts", tmp_path, str(tmp_path / "given.json")))  # type: ignore[no-any-return]
+        return json.loads(run_script("dead.ts", tmp_path, str(tmp_path / "given.json")))
 
     to = asked((10, 1.0), (60, 0.2), (10, 1.0), start=10)
     assert to is not None
