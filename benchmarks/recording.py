@@ -9,6 +9,7 @@ with the remaining CPU time, as if there were no second core. CPU time is user a
 hardly affect it; the fastest of several runs is reported.
 """
 
+import functools
 import json
 import statistics
 import tempfile
@@ -27,6 +28,7 @@ from docs.tools.results import show
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
+from shuttle_marl.recording.recorder import LogContext
 
 _POOL: Final = ("bc", "attacking", "safe", "random")
 _MATCHES: Final = 20_000
@@ -97,7 +99,7 @@ def _find(path: Path, number: int) -> float:
     return time.perf_counter() - begun
 
 
-class _Timed:
+class _Timed(LogContext):
     """A training log that measures its CPU time."""
 
     def __init__(self, inner: Any) -> None:
@@ -105,27 +107,26 @@ class _Timed:
         self.cpu = self.waited = 0.0
 
     def __getattr__(self, name: str) -> Any:
-        def call(*args: Any) -> Any:
-            if name == "close":
-                self._inner.flush()
-                # Measured from here, because the replaying thread starts with the first rally.
-                threads = [thread for thread in threading.enumerate() if thread.name.startswith("recording ")]
-                clocks = [time.pthread_getcpuclockid(thread.ident or 0) for thread in threads]
-                self.cpu += sum(time.clock_gettime(clock) for clock in clocks)
-            cpu, begun = time.thread_time(), time.perf_counter()
-            try:
-                return getattr(self._inner, name)(*args)
-            finally:
-                self.cpu += time.thread_time() - cpu
-                self.waited += time.perf_counter() - begun
+        return functools.partial(self._timed, name)
 
-        return call
+    def close(self) -> None:
+        self._inner.flush()
+        # Measured from here, because the replaying thread starts with the first rally.
+        threads = [thread for thread in threading.enumerate() if thread.name.startswith("recording ")]
+        clocks = [time.pthread_getcpuclockid(thread.ident or 0) for thread in threads]
+        self.cpu += sum(time.clock_gettime(clock) for clock in clocks)
+        self._timed("close")
 
-    def __enter__(self) -> "_Timed":
-        return self
+    def abort(self) -> None:
+        self._timed("abort")
 
-    def __exit__(self, *reason: object) -> None:
-        self.close()
+    def _timed(self, name: str, *args: Any) -> Any:
+        cpu, begun = time.thread_time(), time.perf_counter()
+        try:
+            return getattr(self._inner, name)(*args)
+        finally:
+            self.cpu += time.thread_time() - cpu
+            self.waited += time.perf_counter() - begun
 
 
 def training(folder: Path, strokes: int, repeat: int) -> dict[str, float]:

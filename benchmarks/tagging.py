@@ -56,11 +56,13 @@ _ENDINGS: Final = {"out": "o", "net": "t", "winner": "i"}
 _REASONS: Final = {"winner": "landed"}
 _NAMES: Final = ("Anna Example", "Berta Sample")
 _BREAK: Final = 2
-"""Rally before which there is a break of a minute."""
+"""Number of the rally that follows a break of one minute."""
 _SLOW: Final = 6
-"""How much slower the players of a rally walk in the break."""
+"""Factor by which the film of a rally is slowed down in the break."""
 _LATE: Final = (0.15, 0.05)
 """Time after which a person presses a key, and its standard deviation [s]."""
+_LATEST: Final = 1.0
+"""Largest error of the time of a recovered stroke [s]."""
 _LONG: Final = 5.0
 """Time without play over which a person seeks [s]."""
 _WATCH: Final = """(time) => new Promise((passed) => {
@@ -398,7 +400,7 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
 
 
 def recovered(played: Film, out: Path) -> tuple[list[bool], list[float]]:
-    """Of each stroke that was played, whether the imported table has it, with its score and ending, and how late it is [s]."""
+    """Whether the imported table has each played stroke, with its time, score and ending, and how late it is [s]."""
     rows = {(row["rally"], row["stroke"]): row for row in import_matches(out).strokes.to_pylist()}
     found, late = [], []
     for number, (rally, begins) in enumerate(zip(played.rallies, played.begins, strict=True)):
@@ -418,6 +420,7 @@ def recovered(played: Film, out: Path) -> tuple[list[bool], list[float]]:
                 and row["player"] == _NAMES[stroke.seat].lower().replace(" ", "-")
                 and REASONS[row["reason"]] == (_REASONS.get(stroke.end, stroke.end) if last else "returned")
                 and (row["points"], row["points_opponent"]) == points
+                and abs(late[-1]) < _LATEST
                 and (row["landing_x"] is None or number % 2 == 0 or np.hypot(row["landing_x"] - x, row["landing_y"] - y) < 0.1)
             )
     return found, late

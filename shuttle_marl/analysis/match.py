@@ -218,8 +218,10 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
 
 
 def _moments(rallies: Sequence[RallyRow]) -> list[int]:
-    """The rallies with the largest swings, from half of the largest on, no more than two of a game: else the end of a close one
-    would take all places."""
+    """The rallies with the largest swings, at least half of the largest.
+
+    No more than two are of one game; else the end of a close game would take all places.
+    """
     found: list[int] = []
     for i in sorted((i for i, row in enumerate(rallies) if row.winner is not None), key=lambda i: -abs(rallies[i].swing)):
         counts = not found or 2 * abs(rallies[i].swing) >= abs(rallies[found[0]].swing)

@@ -21,6 +21,10 @@ from shuttle_marl.base.files import FileReadError, T, replace_file
 
 CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
+METRICS: Final = "metrics.jsonl"
+"""Evaluations of a training run, one JSON object a line."""
+RALLIES: Final = "rallies.mcap"
+PAGE: Final = "report.html"
 LOCK: Final = ".lock"
 """Lock file of a folder; never replaced or removed, so that all processes lock the same file."""
 _ADVICE: Final = "restore it from a backup, or start the run again with --overwrite"

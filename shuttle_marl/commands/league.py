@@ -12,10 +12,11 @@ from shuttle_marl import league
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.interrupts import interrupts_held
+from shuttle_marl.base.runs import RALLIES
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.game.shipped import Profile
-from shuttle_marl.league.entrants import RALLIES, LeagueConfig, LeagueError
+from shuttle_marl.league.entrants import LeagueConfig, LeagueError
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.interrupts import interrupts_held
+from shuttle_marl.base.runs import PAGE, RALLIES
 from shuttle_marl.commands.cli import Command, Output, console, entry_point, watching
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
@@ -31,7 +32,7 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
         from shuttle_marl.training.run import train  # noqa: PLC0415  torch
 
     done = train(config, Console(stderr=True, highlight=False))
-    page, figures = _report(done.folder, [done.folder]), done.evaluation
+    figures = done.evaluation
     out = Output(highlight=False, soft_wrap=True, markup=False)
     against = "bc" if config.self_play else " and ".join(config.opponent)
     out.print(
@@ -39,8 +40,8 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
         f"{figures.score_text}, {figures.exploitability_text}"
     )
     out.print(f"agent: {done.folder}/agent, played as agent:{done.folder}/agent")
-    out.print(f"report: {page}")
-    if (log := done.folder / "rallies.mcap").exists():
+    out.print(f"report: {_report(done.folder, [done.folder])}")
+    if (log := done.folder / RALLIES).exists():
         out.print(watching(log, config.game, config.profile))
 
 
@@ -48,7 +49,7 @@ def _report(folder: Path, runs: Sequence[Path]) -> Path:
     """Write the page of training runs to a folder, and return its path."""
     from shuttle_marl.league.page.tournament import compare  # noqa: PLC0415  scipy
 
-    path = folder / "report.html"
+    path = folder / PAGE
     replace_file(path, compare(runs))
     return path
 

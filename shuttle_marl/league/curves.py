@@ -9,12 +9,11 @@ from typing import Any, Final, TypeGuard
 
 from markupsafe import Markup
 
+from shuttle_marl.base import runs
 from shuttle_marl.base.files import MAX_LINES, problem, read_file
 from shuttle_marl.league.entrants import LeagueError
 from shuttle_marl.pages import charts
 
-METRICS: Final = "metrics.jsonl"
-"""File with the evaluations of a training run, one JSON object a line."""
 FIGURES: Final = {
     "exploitability": "exploitability",
     "normalised_score": "normalised score",
@@ -52,7 +51,7 @@ def read_curve(folder: Path, name: str) -> Curve:
     Raises:
         LeagueError: they are missing or damaged.
     """
-    path = folder / METRICS
+    path = folder / runs.METRICS
     try:
         # The last line may be incomplete.
         lines = read_file(path, MAX_LINES).decode("utf-8").split("\n")[:-1]

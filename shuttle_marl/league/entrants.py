@@ -38,9 +38,7 @@ TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
 
 
 PAIRINGS: Final = "pairings.jsonl"
-RALLIES: Final = "rallies.mcap"
 REPORT: Final = "report.json"
-PAGE: Final = "report.html"
 
 Format = Literal["round-robin", "swiss", "gauntlet"]
 

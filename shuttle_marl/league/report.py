@@ -9,10 +9,11 @@ import numpy as np
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from shuttle_marl.base import runs
 from shuttle_marl.base.errors import printable
 from shuttle_marl.league.assessment import Assessment, MetaGame
 from shuttle_marl.league.curves import Curve
-from shuttle_marl.league.entrants import RALLIES, Format, LeagueConfig
+from shuttle_marl.league.entrants import Format, LeagueConfig
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.style import PEOPLE, Style
 from shuttle_marl.league.tournament import PairResult
@@ -43,7 +44,7 @@ class TournamentReport:
     results: Sequence[PairResult]
     assessment: Assessment
     curves: Sequence[Curve] = ()
-    logs: Mapping[int, str] = dataclasses.field(default_factory=lambda: {0: RALLIES})
+    logs: Mapping[int, str] = dataclasses.field(default_factory=lambda: {0: runs.RALLIES})
     holes: "Mapping[str, Holes]" = dataclasses.field(default_factory=dict)
 
 

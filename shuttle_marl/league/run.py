@@ -28,8 +28,8 @@ from shuttle_marl.game.shipped import least_support, refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.assessment import as_json, assess
-from shuttle_marl.league.curves import METRICS, Curve, read_curve
-from shuttle_marl.league.entrants import PAGE, PAIRINGS, RALLIES, REPORT, Entrant, LeagueConfig, LeagueError, default_pool, enter
+from shuttle_marl.league.curves import Curve, read_curve
+from shuttle_marl.league.entrants import PAIRINGS, REPORT, Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.page.tournament import page
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import TournamentReport
@@ -394,13 +394,13 @@ class _Run:
             logs={pairings[0].number: log_name(stage) for stage, pairings in enumerate(known)},
             holes=_holes(game, {s.player: tables[s.player] for s in standings if s.player in tables}, config.holes),
         )
-        replace_file(folder / PAGE, page(shown))
+        replace_file(folder / runs.PAGE, page(shown))
         return standings
 
 
 def log_name(stage: int) -> str:
     """File name of the rally log of a stage, counted from 0."""
-    return f"rallies-{stage + 1}.mcap" if stage else RALLIES
+    return f"rallies-{stage + 1}.mcap" if stage else runs.RALLIES
 
 
 def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dict[str, Holes]":
@@ -426,7 +426,7 @@ def _curves(pool: Sequence[str]) -> list[Curve]:
     for name in pool:
         key, _, agent = name.partition(":")
         folder = Path(agent.rpartition("@")[0] or agent).parent
-        if key == "agent" and agent and (folder / METRICS).is_file():
+        if key == "agent" and agent and (folder / runs.METRICS).is_file():
             with contextlib.suppress(LeagueError):  # the tournament does not depend on it
                 curves.append(read_curve(folder, name))
     return curves

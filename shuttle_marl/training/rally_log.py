@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import I64, Bools
 from shuttle_marl.game.rally.record import columns_of
 from shuttle_marl.game.tables import Game
@@ -19,7 +20,6 @@ from shuttle_marl.recording.recover import resume
 from shuttle_marl.training.config import AUTO, SelfPlayConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
 
-RALLIES: Final = "rallies.mcap"
 """The rally log in the folder of a run."""
 FIRST: Final = 10_000
 """Rallies at the beginning of a run that have figures by default, so that those of a short run all have them."""
@@ -132,7 +132,7 @@ def open_log(
     else:
         others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=True)]
     players = (Player(name=f"{config.algorithm}-{config.seed}"), *others)
-    path, record = folder / RALLIES, config.record
+    path, record = folder / runs.RALLIES, config.record
     return learner_log(path, game, players, seeds, seed=config.seed, record=record, figures=figures, rallies=rallies)
 
 

@@ -48,7 +48,7 @@ from shuttle_marl.training.config import PPOConfig, SelfPlayConfig, TrainingConf
 from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Trainer
 from shuttle_marl.training.networks import DivergedError, imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import PPO
-from shuttle_marl.training.rally_log import RALLIES, RunLog, open_log
+from shuttle_marl.training.rally_log import RunLog, open_log
 from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 
@@ -137,7 +137,6 @@ AGENT: Final = "agent"
 """Folder of the trained agent in the folder of its run."""
 BEST: Final = "best"
 """Folder of the best agent: the least exploitable in self-play, else that with the highest probability of winning rallies."""
-METRICS: Final = "metrics.jsonl"
 _PACKAGES: Final = ("numpy", "torch", "torchrl", "tensordict", "numba", "scipy")
 LEARNERS: Final[dict[str, Callable[[Any, Game], Learner]]] = {"ppo": PPO, "a2c": A2C, "sac": SAC}
 """Learners by name of the algorithm."""
@@ -344,7 +343,7 @@ class _Run:
         collector = RallyCollector(config, game, initial, self.learner.predict, distinct=self.learner.distinct)
         self.self_play = None if variant is None else SelfPlayOpponents(variant, game, self.learner, collector.sampler)
         self.trainer = Trainer(self.learner, collector, None if self.self_play is None else self.self_play.update)
-        self.metrics = runs.Journal(folder / METRICS)
+        self.metrics = runs.Journal(folder / runs.METRICS)
         self.about = {
             "status": "running",
             "seed": config.seed,
@@ -373,7 +372,7 @@ class _Run:
             total = config.iterations if config.seconds is None else round(config.seconds)
             bar.add_task(config.algorithm, total=total, completed=round(self._fraction() * total), status="")
             log = None
-            if (trainer.iteration < config.iterations and not self.at.stopped) or not (self.folder / RALLIES).exists():
+            if (trainer.iteration < config.iterations and not self.at.stopped) or not (self.folder / runs.RALLIES).exists():
                 seeds = [self._segment_seed(segment) for segment in range(config.segments)]
                 log = open_log(self.folder, config, self.game, self.opponents, seeds, rallies=self.at.rallies)
             with log or contextlib.nullcontext():

@@ -51,7 +51,7 @@ _PATIENCE: Final = 10.0
 _LEAST: Final = 1e-4
 """Least probability of a stroke that a person chose, under an imitated player."""
 _TOLD: Final = 5e-4
-"""Cost of a stroke from which pages tell it in matches, not in rallies."""
+"""Least cost of a stroke, in the probability of winning the match, that pages show."""
 _MOMENTS: Final = 5
 """Number of costliest strokes of a match."""
 
@@ -238,9 +238,10 @@ class Answers:
                 if value.change is not None:
                     if "?" in value.mark:
                         cost = value.loss * (won - lost)
-                        costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.change, cost))
+                        told = cost if cost >= _TOLD else None
+                        costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.change, told))
                     sound[seat].append("?" not in value.mark)
-        costly.sort(key=lambda moment: (-moment.cost * (moment.cost >= _TOLD), moment.change))
+        costly.sort(key=lambda moment: (-(moment.cost or 0.0), moment.change))
         means = [float(np.mean(part)) if part else None for part in sound]
         return messages.MatchReply(
             rallies=rows,

@@ -608,7 +608,12 @@ class MatchRally(Struct):
 
 
 class Moment(Struct):
-    """A costly stroke: what it changes of the probability of winning the rally, and costs of that of winning the match."""
+    """A costly stroke.
+
+    Attributes:
+        change: of the probability of winning the rally.
+        cost: in the probability of winning the match; None: too small to be shown.
+    """
 
     rally: int
     stroke: int
@@ -616,7 +621,7 @@ class Moment(Struct):
     shot: str
     mark: str
     change: float
-    cost: float
+    cost: float | None
 
 
 class MatchReply(Struct):

@@ -30,7 +30,7 @@ CatalogueIndex = Annotated[int, Meta(ge=0, lt=1 << 16)]
 Chosen = dict[StrokeNumber, CatalogueIndex]
 """Catalogue index of the strokes of a rally that no policy chose, by their number."""
 Tried = dict[StrokeNumber, Annotated[int, Meta(ge=-N_POSITIONS, lt=1 << 16)]]
-"""What is tried in a recorded rally, by the number of the stroke: another stroke, or -1 - a position of the receiver."""
+"""Alternatives in a recorded rally, by the number of the stroke: a catalogue index, or -1 - p for position p of the receiver."""
 Waited = dict[StrokeNumber, Annotated[int, Meta(ge=0, lt=N_POSITIONS)]]
 """Positions of the receivers of a rally that no policy chose, by the number of the stroke."""
 

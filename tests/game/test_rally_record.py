@@ -1,4 +1,4 @@
-"""What a rally may hold, and which columns a record of rallies has."""
+"""Validation of rallies, and the columns of rally records."""
 
 from typing import Any
 

@@ -13,7 +13,7 @@ import pyarrow.parquet
 import pytest
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.runs import LOCK, RunError
+from shuttle_marl.base.runs import LOCK, METRICS, RunError
 from shuttle_marl.base.table_files import csv_bytes
 from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
@@ -21,7 +21,6 @@ from shuttle_marl.game import default_game, load_game, scoring
 from shuttle_marl.game.rules import FAULT
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
-from shuttle_marl.league.curves import METRICS
 from shuttle_marl.league.entrants import ANCHORS, enter
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
 from shuttle_marl.league.ratings import ratings

@@ -8,10 +8,10 @@ import json
 import unittest.mock
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from mcap.reader import make_reader
 from torch import nn
 from torchrl.collectors import BaseCollector
@@ -28,16 +28,21 @@ from shuttle_marl.training.learner import RallyCollector
 CONFIGS = (sm.PPOConfig, sm.A2CConfig, sm.SACConfig)
 
 
+def rally(env: Any, seed: int) -> list[str]:
+    """Play a rally of random legal strokes; returns its strikers."""
+    rng, strikers = np.random.default_rng(seed), []
+    env.reset(seed=seed)
+    while not any(env.terminations.values()):
+        assert set(env.rewards.values()) == {0}
+        strikers.append(env.agent_selection)
+        env.step(int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"]))))
+    return strikers
+
+
 def test_two_agents_alternate_strokes_and_the_reward_is_one_at_the_end_of_a_rally() -> None:
-    env, rng = sm.rally_v0.env(), np.random.default_rng(1)
+    env = sm.rally_v0.env()
     for seed in range(30):
-        env.reset(seed=seed)
-        strikers = []
-        while not any(env.terminations.values()):
-            assert set(env.rewards.values()) == {0}
-            strikers.append(env.agent_selection)
-            env.step(int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"]))))
-        assert all(before != after for before, after in pairwise(strikers))
+        assert all(before != after for before, after in pairwise(rally(env, seed)))
         assert sorted(env.rewards.values()) == [-1, 1]
 
 
@@ -55,15 +60,10 @@ def test_torch_models_decide_whether_a_stroke_is_good_and_returned() -> None:
     models = sm.load_models()
     kinds = {type(each): each for each in vars(models).values() if isinstance(each, nn.Module)}
     assert {MSucc, MRet} <= set(kinds)
-    won = {}
-    for outcomes in ("tables", "models"):
-        env, rng = sm.rally_v0.env(outcomes=outcomes), np.random.default_rng(1)
-        for seed in range(5):
-            env.reset(seed=seed)
-            while not any(env.terminations.values()):
-                env.step(int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"]))))
-            won[outcomes, seed] = env.rewards["player_0"]
-    assert all(won["tables", seed] == won["models", seed] for seed in range(5))
+    tables, modules = sm.rally_v0.env(), sm.rally_v0.env(outcomes="models")
+    for seed in range(5):
+        assert rally(tables, seed) == rally(modules, seed)
+        assert tables.rewards == modules.rewards
 
 
 @pytest.mark.parametrize("kind", CONFIGS)
@@ -104,10 +104,3 @@ def test_tables_of_the_paper_are_there_and_have_a_command_that_ci_runs() -> None
     script = (ROOT / ".ci/run").read_text()
     assert "docs.tools.reproduce" in script
     assert "experiments.win_rates --quick" in script
-
-
-def test_networks_of_agents_are_ordinary_modules() -> None:
-    game = sm.default_game()
-    network = sm.agent_network(Path(sm.__file__).parent / "models/default/agents/ppo")
-    with torch.no_grad():
-        assert network(torch.from_numpy(game.observation(np.arange(7)))).shape == (7, game.n_strokes)

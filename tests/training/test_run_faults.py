@@ -20,7 +20,7 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import ClusterError, WorkerPool, check_processes, in_processes
 from shuttle_marl.base.files import read_sealed, seal
 from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
-from shuttle_marl.base.runs import RunError
+from shuttle_marl.base.runs import METRICS, RunError
 from shuttle_marl.commands import league, training
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tabulated import tabulate
@@ -31,7 +31,6 @@ from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, Tr
 from shuttle_marl.training import run as training_run
 from shuttle_marl.training.learner import Mean
 from shuttle_marl.training.networks import DivergedError
-from shuttle_marl.training.run import METRICS
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()

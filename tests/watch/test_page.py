@@ -516,7 +516,7 @@ SIZES = ((390, 844), (820, 1180), (1366, 768))
 
 
 def barriers(viewer: Any) -> list[Any]:
-    """What axe-core finds in the page, light and dark."""
+    """Violations that axe-core reports, in the light and the dark colour scheme."""
     page, found = viewer.page, []
     if not page.evaluate("!!window.axe"):
         page.evaluate((SOURCE / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8") + "; 0")

@@ -171,7 +171,7 @@ def test_time_without_play_is_skipped(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
 
     def asked(*parts: tuple[float, float], start: float, within: float = 3.0) -> float | None:
-        """Where the film goes on from a time; parts of so many seconds have so much motion, the first is the known rally."""
+        """Time at which playback resumes; parts are seconds and motion, and the first is a known rally."""
         motion = np.concatenate([rng.normal(level, 0.3 * level, int(4 * seconds)).clip(0) for seconds, level in parts])
         given = {"motion": motion.tolist(), "rallies": [{"from": 0, "to": parts[0][0]}], "from": start, "within": within}
         (tmp_path / "given.json").write_text(json.dumps(given))

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import Interval, interquartile_mean, probability_of_improvement
-from shuttle_marl.league.curves import FIGURES, METRICS, Curve, learning_charts, read_curve
-from shuttle_marl.league.entrants import PAIRINGS, RALLIES, REPORT, LeagueError
+from shuttle_marl.league.curves import FIGURES, Curve, learning_charts, read_curve
+from shuttle_marl.league.entrants import PAIRINGS, REPORT, LeagueError
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import TITLES, TournamentReport, cycles, meta_game, ranking, robustness
 from shuttle_marl.league.style import AXES, PEOPLE
@@ -131,7 +131,7 @@ def _pairings(report: TournamentReport) -> Table:
     ]
     if Sampling.parse(report.config.record).every == 1:
         columns.append(Column("first rally", lambda row: row["place"], about="its number in the log", ascending=True))
-    rows, first, file = [], 0, RALLIES
+    rows, first, file = [], 0, runs.RALLIES
     for result in report.results:
         if result.pairing in report.logs:
             first, file = 0, report.logs[result.pairing]
@@ -179,13 +179,13 @@ def compare(folders: Sequence[Path]) -> bytes:
     for folder, name_of_run in zip(folders, names, strict=True):
         if (folder / REPORT).is_file():
             tournaments[name_of_run] = _read(folder / REPORT)
-        elif (folder / METRICS).is_file():
+        elif (folder / runs.METRICS).is_file():
             config = _read(folder / runs.CONFIG)
             settings = {key: value for key, value in config.items() if key not in _NOT_A_SETTING}
             curve = read_curve(folder, name_of_run)
             trained[name_of_run] = ComparedRun(curve=curve, settings=json.dumps(settings, sort_keys=True))
         else:
-            raise LeagueError(f"{folder}: contains neither a finished tournament ({REPORT}) nor a training run ({METRICS})")
+            raise LeagueError(f"{folder}: contains neither a finished tournament ({REPORT}) nor a training run ({runs.METRICS})")
     return render(
         __package__,
         "comparison.html.j2",

@@ -59,7 +59,7 @@ def per_rally(data: Transitions, won: Sequence[float]) -> list[float]:
 
 
 class Behaviour:
-    """What the behaviour won, for each policy: the estimate of one who looks at none."""
+    """The win rate of the behaviour policy for every policy: a baseline that ignores the policies."""
 
     def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
         """One number for each policy."""

@@ -175,7 +175,7 @@ def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
     while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
         config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
     done = train(config)
-    lines = (done.folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+    lines = (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()
     points = [json.loads(line) for line in lines]
     figure = "normalised_score" if setting.opponent is not None else "exploitability"
     curve = tuple((int(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)

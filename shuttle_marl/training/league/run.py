@@ -30,7 +30,6 @@ from shuttle_marl.training.league.state import Best, LeagueState, Member, TurnRe
 from shuttle_marl.training.league.turns import Workers, network_path, prune_states
 from shuttle_marl.training.run import resumable
 
-METRICS: Final = "metrics.jsonl"
 RESULTS: Final = "results.json"
 MAIN: Final = "main.safetensors"
 """Table of the least exploitable main agent in the folder of a run."""
@@ -107,7 +106,7 @@ class _League:
         begun: float,
     ) -> None:
         self.config, self.game, self.folder, self.console = config, game, folder, console
-        self.tables, self.metrics = StoredPolicies(folder / TABLES, game), runs.Journal(folder / METRICS)
+        self.tables, self.metrics = StoredPolicies(folder / TABLES, game), runs.Journal(folder / runs.METRICS)
         saved = LeagueState.load(folder, game.hash)
         self.state = saved or LeagueState(game=game.hash)
         self.metrics.keep(self.state.metrics)

@@ -1,4 +1,4 @@
-// Time of a film in which nobody plays: the picture changes less than in the rallies that are known.
+// Dead time of a film: the picture changes less than in the known rallies.
 
 export const BEAT = 0.25; // time between pictures that are compared [s]
 const STILL = 0.5; // between the least motion and the usual one in rallies

@@ -46,9 +46,9 @@ export class MatchPanel {
 
   private moment(moment: Moment): HTMLElement {
     const cost =
-      moment.cost >= 5e-4
-        ? say("page.of_match", { points: `−${decimal(100 * moment.cost, 1)} %` })
-        : say("page.of_rally", { points: signed(moment.change) });
+      moment.cost === null
+        ? say("page.of_rally", { points: signed(moment.change) })
+        : say("page.of_match", { points: `−${decimal(100 * moment.cost, 1)} %` });
     return h(
       "button",
       { onclick: () => this.open(moment.rally, moment.stroke) },

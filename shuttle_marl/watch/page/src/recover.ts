@@ -212,7 +212,7 @@ export class PlacePanel {
     }
     const row = ({ position, people, perfect, loss, win }: Place) => {
       const [name, here, { tryOut }] = [positionWords(this.hall, position), position === stroke.waited, this];
-      const able = tryOut && !here && stroke.waited !== null; // else nobody knows where they waited before
+      const able = tryOut && !here && stroke.waited !== null; // positions of the rally so far must be known
       return h(
         "tr",
         { class: `${here ? "chosen " : ""}${perfect >= 0.5 ? "best" : ""}` },

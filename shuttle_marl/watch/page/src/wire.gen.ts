@@ -416,7 +416,7 @@ export interface MatchRally {
   swing: number;
 }
 
-/** A costly stroke: what it changes of the probability of winning the rally, and costs of that of winning the match. */
+/** A costly stroke. */
 export interface Moment {
   rally: number;
   stroke: number;
@@ -424,7 +424,7 @@ export interface Moment {
   shot: string;
   mark: string;
   change: number;
-  cost: number;
+  cost: number | null;
 }
 
 /** Players whose choices are like those of a person, up to a rally. */
