@@ -23,7 +23,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, largest_continuation
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.met import people_positions
+from shuttle_marl.exact.met import met, people_positions
 from shuttle_marl.exact.profile import (
     InducedChain,
     PairPolicy,
@@ -292,10 +292,14 @@ class Response:
     @functools.cached_property
     def policy(self) -> TabulatedPolicy:
         """The response as a table."""
+        mine, theirs = self.value.striking
         if isinstance(self.player, Saddle):
-            assert isinstance(self.opponent, Saddle)
-            return moved(_waiting_policies(self.value, self.player, self.opponent)[0], self.game)
-        return moved(self.player.policy(self.value.striking[1]), self.game)
+            found = from_pair_probabilities(self.player.game, self.player.all_strategies(theirs)[0])
+        else:
+            found = self.player.policy(theirs)
+        if isinstance(self.opponent, Saddle):
+            found = dataclasses.replace(found, waits=cumulative_positions(self.opponent.all_strategies(mine)[1]))
+        return moved(found, self.game)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -347,7 +351,10 @@ def _response(tables: Game, policy: StatePolicy | InducedChain, p: float, at_lea
         if isinstance(policy, InducedChain):
             raise ExactError("a best response with recovery needs the policy, not its chain")
         positions = policy.position_probabilities()
-        own = Saddle((game,), positions=people_positions(game) if positions is None else positions, share=p)
+        if p == 1:
+            own = _BestStrokes((met(game, positions),))
+        else:
+            own = Saddle((game,), positions=people_positions(game) if positions is None else positions, share=p)
         strokes = tuple(block_chances(policy, block) for block in range(game.n_blocks))
         opponent = Saddle((policy.game,), strokes=strokes, share=p)
     else:

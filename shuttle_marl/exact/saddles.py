@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, U8
+from shuttle_marl.base.arrays import F64, I64, U8
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, ExactError
 from shuttle_marl.exact.matrix_games import solved
@@ -150,6 +150,31 @@ def _saddles(rows: Rows, replies: Replies, following: F64, fixed: Fixed, against
 
 
 @compiled
+def _answers(rows: Rows, replies: Replies, following: F64, strokes: Chances, unit: float, found: Strategies) -> float:
+    """The best positions of all states of a block against known strokes; as :func:`_saddles` for a share of 1, in less time."""
+    value, x, y, _ = found
+    means = np.empty(9)
+    for s in range(value.size):
+        first, k, m = _reset(rows, replies, found, s)
+        if k == 0:
+            continue
+        means[:] = 0.0
+        for a in range(k):
+            chance, v, row = strokes[first + a] * unit, replies.first_reply[s] + a, rows.start[s] + a * m
+            x[first + a] = chance
+            if chance == 0.0:
+                continue
+            after = following[0, v], following[1, v], following[2, v], following[3, v]
+            for b in range(m):
+                fault, winner, below = rows.limits[0, row + b, 0], rows.limits[0, row + b, 1], rows.limits[0, row + b, 2]
+                low, high = rows.hurry[0, row + b, 0], rows.hurry[0, row + b, 1]
+                means[b] += chance * worth_of(float(fault), float(winner), float(below), low, high, after)
+        best = means[:m].argmin()
+        value[s], y[s, rows.position[s, best]] = means[best] / 65536.0, 1.0
+    return 0.0
+
+
+@compiled
 def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, tau: float, found: Strategies) -> float:
     """Values of the KL-regularised matrix games of all states of a block (:mod:`shuttle_marl.exact.optimal`), and the strategies.
 
@@ -282,35 +307,74 @@ def _solve_linear(matrix: F64, right: F64, size: int) -> None:
         right[i] /= matrix[i, i]
 
 
+class _Ahead(NamedTuple):
+    """What follows strategies of a block: the strokes that are played, state after state, and the weights of their successors."""
+
+    start: I64
+    """``[base states + 1]`` first stroke of each state."""
+    reply: I64
+    """``[N]`` reply of each stroke."""
+    weight: F64
+    """``[N, 4]`` weight of each of its successors."""
+
+
 @compiled
-def _mean_change(found: Strategies, rows: Rows, replies: Replies, following: F64, out: F64) -> None:
-    """Mean of what follows strategies."""
+def _look_ahead(found: Strategies, rows: Rows, replies: Replies, ahead: _Ahead) -> None:
+    """Write what follows strategies."""
     _, x, y, picked = found
-    for s in range(out.size):
+    start, reply, weight = ahead
+    chosen, n = np.empty(9, np.int64), 0
+    for s in range(start.size - 1):
         first, last, m, row = replies.pair_start[s], replies.pair_start[s + 1], rows.choices[s], rows.start[s]
-        total = 0.0
+        start[s], number = n, 0
+        for b in range(m):
+            if y[s, rows.position[s, b]] > 0.0:
+                chosen[number] = b
+                number += 1
         for pair in range(first, last):
-            chance = x[pair]
-            if chance > 0.0:
-                v = replies.first_reply[s] + pair - first
-                for b in range(m):
-                    share, g = chance * y[s, rows.position[s, b]], picked[row + b]
-                    if share > 0.0:
-                        won, under = float(rows.limits[g, row + b, 1]), float(rows.limits[g, row + b, 2])
-                        low = following[0, v] + rows.hurry[g, row + b, 0] * following[2, v]
-                        high = following[1, v] + rows.hurry[g, row + b, 1] * following[3, v]
-                        total += share * ((under - won) * low + (65536.0 - under) * high)
+            if x[pair] > 0.0:
+                reply[n] = replies.first_reply[s] + pair - first
+                low = high = late_low = late_high = 0.0
+                for b in chosen[:number]:
+                    share, g = x[pair] * y[s, rows.position[s, b]] / 65536.0, picked[row + b]
+                    won, under = float(rows.limits[g, row + b, 1]), float(rows.limits[g, row + b, 2])
+                    low += share * (under - won)
+                    high += share * (65536.0 - under)
+                    late_low += share * (under - won) * rows.hurry[g, row + b, 0]
+                    late_high += share * (65536.0 - under) * rows.hurry[g, row + b, 1]
+                weight[n] = low, high, late_low, late_high
+                n += 1
             row += m
-        out[s] = total / 65536.0
+    start[-1] = n
+
+
+@compiled
+def _mean_ahead(ahead: _Ahead, following: F64, out: F64) -> None:
+    """Mean of what follows strategies, 0 where the rally ends."""
+    start, reply, weight = ahead
+    for s in range(out.size):
+        total = 0.0
+        for i in range(start[s], start[s + 1]):
+            v = reply[i]
+            total += weight[i, 0] * following[0, v] + weight[i, 1] * following[1, v]
+            total += weight[i, 2] * following[2, v] + weight[i, 3] * following[3, v]
+        out[s] = total
 
 
 def _mean_linear(games: tuple[Game, ...], block: int, found: Strategies) -> BlockLinear:
     """The linear part of a sweep at fixed strategies."""
     game, rows = games[0], rows_of(games, block)
 
+    @functools.cache
+    def ahead() -> _Ahead:
+        n = int(np.count_nonzero(found.strokes > 0))
+        written = _Ahead(np.empty(game.n_base_states + 1, np.int64), np.empty(n, np.int64), np.empty((n, 4)))
+        _look_ahead(found, rows, replies(game), written)
+        return written
+
     def linear(plain: F64, after_attack: F64) -> F64:
         out = np.empty(game.n_base_states)
-        _mean_change(found, rows, replies(game), gathered(game, plain, after_attack), out)
+        _mean_ahead(ahead(), gathered(game, plain, after_attack), out)
         return -out
 
     return linear
@@ -360,6 +424,8 @@ class Saddle:
         return found
 
     def _solve(self, rows: Rows, following: F64, fixed: Fixed, found: Strategies) -> float:
+        if fixed.share == 1 and fixed.strokes.size:
+            return _answers(rows, replies(self.game), following, fixed.strokes, fixed.unit, found)
         return _saddles(rows, replies(self.game), following, fixed, self.against, found)
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
