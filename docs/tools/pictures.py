@@ -223,11 +223,6 @@ def digest(source: str) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-EARLIER: Final = frozenset({
-    "watch_analyse_wide.jpg", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_play_wide.jpg", "watch_players.jpg",
-    "watch_watch_wide.jpg",
-})  # fmt: skip
-"""Pictures of an earlier game; a name goes when its picture is drawn again."""
 KEPT: Final = frozenset({
     "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png", "foxglove_side.png", "strokes.png"
 })  # fmt: skip
@@ -240,7 +235,7 @@ def outdated() -> list[str]:
     current = {name: digest(source) for names, (_, source) in PICTURES.items() for name in names}
     shown = {path.name for path in IMAGES.iterdir() if path != SOURCES}
     return sorted(
-        name for name in (shown | set(current)) - EARLIER - KEPT if name not in shown or current.get(name) != recorded.get(name)
+        name for name in (shown | set(current)) - KEPT if name not in shown or current.get(name) != recorded.get(name)
     )
 
 

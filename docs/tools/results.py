@@ -35,7 +35,6 @@ class Result:
     tolerance: float = 1.0
     estimate: str = ""
     speeds: tuple[str, ...] = ()
-    earlier: str = ""
     compared: bool = True
 
 

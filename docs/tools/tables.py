@@ -45,8 +45,6 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     **suite_tables.BLOCKS,
 }
 """Tables of the code and of saved results by name, and what makes them."""
-EARLIER: Final = {table: of.earlier for of in RESULTS.values() if of.earlier for table in of.tables}
-"""Tables with results of another game than the shipped one, and its hash. A result that is made again loses its ``earlier``."""
 COMPUTED: Final = (*_OF_THE_CODE, *LEAGUE_BLOCKS)
 """Tables without a result file: of the code and of the default tournament, the same on every machine."""
 MODEL_CARD: Final = "docs/model_card.md"
@@ -65,11 +63,6 @@ def replaced(text: str, name: str, table: str) -> str:
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise TableError(f"expected one {begin} with {end} behind it")
     return f"{text[: text.index(begin)]}{begin}\n{table}\n{text[text.index(end) :]}"
-
-
-def marked(name: str, table: str) -> str:
-    """A table, with the game of its results below if that is not the shipped one."""
-    return f"{table}\n\n*Results of an earlier game, `{EARLIER[name]}…`.*" if name in EARLIER else table
 
 
 def rendered(root: Path, run: Path) -> dict[str, str]:
@@ -91,7 +84,7 @@ def rendered(root: Path, run: Path) -> dict[str, str]:
             if name not in LEAGUE_BLOCKS and name not in BLOCKS:
                 raise TableError(f"{path}: no table is called {name!r}; there are {', '.join(sorted({*LEAGUE_BLOCKS, *BLOCKS}))}")
             if name not in made:
-                made[name] = marked(name, LEAGUE_BLOCKS[name](run) if name in LEAGUE_BLOCKS else BLOCKS[name]())
+                made[name] = LEAGUE_BLOCKS[name](run) if name in LEAGUE_BLOCKS else BLOCKS[name]()
             pages[path.relative_to(root).as_posix()] = text = replaced(text, name, made[name])
             missing.discard(name)
     if missing:
