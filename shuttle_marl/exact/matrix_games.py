@@ -101,13 +101,17 @@ def matrix_game(matrix: F64, x: F64, y: F64) -> tuple[float, float]:
         What the strategies guarantee the row player at least, and at most.
     """
     k, m = matrix.shape
-    flat, size = matrix.ravel(), (k + 1) * (m + 1)
-    return solved(flat, k, m, np.empty(size), np.empty(k, np.int64), np.empty(m, np.int64), x, y)
+    flat, size = matrix.copy().ravel(), (k + 1) * (m + 1)
+    return solved(flat, k, m, np.empty(size), np.empty(2 * k, np.int64), np.empty(m, np.int64), x, y)
 
 
 @inlined
 def solved(matrix: F64, k: int, m: int, tableau: F64, basis: I64, outside: I64, x: F64, y: F64) -> tuple[float, float]:
-    """:func:`matrix_game`; a saddle point in pure strategies is found first, that of the lowest numbers."""
+    """:func:`matrix_game`; a saddle point in pure strategies is found first, that of the lowest numbers.
+
+    Args:
+        matrix: overwritten; basis: ``[2 k]``, the other memory as for :func:`_simplex`.
+    """
     best, row, worst, column = -1e300, 0, 1e300, 0
     for a in range(k):
         low = matrix[a * m]
@@ -128,16 +132,32 @@ def solved(matrix: F64, k: int, m: int, tableau: F64, basis: I64, outside: I64, 
             y[b] = 0.0
         x[row], y[column] = 1.0, 1.0
         return best, worst
-    _simplex(matrix, k, m, tableau, basis, outside, x, y)
+    # No optimal strategy plays a row that is everywhere below what another row guarantees.
+    n, rows = 0, basis[k:]
+    for a in range(k):
+        high = matrix[a * m]
+        for b in range(1, m):
+            high = max(high, matrix[a * m + b])
+        if high >= best:
+            for b in range(m):
+                matrix[n * m + b] = matrix[a * m + b]
+            rows[n] = a
+            n += 1
+    _simplex(matrix, n, m, tableau, basis, outside, x, y)
     low, high = 1e300, -1e300
     for b in range(m):
         mean = 0.0
-        for a in range(k):
+        for a in range(n):
             mean += x[a] * matrix[a * m + b]
         low = min(low, mean)
-    for a in range(k):
+    for a in range(n):
         mean = 0.0
         for b in range(m):
             mean += y[b] * matrix[a * m + b]
         high = max(high, mean)
+    for a in range(n, k):
+        x[a] = 0.0
+    for i in range(n - 1, -1, -1):
+        share, x[i] = x[i], 0.0
+        x[rows[i]] = share
     return low, high

@@ -123,7 +123,7 @@ def _saddles(rows: Rows, replies: Replies, following: F64, fixed: Fixed, against
     largest, most = 0.0, _most_replies(replies, value.size)
     share, bound = fixed.share, fixed.strokes.size > 0
     matrix, tableau, means = np.empty(most * 9), np.empty((most + 1) * 10), np.empty(most + 9)
-    basis, outside, shares = np.empty(most, np.int64), np.empty(9, np.int64), np.empty(9)
+    basis, outside, shares = np.empty(2 * most, np.int64), np.empty(9, np.int64), np.empty(9)
     for s in range(value.size):
         first, k, m = _reset(rows, replies, found, s)
         if k == 0:
