@@ -233,7 +233,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
         console.print(f"{len(planned)} runs, {sum(job.seconds for job in planned) / 60:.0f} minutes on one core")
         return
     with runs.open_run(config.out, "suite", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
-        waiting = [job for job in jobs_of(config, folder) if not (folder / job.options.out / ROW).exists()]  # type: ignore[operator]
+        waiting = [job for job in jobs_of(config, folder) if not (job.options.out / ROW).exists()]  # type: ignore[operator]
         begun, spent, estimated, started = time.monotonic(), 0.0, 0.0, 0
 
         def in_time() -> Iterator[Job]:
