@@ -292,7 +292,7 @@ class Script:
         self.until("window.viewer.state().suggested !== null")
         state = self.state()
         self.first.setdefault((number, count), state["suggested"][0] == stroke.shot)
-        other = state["ways"].get(stroke.shot, [None, None])[1] == _way(stroke)
+        other = state["ways"].get(stroke.shot, [_way(stroke)])[0] != _way(stroke)
         self.chords += other
         self._press("Shift+" * other + _SHOTS[stroke.shot])
 

@@ -234,9 +234,7 @@ def outdated() -> list[str]:
     recorded: dict[str, Any] = json.loads(SOURCES.read_text(encoding="utf-8"))
     current = {name: digest(source) for names, (_, source) in PICTURES.items() for name in names}
     shown = {path.name for path in IMAGES.iterdir() if path != SOURCES}
-    return sorted(
-        name for name in (shown | set(current)) - KEPT if name not in shown or current.get(name) != recorded.get(name)
-    )
+    return sorted(name for name in (shown | set(current)) - KEPT if name not in shown or current.get(name) != recorded.get(name))
 
 
 def main(*, only: tuple[str, ...] = (), check: bool = False) -> None:

@@ -16,12 +16,12 @@ from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.models import HURRIED, RIDGE_COLUMNS, SPECS, Ridge, log_odds, mean_probabilities
-from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc
+from shuttle_marl.dynamics.modules import MContact, MHurried, MRecovery, MRet, MSucc
 from shuttle_marl.dynamics.network import Ensemble, NetworkSpec, in_chunks
 from shuttle_marl.dynamics.situations import Situations
 from shuttle_marl.dynamics.trees import Trees
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.shipped import NETWORKS, model_folder, read_model
+from shuttle_marl.game.shipped import NETWORKS, POSITIONS, load_positions, model_folder, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 
@@ -77,6 +77,7 @@ class FittedModels:
         situations: effect of effort and long duels on the log-odds of a fault.
         share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
         opposite: whether striker and receiver have different hands; both are right-handed otherwise.
+        m_recovery: positions of receivers, in a file of their own; None: the model has none.
     """
 
     m_choice: Ensemble
@@ -89,6 +90,7 @@ class FittedModels:
     share: F64
     choices: PlayerChoices
     opposite: bool = False
+    m_recovery: MRecovery | None = None
 
     @property
     def choosers(self) -> dict[str, Ensemble]:
@@ -213,6 +215,7 @@ class FittedModels:
                     style=checked(arrays["players.style"], np.float64, styles),
                     area=checked(arrays["players.area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
                 ),
+                m_recovery=MRecovery(load_positions(folder)) if (folder / POSITIONS).is_file() else None,
             )
         except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError) as error:
             raise ModelError(f"{path}: no readable model ({error}); fit or install it again") from error

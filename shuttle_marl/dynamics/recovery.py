@@ -30,7 +30,7 @@ from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery, position_of
+from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recovery, position_of
 from shuttle_marl.game.shipped import POSITIONS, read_model
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 from shuttle_marl.game.tables import GameError
@@ -58,9 +58,8 @@ _PENALTY: Final = 20.0
 _ROUNDS: Final = 30
 _LIMIT: Final = 4.0
 _GROUP: Final = np.array([next((g for g, shots in enumerate(GROUPS.values()) if shot in shots), -1) for shot in SHOTS])
-_STATE: Final = ("incoming_shot", "own_area", "incoming_area", "contact", "hurried")
-_SIZES: Final = (N_SHOTS + 1, N_AREAS + 1, N_AREAS + 1, 2, 2)
-"""Values of :data:`_STATE`, the last of strokes: none; cells of people's positions hold the first 1, 2, 3 and 5 of them."""
+_SIZES: Final = tuple(PARTS.values())
+"""Cells of people's positions hold the first 1, 2, 3 and 5 of the parts."""
 _COMPONENTS: Final = ("return", "contact", "hurried")
 """Models whose outcomes the effects change; a winner is no return."""
 
@@ -177,7 +176,7 @@ def placed(rows: Rows) -> Bools:
 
 def people_at(recovery: Recovery, rows: Rows) -> tuple[Bools, F64]:
     """``[N]`` strokes whose context is known, and for these the probabilities ``[M, 9]`` of people's positions."""
-    codes = np.stack([rows.game_codes[name] for name in _STATE]).astype(np.int64)
+    codes = np.stack([rows.game_codes[name] for name in PARTS]).astype(np.int64)
     known = np.asarray((codes < np.array(_SIZES)[:, None]).all(axis=0))
     return known, recovery.people[tuple(codes[:, known])] / np.float64(CHOICE_ONE)
 
@@ -214,7 +213,7 @@ def _logistic(x: F64, label: Bools, offset: F64) -> F64:
 
 def _people(rows: Rows) -> U16:
     """:attr:`~shuttle_marl.game.recovery.Recovery.people` of strokes."""
-    codes = np.stack([rows.game_codes[name] for name in _STATE]).astype(np.int64)
+    codes = np.stack([rows.game_codes[name] for name in PARTS]).astype(np.int64)
     known = placed(rows) & (codes < np.array(_SIZES)[:, None]).all(axis=0)
     codes, waits = codes[:, known], np.eye(N_POSITIONS)[position_of(*rows.waiting[known].astype(np.float64).T)]
     share = waits.mean(axis=0)[None]

@@ -45,8 +45,8 @@ given the contact of a return."""
 STEP: Final = 2.0**-10
 """Difference of log-odds of one step of an effect."""
 _MOST_STEPS: Final = round(4 / STEP)
-_PARTS: Final = (N_SHOTS + 1, N_AREAS + 1, N_AREAS + 1, 2, 2)
-"""Incoming shot type, own area, incoming area (the last of each: none), contact, hurried."""
+PARTS: Final = {"incoming_shot": N_SHOTS + 1, "own_area": N_AREAS + 1, "incoming_area": N_AREAS + 1, "contact": 2, "hurried": 2}
+"""What people's positions depend on, and the number of its values; the last one of a previous stroke: none."""
 _ROUNDS: Final = 6
 """Rounds of the fixed point; more change no table of the shipped model."""
 _HURRY_ONE: Final = 1 << 8
@@ -116,7 +116,7 @@ class Recovery:
     def __post_init__(self) -> None:
         for name in ("people", "effect"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
-        if self.people.shape != (*_PARTS, N_POSITIONS) or (self.people.sum(axis=-1, dtype=np.int64) != CHOICE_ONE).any():
+        if self.people.shape != (*PARTS.values(), N_POSITIONS) or (self.people.sum(axis=-1, dtype=np.int64) != CHOICE_ONE).any():
             raise ShuttleError("positions of people: expected probabilities of nine positions in every cell")
         if self.effect.shape != (len(EFFECTS), N_SHOTS, N_AREAS, N_POSITIONS) or (np.abs(self.effect) > _MOST_STEPS).any():
             raise ShuttleError(f"effects of positions: expected at most {_MOST_STEPS} steps by shot type, area and position")
@@ -140,7 +140,7 @@ class Recovery:
         """
         _, arrays = tensors
         return cls(
-            checked(arrays["people"], np.uint16, (*_PARTS, N_POSITIONS)),
+            checked(arrays["people"], np.uint16, (*PARTS.values(), N_POSITIONS)),
             checked(arrays["effect"], np.int16, (len(EFFECTS), N_SHOTS, N_AREAS, N_POSITIONS)),
         )
 

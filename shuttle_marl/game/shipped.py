@@ -96,7 +96,7 @@ def load_game(name: str = "default") -> Game:
     origin = origin_named(name)
     if origin.recovery:
         game = dataclasses.replace(
-            load_game(origin._replace(recovery=False).name_in(str(origin.folder))), recovery=_load_recovery(origin.folder)
+            load_game(origin._replace(recovery=False).name_in(str(origin.folder))), recovery=load_positions(origin.folder)
         )
     elif origin.variant is None:
         game = Game.load(origin.folder / GAME)
@@ -107,7 +107,12 @@ def load_game(name: str = "default") -> Game:
     return game
 
 
-def _load_recovery(folder: Path) -> Recovery:
+def load_positions(folder: Path) -> Recovery:
+    """Where people wait, and what a position changes, in a model folder.
+
+    Raises:
+        GameError: the model has no positions, or they cannot be read.
+    """
     if not (folder / POSITIONS).is_file():
         raise GameError(f"{folder}: a model without positions of receivers; fit it to strokes that have them")
     try:
