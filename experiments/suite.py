@@ -5,8 +5,8 @@
 
 Every baseline and budget is a run of `python -m shuttle_marl.suite run` in a folder of its own; the cheapest runs come first.
 `--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues, and skips
-the rows that are there. Each row is the summary of a run with its commit. Boards in the documentation are made from them, and are
-updated as a whole: `--json` keeps the rows in FILE of the same game whose task, split and budget have no run in the folder.
+the rows that are there. Each row is the summary of a run with its commit. Boards in the documentation are made from them:
+`--json` keeps the rows in FILE of other boards, and of other methods in the same units.
 """
 
 import dataclasses
@@ -181,30 +181,40 @@ def run_job(job: Job) -> tuple[Job, float]:
 
 
 def rows_of(folder: Path) -> list[Row]:
-    """The rows of all finished runs, with the paired difference to the best method where the units are the same."""
+    """The rows of all finished runs."""
     rows: list[Row] = []
     for path in sorted(folder.glob(f"*/*/{ROW}")):
         about = json_format.loads((path.parent / runs.MANIFEST).read_text())
         row: Row = json_format.loads(path.read_text())
         rows.append({**row, "commit": about["git"]["commit"]})
+    return rows
+
+
+def compared(rows: list[Row]) -> list[Row]:
+    """Rows with the paired difference to the best method of the board, where the units are the same."""
     for board in boards(rows):
+        best = board["best"]
         for row in board["rows"]:
-            best = board["best"]
+            row.pop("behind", None)
             if best and row is not best and row["seeds"] == best["seeds"]:
                 row["behind"] = difference(best, row)
     return rows
 
 
-def kept_rows(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows in a file of results that stay: of boards that have none of the rows."""
-    if path is None or not path.exists() or not rows:
+def kept_rows(path: Path | None, rows: Sequence[Row]) -> list[Row]:
+    """Rows in a file of results that stay: of other boards, and of other methods in the same units."""
+    if path is None or not path.exists():
         return []
 
-    def board(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    def board(row: Row) -> tuple[Any, ...]:
         return row["task"], row["split"], row["budget"]
 
-    replaced = {board(row) for row in rows}
-    return [row for row in json_format.loads(path.read_text())["rows"] if board(row) not in replaced]
+    cases = {board(row): row["cases"] for row in rows}
+    again = {(*board(row), row["method"]) for row in rows}
+    before: list[Row] = json_format.loads(path.read_text())["rows"]
+    return [
+        row for row in before if cases.get(board(row), row["cases"]) == row["cases"] and (*board(row), row["method"]) not in again
+    ]
 
 
 def frontiers(config: Suite, path: Path | None, rows: Sequence[Row]) -> dict[str, dict[str, list[Point]]]:
@@ -223,7 +233,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
 
     Args:
         config: what to run.
-        json: write the results here too, with the rows of other boards that it holds.
+        json: write the results here too, with the rows that stay of those that it holds.
     """
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     if config.plan:
@@ -249,7 +259,8 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
             spent, estimated = spent + seconds, estimated + job.seconds
             console.print(_line(job, f"{seconds / 60:.1f} min, estimated {job.seconds / 60:.1f}"))
         rows = rows_of(folder)
-        save_results(folder, {"rows": [*kept_rows(json, rows), *rows], "frontiers": frontiers(config, json, rows)}, json)
+        everything = compared([*kept_rows(json, rows), *rows])
+        save_results(folder, {"rows": everything, "frontiers": frontiers(config, json, rows)}, json)
     left = f"; {len(waiting) - started} are left, --resume starts them" if started < len(waiting) else ""
     console.print(f"{len(rows)} runs are in {folder}{left}")
 

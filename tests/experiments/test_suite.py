@@ -28,6 +28,15 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
         assert row["recomputed"] is True
     run("experiments.suite", *flags, "--tasks", *tasks, "--split", "test", "--resume")
     assert [row["score"] for row in json.loads(results.read_text())["rows"]] == [row["score"] for row in rows]
+    # Another method joins its board, and the others stay.
+    more = [*flags[:-3], str(tmp_path / "more"), *flags[-2:], "--tasks", tasks[0], "--methods", "random"]
+    run("experiments.suite", *more, "--split", "test")
+    added = json.loads(results.read_text())["rows"]
+    assert [(row["task"], row["method"]) for row in added] == [
+        *((row["task"], row["method"]) for row in rows),
+        (tasks[0], "random"),
+    ]
+    assert [row["score"] for row in added[:-1]] == [row["score"] for row in rows]
     capsys.readouterr()
     assert suite(("board", "--results", str(results))) == 0
     assert "## equilibrium-entrance-v0, test" in capsys.readouterr().out
