@@ -267,12 +267,13 @@ def commit(
         out: file of the commitment.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.rounds import commit as made  # noqa: PLC0415  numba
-    from shuttle_marl.suite.rounds import write_commitment  # noqa: PLC0415
+    from shuttle_marl.suite.rounds import write  # noqa: PLC0415  numba
 
-    found = made(folder, task=task, method=method, author=author)
-    write_commitment(out, found)
-    fields = {"file": str(out), "hash": found.hash, "files": str(len(found.files))}
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise SuiteError(f"{out}: would change the code that is committed to; name a file outside with --out")
+    found = suite.commit(folder, task=task, method=method, author=author)
+    write(out, found)
+    fields = {"file": str(out), "hash": found.hash}
     cli.print_json(fields) if json_output else cli.console().print(cli.facts(fields))
 
 
@@ -288,10 +289,10 @@ def draw(
         out: file of the round.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.rounds import BEACON, write_round  # noqa: PLC0415  numba
+    from shuttle_marl.suite.rounds import BEACON, write  # noqa: PLC0415  numba
 
     found = suite.draw_round(commitments, beacon=beacon, randomness=randomness)
-    write_round(out, found)
+    write(out, found)
     fields = {"file": str(out), "beacon": f"{BEACON}/{beacon}", "entries": str(len(found.commitments))}
     cli.print_json(fields) if json_output else cli.console().print(cli.facts(fields))
 

@@ -9,14 +9,13 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, I64, Bools
 from shuttle_marl.exact.known import best_odds, pair_odds
-from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.frontier import POINTS, exploitabilities, gains
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import Split
-from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, Opponent, families, known, opponent
+from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, Opponent, families, known, luck, opponent
 from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
 
 CHANGES: Final = (0, 5, 20, 80, 240)
@@ -105,7 +104,7 @@ class Adapt(Task):
         for start, last in _blocks(against):
             if start in CHANGES:
                 tables[start] = table_of(called(self.name, agent.policy_for_next_rally), arena.game, self.name)
-            key = int(stream(seed, *words, start)[0] >> np.uint64(1))
+            key = luck(arena.split, arena.beacon, seed, *words, start)
             for rally in observed(arena.game, _met(against, tables, start), last - start, key):
                 called(self.name, agent.observe_rally, rally)
         return Outcome(policies={str(start): table for start, table in tables.items()})

@@ -7,10 +7,10 @@ boundary around this process (:mod:`.boundary`), not this file.
 """
 
 import contextlib
+import ctypes
 import importlib
 import inspect
 import io
-import json
 import operator
 import os
 import struct
@@ -23,6 +23,8 @@ from typing import IO, Any, Final
 import numpy as np
 
 _LENGTH: Final = struct.Struct("<Q")
+_JOIN_SESSION_KEYRING: Final = {"x86_64": (250, 1, None), "aarch64": (219, 1, None)}
+"""System call by machine."""
 _MOST: Final = 1 << 30
 """Largest size of a message, packed and unpacked [bytes]."""
 
@@ -126,6 +128,8 @@ def main(name: str, folder: str, work: str) -> None:
     """Make the method, and answer until the other side ends."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the method prints
+    if (join := _JOIN_SESSION_KEYRING.get(os.uname().machine)) is not None:  # else units of a login share its keys
+        ctypes.CDLL(None).syscall(*join)
     sys.path.append(folder)
 
     def send(pipe: IO[bytes], **arrays: Any) -> None:
@@ -148,8 +152,6 @@ def main(name: str, folder: str, work: str) -> None:
         while True:
             if (call := str(fields.pop("call"))) == "player":
                 result = made
-            elif call == "answer":
-                result = made.answer(json.loads(str(fields["position"])))
             elif call == "policy_for_next_rally":
                 result = made.policy_for_next_rally()
             else:

@@ -22,7 +22,6 @@ from shuttle_marl.suite.task import Task
 from shuttle_marl.suite.verify import TOLERANCE, verify_run
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_CHECKED: Final = {True: "recomputed", False: "not recomputed", None: "not recomputed"}
 _LONGEST: Final = 60
 """Characters of a name that are shown."""
 
@@ -65,7 +64,7 @@ def standing(row: Row) -> str:
     """The class of a row, and what supports it."""
     if reran := row.get("reran_by"):
         return f"rerun by {', '.join(reran)}"
-    return f"self-reported, {_CHECKED[row.get('recomputed')]}"
+    return f"self-reported, {'recomputed' if row.get('recomputed') else 'not recomputed'}"
 
 
 def rows_of(
@@ -105,7 +104,7 @@ def rows_of(
             if folder in reran:
                 if row["commitment"] is None:
                     raise SuiteError("is no rerun of a round; name it as a folder")
-                row["reran_by"] = [store.read_rerun(folder).by]
+                row["reran_by"] = [store.read(folder / store.RERUN, store.Rerun, "; `suite rerun` writes it").by]
             if _is_new(row, rows):
                 rows.append(row)
         except Exception as error:
@@ -125,7 +124,7 @@ def _is_new(row: Row, rows: Sequence[Row]) -> bool:
         if any(other[key] != row[key] for key in ("task", "split", "budget", "cases", "seeds")):
             continue
         same = other["outputs"] == row["outputs"]
-        if row["commitment"] is not None and row["commitment"] == other["commitment"]:
+        if other.get("reran_by") and row["commitment"] == other["commitment"]:
             if abs(row["score"] - other["score"]) > TOLERANCE or not same:
                 raise SuiteError(f"says {row['score']:.4f}; the code gave {other['score']:.4f} when it was rerun")
             other["reran_by"] = sorted({*other.get("reran_by", ()), *row.get("reran_by", ())})

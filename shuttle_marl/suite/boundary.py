@@ -8,6 +8,7 @@ There is no network, no other process, no privilege, and no file of anybody. A p
 import contextlib
 import dataclasses
 import os
+import secrets
 import shlex
 import shutil
 import subprocess
@@ -21,7 +22,6 @@ from shuttle_marl.suite.options import SuiteError
 
 CODE: Final = "/code"
 """Folder of the code inside."""
-_NOBODY: Final = 65534
 _SHOWN: Final = ("/usr", "/bin", "/lib", "/lib64", "/etc/ld.so.cache", "/etc/alternatives")
 _DEVICES: Final = ("null", "zero", "urandom")
 _SECONDS: Final = 120.0
@@ -54,6 +54,11 @@ class Boundary(Protocol):
         ...
 
 
+def _nobody() -> str:
+    """Another user for each process: the kernel keeps keys of a user, in which a unit could leave notes for the next one."""
+    return str((1 << 30) + secrets.randbelow(1 << 29))
+
+
 @dataclasses.dataclass(frozen=True)
 class Container:
     """A container of an image with Python and NumPy."""
@@ -63,7 +68,8 @@ class Container:
 
     def command(self, code: Path, arguments: Sequence[str]) -> list[str]:
         """See :class:`Boundary`."""
-        limits = ("--network=none", f"--user={_NOBODY}:{_NOBODY}", "--read-only", "--cap-drop=ALL", "--pids-limit=512")
+        nobody = _nobody()
+        limits = ("--network=none", f"--user={nobody}:{nobody}", "--read-only", "--cap-drop=ALL", "--pids-limit=512")
         options = [*limits, "--security-opt=no-new-privileges", "--tmpfs=/tmp:rw,mode=1777", f"--volume={code}:{CODE}:ro"]
         set_ = [f"--env={each}" for each in _ENVIRONMENT]
         return [self.name, "run", "--rm", "--interactive", *options, *set_, self.image, "python", "-I", *arguments]
@@ -77,9 +83,9 @@ class Namespaces:
 
     def command(self, code: Path, arguments: Sequence[str]) -> list[str]:
         """See :class:`Boundary`."""
-        root = os.geteuid() == 0
+        root, nobody = os.geteuid() == 0, _nobody()
         apart = ["unshare", "--mount", "--net", "--ipc", "--uts", "--pid", "--fork", "--kill-child"]
-        user = [f"--reuid={_NOBODY}", f"--regid={_NOBODY}", "--clear-groups"] if root else []
+        user = [f"--reuid={nobody}", f"--regid={nobody}", "--clear-groups"] if root else []
         drop = ["setpriv", *user, "--no-new-privs", "--inh-caps=-all", "--bounding-set=-all"]
         inside = ["env", "-i", *_ENVIRONMENT, *drop, sys.executable, "-I", *arguments]
         steps = ["set -e", "mount --make-rprivate /", "cd /", *_mounts(code), f"exec chroot {_ROOT} {shlex.join(inside)}"]

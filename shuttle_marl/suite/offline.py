@@ -15,7 +15,6 @@ from shuttle_marl.base.files import Fraction, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.version import solvers_hash
-from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import cached_table
@@ -24,7 +23,7 @@ from shuttle_marl.recording.logs import Log, blank, play_log
 from shuttle_marl.suite.frontier import POINTS, exploitabilities
 from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import Split, SuiteError
-from shuttle_marl.suite.population import mixture
+from shuttle_marl.suite.population import luck, mixture
 from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
 
 OPPONENT: Final = "human:0.05"
@@ -84,7 +83,7 @@ def behaviour(arena: Arena, name: str) -> TabulatedPolicy:
 @functools.lru_cache(maxsize=2)
 def generate(arena: Arena, name: str, strokes: int, seed: int) -> Log:
     """The log of a behaviour policy against :data:`OPPONENT`; arguments of :func:`shuttle_marl.recording.logs.play_log`."""
-    key = int(stream(seed, arena.split == "dev", strokes)[0] >> np.uint64(1))
+    key = luck(arena.split, arena.beacon, seed, arena.split == "dev", strokes)
     return play_log((behaviour(arena, name), arena.policy(OPPONENT)), strokes, key)
 
 

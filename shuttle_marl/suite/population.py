@@ -17,6 +17,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
 from shuttle_marl.game.court import BACK, third_of
+from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.policy import baselines
@@ -135,6 +136,13 @@ def rng_of(name: str, split: Split, beacon: str | None, words: str) -> np.random
     seed = beacon if split == "round" else f"{name} {split}"
     digest = hashlib.sha256(f"{seed} {words}".encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:16], "big"))
+
+
+def luck(split: Split, beacon: str | None, *numbers: int) -> int:
+    """Seed of rallies: who knows the draws learns far more from a rally, so in a round nobody knows them before the beacon."""
+    if split == "round":
+        return int(rng_of("luck", split, beacon, repr(numbers)).integers(1 << 63))
+    return int(stream(*numbers)[0] >> np.uint64(1))
 
 
 def mixture(game: Game, policies: Sequence[TabulatedPolicy], weights: Sequence[float] | F64) -> TabulatedPolicy:

@@ -189,7 +189,9 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
     write_card(out, Card(method=target.stem, tuning_strokes=0))
     method = "program:perl player.pl" if language == "perl" else f"my_{module}:{attribute}"
     if language == "apart":
-        return command("suite", "commit", ".", "--task", task, "--method", method, "--author", "NAME")
+        return command(
+            "suite", "commit", ".", "--task", task, "--method", method, "--author", "NAME", "--out", "../commitment.json"
+        )
     return command("suite", "run", task, "--method", method, "--quick")
 
 

@@ -5,7 +5,6 @@ unit starts a new process. This process plays the game, counts the strokes, and 
 """
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +13,6 @@ import numpy as np
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.programs import Program
 from shuttle_marl.env.vector import RallyVectorEnv
-from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import observations
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.kernel import RallyBatch
@@ -24,6 +22,7 @@ from shuttle_marl.suite.adapt import AdaptSetting
 from shuttle_marl.suite.boundary import CODE, Boundary
 from shuttle_marl.suite.exploit import OPPONENT, PlayerSetting, Trained
 from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.population import luck
 from shuttle_marl.suite.task import Setting
 
 _MOST_RALLIES: Final = 1 << 16
@@ -39,6 +38,7 @@ class RemoteMethod:
     name: str
     folder: Path
     boundary: Boundary
+    beacon: str
 
     def __call__(self, setting: Setting) -> Any:
         """The trained player, or the object that the method made.
@@ -56,7 +56,7 @@ class Session:
     """A method in a process of its own; :attr:`used` counts the strokes of the learner."""
 
     def __init__(self, method: RemoteMethod, setting: Setting) -> None:
-        self._setting, self.game, self.used, self._resets = setting, setting.game, 0, 0
+        self._setting, self.game, self._beacon, self.used, self._started = setting, setting.game, method.beacon, 0, 0
         self._opponents: list[TabulatedPolicy] = []
         if isinstance(setting, PlayerSetting) and setting.opponent is not None:
             self._opponents = [resolve(setting.opponent, self.game)]  # type: ignore[list-item]
@@ -104,8 +104,9 @@ class Session:
         number, opponent = int(request["reset"]), int(request["opponent"])
         if not self._budget or not 1 <= number <= _MOST_RALLIES:
             raise SuiteError(f"{number} rallies: tasks that train players have 1 to {_MOST_RALLIES} at once")
-        self._resets += 1
-        seed = int(stream(self._setting.seed, self._resets)[0] >> np.uint64(1))
+        if (started := self._started + number) > self._budget:  # each shows a serve
+            raise SuiteError(f"more rallies were reset than the budget of {self._budget:,} strokes")
+        self._started, seed = started, luck("round", self._beacon, self._setting.seed, started)
         if self._opponents:
             against = self._opponents[opponent]
             self._batch: RallyBatch | RallyVectorEnv = RallyVectorEnv(
@@ -122,13 +123,13 @@ class Session:
 
     def _step(self, request: dict[str, Any]) -> dict[str, Any]:
         actions, batch = request["step"], self._batch
-        if self.used + len(actions) > self._budget:
+        if (used := self.used + len(actions) + len(request.get("positions", ()))) > self._budget:
             raise SuiteError(f"the budget of {self._budget:,} strokes is used up")
         if isinstance(batch, RallyBatch):
             reward, over = batch.step(actions, request.get("positions"))
         else:
             reward, over = batch.step(actions)[1:3]
-        self.used += len(actions)
+        self.used = used
         return {**self._seen(), "reward": reward, "over": over}
 
     def _policy(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -181,10 +182,6 @@ class Session:
         """Values of policies."""
         self._policies = policies
         return self._ask(call="estimate", policies=len(policies), **self._arrays(log)).get("values")
-
-    def answer(self, position: Any) -> Any:
-        """The name of a stroke."""
-        return str(self._ask(call="answer", position=json.dumps(position)).get("text"))
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """What is played next."""

@@ -38,8 +38,7 @@ class Row(TypedDict):
         access: what the method says that it reads; methods that were rerun get samples alone.
         commitment: hash of the code of an entry of a round.
         metric, score, low, high: the main score with its interval.
-        worst, worst_case: the main score of the worst case.
-        exploitability: if the task scores it.
+        worst: the main score of the worst case.
         seconds, strokes: sums over all units, as they are declared.
         outputs: hash of all policies and answers; runs with the same ones are the same.
         remarks: what a reader should know.
@@ -68,8 +67,6 @@ class Row(TypedDict):
     low: float | None
     high: float | None
     worst: float
-    worst_case: str
-    exploitability: float | None
     seconds: float
     strokes: int
     scores: dict[str, Bounds]
@@ -117,8 +114,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         scores = {name: {"value": each["value"], "low": None, "high": None} for name, each in scores.items()}
     main, remarks = scores[task.metric], _remarks(task, config, card, units, different)
     by_unit = units_of(counting, entries, task.metric, task.metric)
-    middles = {case: _middles({case: seeds})[0] for parts in by_unit.values() for case, seeds in parts.items()}
-    worst = (min if task.higher_is_better else max)(middles, key=lambda case: middles[case])
+    middles = [middle for parts in by_unit.values() for middle in _middles(parts)]
     return {
         "task": task.name,
         "author": author_of(config, card),
@@ -137,9 +133,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "score": main["value"],
         "low": main["low"],
         "high": main["high"],
-        "worst": middles[worst],
-        "worst_case": worst,
-        "exploitability": scores["exploitability"]["value"] if "exploitability" in scores else None,
+        "worst": min(middles) if task.higher_is_better else max(middles),
         "seconds": float(sum(entry.seconds for entry in units)),
         "strokes": sum(entry.strokes or 0 for entry in units),
         "scores": scores,

@@ -47,21 +47,16 @@ class Commitment:
     """Code that an author commits to.
 
     Attributes:
-        date: in UTC, to the second.
-        files: SHA-256 of each file by its path in the folder.
+        date: in UTC, to the second, as the author says.
+        hash: SHA-256 of the task, the author, the method and the files. It tells nothing of the code, and that of another author
+            differs, so nobody can commit to the code of others.
     """
 
     task: store.Name
     author: Stated
     method: Annotated[str, msgspec.Meta(pattern=_METHOD)]
-    date: dt.datetime
-    files: Annotated[dict[str, Sha256], msgspec.Meta(min_length=1, max_length=_FILES)]
-
-    @property
-    def hash(self) -> str:
-        """SHA-256 of the task, the method and the files; not of the author and the date, so that copies are found."""
-        words = [self.task, self.method, *(f"{digest} {path}" for path, digest in sorted(self.files.items()))]
-        return content_hash("\n".join(words).encode())
+    date: Annotated[dt.datetime, msgspec.Meta(tz=True)]
+    hash: Sha256
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -74,7 +69,7 @@ class Round:
         commitments: oldest first.
     """
 
-    beacon: Annotated[int, msgspec.Meta(ge=1, le=1 << 40)]
+    beacon: Annotated[int, msgspec.Meta(ge=1, le=1 << 36)]
     randomness: Sha256
     commitments: Sequence[Commitment]
 
@@ -110,10 +105,12 @@ def commit(folder: Path, *, task: str, method: str, author: str, now: dt.datetim
     if "round" not in find_task(task).splits:
         raise SuiteError(f"{task} has no rounds")
     date = (now or dt.datetime.now(dt.UTC)).replace(microsecond=0)
+    if not (files := _files(folder)):
+        raise SuiteError(f"{folder}: has no files")
+    words = [task, author, method, *(f"{digest} {name}" for name, digest in files.items())]
+    found = {"task": task, "author": author, "method": method, "date": date, "hash": content_hash("\n".join(words).encode())}
     try:
-        return msgspec.convert(
-            {"task": task, "author": author, "method": method, "date": date, "files": _files(folder)}, Commitment
-        )
+        return msgspec.convert(found, Commitment)
     except msgspec.ValidationError as error:
         raise SuiteError(f"no commitment: {error}") from error
 
@@ -136,11 +133,6 @@ def _files(folder: Path) -> dict[str, str]:
     return found
 
 
-def write_commitment(path: Path, found: Commitment) -> None:
-    """Write a commitment as a sealed file."""
-    replace_sealed(path, msgspec.to_builtins(found))
-
-
 def draw_round(commitments: Sequence[Path], *, beacon: int, randomness: str, now: dt.datetime | None = None) -> Round:
     """A round from files of commitments.
 
@@ -150,33 +142,35 @@ def draw_round(commitments: Sequence[Path], *, beacon: int, randomness: str, now
         now: time; None: that of the clock.
 
     Raises:
-        SuiteError: the beacon has not appeared yet, a commitment was made after it, two are of one author, or one is a copy.
+        SuiteError: the beacon has not appeared yet, a commitment was made after it, or two are of one author.
     """
-    drawn = time_of(beacon)
-    if drawn > (now or dt.datetime.now(dt.UTC)):
+    if (drawn := time_of(beacon)) > (now or dt.datetime.now(dt.UTC)):
         raise SuiteError(f"round {beacon} of the beacon appears at {drawn:%Y-%m-%d %H:%M:%S} UTC")
     found = sorted((store.read(path, Commitment, sealed=True) for path in commitments), key=lambda each: each.date)
-    seen: dict[tuple[str, str], Commitment] = {}
-    for each in found:
+    return _checked(Round(beacon=beacon, randomness=checked_beacon(randomness), commitments=found))
+
+
+def _checked(found: Round) -> Round:
+    """A round, which a stranger may have written, if its commitments are possible."""
+    drawn, seen = time_of(found.beacon), dict[tuple[str, str], Commitment]()
+    for each in found.commitments:
         find_task(each.task)
         if each.date >= drawn:
             raise SuiteError(
-                f"{each.author}: committed at {each.date:%Y-%m-%d %H:%M:%S}, not before the beacon of {drawn:%H:%M:%S}"
+                f"{each.author}: committed at {each.date:%Y-%m-%d %H:%M:%S}, not before the beacon of {drawn:%Y-%m-%d %H:%M:%S}"
             )
-        for key, what in (((each.task, _plain(each.author)), "the name"), ((each.task, each.hash), "the code")):
-            if key in seen:
-                raise SuiteError(f"{each.author}: has {what} of {seen[key].author}, who committed first; one entry of an author")
-            seen[key] = each
-    return Round(beacon=beacon, randomness=checked_beacon(randomness), commitments=found)
+        if (first := seen.setdefault((each.task, _plain(each.author)), each)) is not each:
+            raise SuiteError(f"{each.author}: has the name of {first.author}, who committed first; one entry of an author")
+    return found
 
 
 def _plain(name: str) -> str:
     """A name without what cannot be told apart at a glance."""
-    return re.sub("[^a-z]", "", name.casefold().translate(_LOOKS)).replace("rn", "m")
+    return re.sub("[^a-z0-9]", "", name.casefold().translate(_LOOKS)).replace("rn", "m")
 
 
-def write_round(path: Path, found: Round) -> None:
-    """Write a round as a sealed file."""
+def write(path: Path, found: Commitment | Round) -> None:
+    """Write a commitment or a round as a sealed file."""
     replace_sealed(path, msgspec.to_builtins(found))
 
 
@@ -188,17 +182,21 @@ def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, c
         folder: code of the author.
 
     Raises:
-        SuiteError: the round has other randomness, the code is not that of the commitment, or there is no boundary here.
+        SuiteError: the round is impossible or has other randomness, the code is not that of the commitment, or there is no
+            boundary here.
     """
-    found = store.read(path, Round, sealed=True)
+    found = _checked(store.read(path, Round, sealed=True))
     if found.randomness != checked_beacon(asked.randomness):
         raise SuiteError(f"{path}: its randomness is not that of round {found.beacon} of the beacon, see {BEACON}/{found.beacon}")
     entry = found.entry(asked.task, asked.author)
-    if changed := sorted({*entry.files.items()} ^ {*_files(folder).items()}):
-        raise SuiteError(f"{folder}: {changed[0][0]} is not the file of the commitment of {entry.date:%Y-%m-%d %H:%M:%S} UTC")
+    if commit(folder, task=entry.task, method=entry.method, author=entry.author).hash != entry.hash:
+        raise SuiteError(
+            f"{folder}: is not the code of the commitment of {entry.date:%Y-%m-%d %H:%M:%S} UTC; "
+            "a file was changed, added or left out"
+        )
     with tempfile.TemporaryDirectory() as place:
         code = Path(place) / "code"
-        for name in entry.files:
+        for name in _files(folder):
             (code / "entry" / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / name, code / "entry" / name)
         shutil.copyfile(apart.__file__, code / "apart.py")
@@ -207,7 +205,7 @@ def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, c
         boundary = find_boundary(code, asked.image)
         committed = Committed(
             hash=entry.hash,
-            method=RemoteMethod(entry.method, code, boundary),
+            method=RemoteMethod(entry.method, code, boundary, found.randomness),
             card=Card(method=entry.method, authors=asked.author, access="samples"),
             rerun=store.Rerun(by=asked.by, boundary=boundary.name, round=content_hash(path.read_bytes())),
         )

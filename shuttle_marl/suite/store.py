@@ -175,11 +175,6 @@ def read_card(folder: Path) -> Card:
     return read(folder / CARD, Card) if (folder / CARD).exists() else Card()
 
 
-def read_rerun(folder: Path) -> Rerun:
-    """Who reran the code of a run."""
-    return read(folder / RERUN, Rerun, "; `suite rerun` writes it")
-
-
 def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:
     """The unit of a case, with what can be checked without computing anything.
 

@@ -2,6 +2,7 @@
 
 # ruff: noqa: PTH123, PTH208
 
+import ctypes
 import os
 import pathlib
 import socket
@@ -31,11 +32,12 @@ def learner(setting: Any) -> Any:
     if setting.opponents:
         assert (setting.reset(64) != state).any(), "each reset has other luck"
     worth, state = np.zeros(n), setting.reset(64)
-    for _ in range(setting.budget // 64):
+    together = len(setting.feasible) > 0 and not setting.opponents
+    for _ in range(setting.budget // (128 if together else 64)):
         places = setting.feasible[state].argmax(axis=1) if len(setting.feasible) else np.zeros(64, np.int64)
         strokes = np.array([rng.choice(np.flatnonzero(mask)) for mask in setting.mask[state]])
         actions = np.where(setting.waits, n + places, strokes)
-        alone = (places,) if len(setting.feasible) and not setting.opponents else ()
+        alone = (places,) if together else ()
         waits = setting.waits
         state, reward, _ = setting.step(actions, *alone)
         np.add.at(worth, strokes[~waits], reward[~waits])
@@ -168,6 +170,19 @@ def subclass(setting: Any) -> Any:
 
 def writes(setting: Any) -> Any:
     return pathlib.Path(__file__).write_text("", encoding="utf-8")
+
+
+def notes(setting: Any) -> Any:
+    """Keeps a note in the keys of the session, the user and the user's session, and reads that of the unit before."""
+    kernel = ctypes.CDLL(None)
+    assert [kernel.syscall(250, 10, ring, b"user", b"note", 0) for ring in (-3, -4, -5)] == [-1] * 3, "a note of a unit before"
+    for ring in (-3, -4, -5):
+        kernel.syscall(248, b"user", b"note", b"the opponent", 12, ring)
+    for _ in range(setting.budget // 4096):
+        setting.reset(4096)
+    with pytest.raises(RuntimeError, match="more rallies were reset than the budget"):  # each shows a serve of the opponent
+        setting.reset(4096)
+    return First()
 
 
 def prints(setting: Any) -> Any:

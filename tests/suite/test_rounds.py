@@ -1,8 +1,11 @@
 """Rounds: commitments, draws, reruns behind a boundary, and what a competitor tries."""
 
+import dataclasses
 import datetime as dt
 import json
 import os
+import platform
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -20,9 +23,10 @@ from shuttle_marl.suite import boundary, store
 from shuttle_marl.suite.board import boards, called, render, rows_of
 from shuttle_marl.suite.boundary import Container, Namespaces, find_boundary
 from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, VerifyOptions
+from shuttle_marl.suite.population import luck
 from shuttle_marl.suite.registry import new_submission
 from shuttle_marl.suite.results import Row
-from shuttle_marl.suite.rounds import Commitment, commit, draw_round, rerun, time_of, write_commitment, write_round
+from shuttle_marl.suite.rounds import Commitment, Round, commit, draw_round, rerun, time_of, write
 from tests.reduced import reduced_model
 from tests.suite import small
 
@@ -72,15 +76,15 @@ def code(place: Path, source: str = METHODS) -> Path:
 
 def entered(place: Path, folder: Path, method: str, *, task: str = TASK, author: str = "alice", randomness: str = RANDOM) -> Path:
     """The file of a round with one entry."""
-    write_commitment(place / "commitment.json", commit(folder, task=task, method=method, author=author, now=BEFORE))
+    write(place / "commitment.json", commit(folder, task=task, method=method, author=author, now=BEFORE))
     path = place / "round.json"
-    write_round(path, draw_round([place / "commitment.json"], beacon=BEACON, randomness=randomness))
+    write(path, draw_round([place / "commitment.json"], beacon=BEACON, randomness=randomness))
     return path
 
 
-def reran(place: Path, path: Path, folder: Path, task: str = TASK) -> Path:
+def reran(place: Path, path: Path, folder: Path, task: str = TASK, seeds: int | None = None) -> Path:
     asked = RerunOptions(task=task, author="alice", randomness=RANDOM, by="bob")
-    return rerun(path, folder, asked, Resources(quick=True, game=reduced_model(), out=place / "run"))
+    return rerun(path, folder, asked, Resources(quick=True, game=reduced_model(), out=place / "run", seeds=seeds))
 
 
 def row_of(*folders: Path, reran: tuple[Path, ...] = ()) -> tuple[list[Row], list[str]]:
@@ -101,8 +105,11 @@ def test_a_round_from_commitment_to_board(
     folder = code(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("shuttle_marl.suite.rounds.time_of", lambda beacon: dt.datetime.now(dt.UTC))
-    made = told("commit", str(folder), "--task", TASK, "--method", "strange:learner", "--author", "alice")
-    assert made["files"] == "1"
+    words = ("commit", str(folder), "--task", TASK, "--method", "strange:learner", "--author", "alice")
+    assert main((*words, "--out", str(folder / "commitment.json"))) == 1
+    assert "would change the code" in capsys.readouterr().err
+    made = told(*words)
+    assert made["hash"] == json.loads(Path("commitment.json").read_text())["hash"]
     monkeypatch.setattr("shuttle_marl.suite.rounds.time_of", lambda beacon: dt.datetime.now(dt.UTC) + dt.timedelta(days=1))
     assert main(("round", "commitment.json", "--beacon", "9", "--randomness", RANDOM)) == 1
     assert "appears at" in capsys.readouterr().err
@@ -115,8 +122,8 @@ def test_a_round_from_commitment_to_board(
     shutil.copytree(folder, elsewhere / "copy")
     scores = []
     for by, place in (("alice", folder), ("bob", elsewhere / "copy")):
-        words = ["--task", TASK, "--author", "alice", "--randomness", RANDOM, "--by", by, "--quick", "--game", reduced_model()]
-        found = told("rerun", "round.json", str(place), *words, "--out", str(tmp_path / f"run-{by}"))
+        asked = ["--task", TASK, "--author", "alice", "--randomness", RANDOM, "--by", by, "--quick", "--game", reduced_model()]
+        found = told("rerun", "round.json", str(place), *asked, "--out", str(tmp_path / f"run-{by}"))
         assert found["access"] == "samples"
         assert found["strokes"] == 64 * (20_000 // 64)
         scores.append((found["score"], found["outputs"]))
@@ -175,7 +182,7 @@ def test_an_answer_table_fails_its_rerun(tmp_path: Path) -> None:
     assert found["score"] < 0.5 * found["scores"]["best"]["value"]
     # Answers that are put beside the code after the draw are not what was committed to.
     np.save(folder / "answers.npy", 1 - chance)
-    with pytest.raises(SuiteError, match=r"answers.npy is not the file of the commitment"):
+    with pytest.raises(SuiteError, match="is not the code of the commitment"):
         reran(tmp_path / "again", path, folder)
     # A folder with better policies than the code gives is left out.
     forged = tmp_path / "forged"
@@ -188,6 +195,9 @@ def test_an_answer_table_fails_its_rerun(tmp_path: Path) -> None:
     assert "the code gave" in left[0]
     ((alone,), _) = row_of(forged)
     assert alone["reran_by"] == []
+    # Without a rerun, who is listed first does not stand for the code.
+    (both, left) = row_of(forged, made)
+    assert (len(both), left) == (2, [])
 
 
 def load(name: str) -> Any:
@@ -224,6 +234,15 @@ def test_code_behind_the_boundary_reaches_nothing(method: str, reason: str, tmp_
         reran(tmp_path, entered(tmp_path, folder, f"strange:{method}"), folder)
 
 
+@needs_boundary
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="calls the kernel by numbers")
+def test_units_leave_no_notes(tmp_path: Path) -> None:
+    """Keys of the kernel outlive a process: a unit could tell the next one about the same opponent."""
+    folder = code(tmp_path)
+    made = reran(tmp_path, entered(tmp_path, folder, "strange:notes"), folder, seeds=2)
+    assert small.summary(made, RANDOM)["seeds"] == 2
+
+
 def test_an_invented_beacon_is_found(tmp_path: Path) -> None:
     folder = code(tmp_path)
     path = entered(tmp_path, folder, "strange:learner", randomness=OTHER)
@@ -238,21 +257,59 @@ def test_an_invented_beacon_is_found(tmp_path: Path) -> None:
 def commitments(tmp_path: Path, *made: Commitment) -> list[Path]:
     paths = [tmp_path / f"{number}.json" for number in range(len(made))]
     for path, each in zip(paths, made, strict=True):
-        write_commitment(path, each)
+        write(path, each)
     return paths
 
 
-def test_a_thief_and_a_twin_come_second(tmp_path: Path) -> None:
+def test_a_published_commitment_is_of_no_use_to_a_thief(tmp_path: Path) -> None:
+    """Who copies a commitment under another name and an earlier date stops no round, and has no code that fits."""
     folder = code(tmp_path)
     honest = commit(folder, task=TASK, method="strange:learner", author="alice", now=BEFORE)
-    thief = commit(folder, task=TASK, method="strange:learner", author="mallory", now=BEFORE + dt.timedelta(hours=1))
-    with pytest.raises(SuiteError, match="mallory: has the code of alice, who committed first"):
-        draw_round(commitments(tmp_path, thief, honest), beacon=BEACON, randomness=RANDOM)
-    (folder / "strange.py").write_text("x = 1\n")
+    thief = dataclasses.replace(honest, author="mallory", date=BEFORE - dt.timedelta(days=1))
+    drawn = draw_round(commitments(tmp_path, thief, honest), beacon=BEACON, randomness=RANDOM)
+    write(tmp_path / "round.json", drawn)
+    asked = RerunOptions(task=TASK, author="mallory", randomness=RANDOM, by="bob")
+    with pytest.raises(SuiteError, match="is not the code of the commitment"):
+        rerun(tmp_path / "round.json", folder, asked, Resources(quick=True, game=reduced_model(), out=tmp_path / "run"))
+
+
+def test_an_old_beacon_is_not_replayed(tmp_path: Path) -> None:
+    """A round file that a stranger wrote, with the randomness of a beacon that had appeared when the code was committed to."""
+    folder = code(tmp_path)
+    late = commit(folder, task=TASK, method="strange:learner", author="alice", now=DRAWN + dt.timedelta(days=1))
+    write(tmp_path / "round.json", Round(beacon=BEACON, randomness=RANDOM, commitments=[late]))
+    with pytest.raises(SuiteError, match="not before the beacon"):
+        reran(tmp_path, tmp_path / "round.json", folder)
+
+
+def test_nobody_knows_the_luck_of_a_round(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who knows the draws finds probabilities at the rate of a search, and in adapt which opponent it is."""
+    assert luck("round", RANDOM, 0, 1) != luck("round", OTHER, 0, 1)
+    assert luck("round", RANDOM, 0, 1) != luck("round", RANDOM, 0, 2)
+    assert luck("dev", None, 0, 1) == luck("test", None, 0, 1), "results of public splits"
+    for task in ("adapt-entrance-v0", "offline-v0"):
+        drawn: list[Any] = []
+
+        def of_others(*numbers: Any, drawn: list[Any] = drawn) -> int:
+            drawn.append(numbers)
+            return 7
+
+        monkeypatch.setattr(f"shuttle_marl.suite.{task.partition('-')[0]}.luck", of_others)
+        method = {"adapt": "minimax", "offline": "clone"}[task.partition("-")[0]]
+        small.run(task, method, tmp_path / task, split="round", beacon=RANDOM)
+        assert drawn
+        assert all(numbers[:2] == ("round", RANDOM) for numbers in drawn)
+
+
+def test_twins_come_second(tmp_path: Path) -> None:
+    folder = code(tmp_path)
+    honest = commit(folder, task=TASK, method="strange:learner", author="alice", now=BEFORE)
     for twin in ("ALICE", "a1ice", "a lice", "Alice."):
         copy = commit(folder, task=TASK, method="strange:learner", author=twin, now=BEFORE + dt.timedelta(hours=1))
         with pytest.raises(SuiteError, match="has the name of alice, who committed first"):
             draw_round(commitments(tmp_path, copy, honest), beacon=BEACON, randomness=RANDOM)
+    labs = [commit(folder, task=TASK, method="strange:learner", author=f"lab {number}", now=BEFORE) for number in (7, 8)]
+    assert len(draw_round(commitments(tmp_path, *labs), beacon=BEACON, randomness=RANDOM).commitments) == 2
     late = commit(folder, task=TASK, method="strange:learner", author="late", now=DRAWN)
     with pytest.raises(SuiteError, match="not before the beacon"):
         draw_round(commitments(tmp_path, late), beacon=BEACON, randomness=RANDOM)
@@ -271,18 +328,18 @@ def test_commitments_are_checked(tmp_path: Path) -> None:
             commit(folder, task=TASK, method=method, author="alice")
     with pytest.raises(SuiteError, match="has no rounds"):
         commit(folder, task="text-v0", method="strange:learner", author="alice")
+    made = commit(folder, task=TASK, method="strange:learner", author="alice", now=BEFORE)
     (folder / ".hidden").write_text("x")
-    assert set(commit(folder, task=TASK, method="strange:learner", author="alice").files) == {"strange.py"}
+    assert commit(folder, task=TASK, method="strange:learner", author="alice", now=BEFORE) == made
     (folder / "link").symlink_to("/etc/passwd")
     with pytest.raises(SuiteError, match="is a link"):
         commit(folder, task=TASK, method="strange:learner", author="alice")
-    path = tmp_path / "forged.json"
-    (folder / "link").unlink()
-    fields = msgspec.to_builtins(commit(folder, task=TASK, method="strange:learner", author="alice", now=BEFORE))
-    replace_sealed(path, {**fields, "files": {"../../x": "0" * 64}})
-    write_round(tmp_path / "round.json", draw_round([path], beacon=BEACON, randomness=RANDOM))
-    with pytest.raises(SuiteError, match="is not the file of the commitment"):
-        reran(tmp_path, tmp_path / "round.json", folder)
+    replace_sealed(tmp_path / "forged.json", {**msgspec.to_builtins(made), "date": "2024-01-01T00:00:00"})
+    with pytest.raises(SuiteError, match="date"):
+        draw_round([tmp_path / "forged.json"], beacon=BEACON, randomness=RANDOM)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SuiteError, match="has no files"):
+        commit(tmp_path / "empty", task=TASK, method="strange:learner", author="alice")
 
 
 def player(setting: Any) -> Any:
@@ -342,6 +399,7 @@ def test_the_probe_sees_what_it_must_not(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_containers_have_no_network_and_no_privileges(tmp_path: Path) -> None:
     command = Container("podman", "python:3.12").command(tmp_path, ["-c", "pass"])
-    for part in ("--network=none", "--read-only", "--cap-drop=ALL", "--user=65534:65534", f"--volume={tmp_path}:/code:ro"):
+    for part in ("--network=none", "--read-only", "--cap-drop=ALL", f"--volume={tmp_path}:/code:ro"):
         assert part in command
+    assert any(re.fullmatch(r"--user=(\d{10}):\1", part) for part in command)
     assert command[-5:] == ["python:3.12", "python", "-I", "-c", "pass"]

@@ -165,17 +165,17 @@ def test_references_bound_the_scale(tmp_path: Path) -> None:
     response = best_response(table("bc@0.5")).value.odds().rally - evaluate(table("minimax"), table("bc@0.5")).odds().rally
     assert summary(played(tmp_path, "best-response"))["scores"]["score"]["value"] == pytest.approx(100 * response, abs=1e-6)
     assert summary(played(tmp_path, "minimax"))["score"] == pytest.approx(0, abs=1e-6)
-    assert summary(played(tmp_path / "e", "minimax", "equilibrium-entrance-v0"))["exploitability"] == pytest.approx(0, abs=1e-6)
+    assert summary(played(tmp_path / "e", "minimax", "equilibrium-entrance-v0"))["score"] == pytest.approx(0, abs=1e-6)
     one, some = (summary(played(tmp_path, name))["scores"]["score"]["value"] for name in ("constant", "constant-by-incoming"))
     assert one < some < 100 * response
 
 
 def test_perfect_play_has_to_mix_where_positions_are_hidden(tmp_path: Path) -> None:
     hidden, plain = "equilibrium-v0", "equilibrium-entrance-v0"
-    risks = {task: summary(played(tmp_path / task, "minimax-deterministic", task))["exploitability"] for task in (hidden, plain)}
+    risks = {task: summary(played(tmp_path / task, "minimax-deterministic", task))["score"] for task in (hidden, plain)}
     assert risks[hidden] > 0.5
     assert risks[plain] == pytest.approx(0, abs=1e-6)
-    assert summary(played(tmp_path / "m", "minimax", hidden))["exploitability"] < 0.01
+    assert summary(played(tmp_path / "m", "minimax", hidden))["score"] < 0.01
 
 
 def test_estimates_of_the_opponent_are_answered(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_estimates_of_the_opponent_are_answered(tmp_path: Path) -> None:
 
 def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
     found = summary(played(tmp_path, "fictitious-play", "equilibrium-entrance-v0"))
-    assert 0 < found["exploitability"] < 0.2 * 50 * best_response(table("bc")).value.odds().value
+    assert 0 < found["score"] < 0.2 * 50 * best_response(table("bc")).value.odds().value
 
 
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:

@@ -12,13 +12,13 @@ def train(setting: Any) -> Any:
     """Learn within the budget of strokes; returns an object with probabilities, and positions where they are hidden."""
     n, rng = setting.mask.shape[1], np.random.default_rng(setting.seed)
     worth, state = np.zeros(n), setting.reset(256)
-    for _ in range(setting.budget // 256):
+    alone = len(setting.feasible) > 0 and not setting.opponents  # positions count as strokes
+    for _ in range(setting.budget // (512 if alone else 256)):
         strokes = np.where(setting.mask[state], rng.random((256, n)), -1).argmax(axis=1)
         waits, places = setting.waits, np.zeros(256, dtype=np.int64)
         if len(setting.feasible):
             places = np.where(setting.feasible[state], rng.random((256, 9)), -1).argmax(axis=1)
-        both = (places,) if len(setting.feasible) and not setting.opponents else ()
-        state, reward, _ = setting.step(np.where(waits, n + places, strokes), *both)
+        state, reward, _ = setting.step(np.where(waits, n + places, strokes), *((places,) if alone else ()))
         np.add.at(worth, strokes[~waits], reward[~waits])
     return Player(worth)
 
