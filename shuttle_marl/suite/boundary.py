@@ -16,7 +16,7 @@ import sys
 import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from shuttle_marl.suite.options import SuiteError
 
@@ -41,19 +41,6 @@ print(", ".join(name for name, seen in found.items() if seen))
 """
 
 
-class Boundary(Protocol):
-    """Runs Python inside."""
-
-    @property
-    def name(self) -> str:
-        """Such as ``unshare``."""
-        ...
-
-    def command(self, code: Path, arguments: Sequence[str]) -> list[str]:
-        """The command that runs Python with arguments inside, where a folder is :data:`CODE`."""
-        ...
-
-
 def _nobody() -> str:
     """Another user for each process: the kernel keeps keys of a user, in which a unit could leave notes for the next one."""
     return str((1 << 30) + secrets.randbelow(1 << 29))
@@ -67,7 +54,7 @@ class Container:
     image: str
 
     def command(self, code: Path, arguments: Sequence[str]) -> list[str]:
-        """See :class:`Boundary`."""
+        """The command that runs Python with arguments inside, where a folder is :data:`CODE`."""
         nobody = _nobody()
         limits = ("--network=none", f"--user={nobody}:{nobody}", "--read-only", "--cap-drop=ALL", "--pids-limit=512")
         options = [*limits, "--security-opt=no-new-privileges", "--tmpfs=/tmp:rw,mode=1777", f"--volume={code}:{CODE}:ro"]
@@ -82,7 +69,7 @@ class Namespaces:
     name: str = "unshare"
 
     def command(self, code: Path, arguments: Sequence[str]) -> list[str]:
-        """See :class:`Boundary`."""
+        """The command that runs Python with arguments inside, where a folder is :data:`CODE`."""
         root, nobody = os.geteuid() == 0, _nobody()
         apart = ["unshare", "--mount", "--net", "--ipc", "--uts", "--pid", "--fork", "--kill-child"]
         user = [f"--reuid={nobody}", f"--regid={nobody}", "--clear-groups"] if root else []
@@ -92,6 +79,8 @@ class Namespaces:
         return [*apart, *([] if root else ["--user", "--map-root-user"]), "sh", "-c", "\n".join(steps)]
 
 
+Boundary = Container | Namespaces
+"""What runs Python inside."""
 _ROOT: Final = "/mnt"
 """Where the file system of the inside is mounted, in a namespace of its own."""
 

@@ -39,7 +39,6 @@ _METHOD: Final = r"^[A-Za-z_][A-Za-z0-9_.]{0,79}:[A-Za-z_][A-Za-z0-9_.]{0,79}$"
 _FILES: Final = 1000
 _BYTES: Final = 1 << 30
 _LOOKS: Final = str.maketrans("01i5", "olls")
-Stated = Annotated[str, msgspec.Meta(pattern=_NAME)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,7 +52,7 @@ class Commitment:
     """
 
     task: store.Name
-    author: Stated
+    author: Annotated[str, msgspec.Meta(pattern=_NAME)]
     method: Annotated[str, msgspec.Meta(pattern=_METHOD)]
     date: Annotated[dt.datetime, msgspec.Meta(tz=True)]
     hash: Sha256

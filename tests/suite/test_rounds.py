@@ -24,9 +24,10 @@ from shuttle_marl.suite.board import boards, called, render, rows_of
 from shuttle_marl.suite.boundary import Container, Namespaces, find_boundary
 from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, VerifyOptions
 from shuttle_marl.suite.population import luck
-from shuttle_marl.suite.registry import new_submission
+from shuttle_marl.suite.registry import TASKS, arena_of, new_submission
 from shuttle_marl.suite.results import Row
 from shuttle_marl.suite.rounds import Commitment, Round, commit, draw_round, rerun, time_of, write
+from shuttle_marl.suite.task import Outcome
 from tests.reduced import reduced_model
 from tests.suite import small
 
@@ -299,6 +300,16 @@ def test_nobody_knows_the_luck_of_a_round(tmp_path: Path, monkeypatch: pytest.Mo
         small.run(task, method, tmp_path / task, split="round", beacon=RANDOM)
         assert drawn
         assert all(numbers[:2] == ("round", RANDOM) for numbers in drawn)
+
+
+def test_perfect_play_of_the_shipped_game_is_weak_in_drawn_ones() -> None:
+    """A table of answers beside the code is no rank in ``equilibrium`` either."""
+    task, game = TASKS["equilibrium-entrance-v0"], reduced_model()
+    shipped = arena_of(task, game, "test", budget=10**6).policy("minimax")
+    for beacon in (RANDOM, OTHER):
+        arena = arena_of(task, game, "round", budget=10**6, beacon=beacon)
+        outcome = Outcome(policies={"player": dataclasses.replace(shipped, game=arena.game)})
+        assert task.score(arena, task.cases(arena)[0], 0, outcome)["exploitability"] > 2
 
 
 def test_twins_come_second(tmp_path: Path) -> None:
