@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV ?= .venv
 # Matches per pair of policies in `make demo`.
 MATCHES ?= 200
-# Additional package index, for example one with CPU builds of PyTorch; see the README.
+# Additional package index, for example one with CPU builds of PyTorch; see CONTRIBUTING.md.
 TORCH_INDEX ?=
 # Additional flags of pytest, for example '-k league'.
 PYTEST_FLAGS ?=

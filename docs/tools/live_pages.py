@@ -1,7 +1,7 @@
 """Makes the pages of the site on which rallies play: ``python -m docs.tools.live_pages``.
 
 Each is a saved page of the live court, as ``shuttle_marl/watch/page/src/share.ts`` writes it from the browser: script, style,
-athletes, and the replies of the server, so it needs none. The players are shipped policies on the shipped game.
+athletes, and the replies of the server, so it needs none. The match is the default one of the live court.
 """
 
 import gzip
@@ -15,7 +15,8 @@ from typing import Final
 from docs.tools.markdown import ROOT
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.game.shipped import default_game
+from shuttle_marl.commands.watch import GAME, MatchOptions
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.building import build
@@ -26,10 +27,8 @@ from shuttle_marl.watch.stager import Stager
 
 FOLDER: Final = ROOT / "docs" / "site" / "extra" / "live"
 """Output folder, ignored by git."""
-SEED: Final = 11
-PLAYERS: Final = ("ppo", "bc")
-PAGES: Final = {"rally": range(4, 5), "match": range(12)}
-"""Rallies of each page, by its name. The motions of a page are exact, so a whole match would be large."""
+PAGES: Final = {"rally": (range(10, 11), 3), "match": (range(12), 1)}
+"""Rallies and first stroke of each page, by its name. The motions of a page are exact, so a whole match would be large."""
 _POLICY: Final = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; "
     "connect-src data: blob:; worker-src blob:; base-uri 'none'; form-action 'none'"
@@ -58,13 +57,14 @@ def base91(content: bytes) -> str:
     return out.decode("ascii")
 
 
-def saved_page(answers: Callable[[Request], bytes], plan: Plan, rallies: Iterable[int], built: Path) -> str:
+def saved_page(answers: Callable[[Request], bytes], plan: Plan, rallies: Iterable[int], stroke: int, built: Path) -> str:
     """HTML of a saved page.
 
     Args:
         answers: replies of the server, see :class:`shuttle_marl.watch.answers.Answers`.
         plan: the match.
         rallies: numbers of the rallies that the page has.
+        stroke: number of the stroke, from 1, of the first rally at which it opens.
         built: folder of the built page of the live court.
     """
     numbers = list(rallies)
@@ -79,7 +79,7 @@ def saved_page(answers: Callable[[Request], bytes], plan: Plan, rallies: Iterabl
         "replies": {key: _packed(reply) for key, reply in replies.items()},
         "models": {name: _packed(model_file(name).read_bytes()) for name in ATHLETES},
     }
-    address = f"#seed={plan.seed}&a={plan.sides[0].policy}&b={plan.sides[1].policy}&rally={numbers[0] + 1}&stroke=1"
+    address = f"#seed={plan.seed}&a={plan.sides[0].policy}&b={plan.sides[1].policy}&rally={numbers[0] + 1}&stroke={stroke}"
     title = html.escape(f"{plan.sides[0].policy} against {plan.sides[1].policy}")
     style = (built / "watch.css").read_text(encoding="utf-8").replace("</", "<\\/")
     script = (built / "watch.js").read_text(encoding="utf-8").replace("</script", "<\\/script").replace("<!--", "<\\!--")
@@ -109,12 +109,12 @@ def main(*, out: Path = FOLDER) -> None:
         out: Folder for them.
     """
     built = build(lambda words: sys.stderr.write(f"{words}\n"))
-    game = default_game()
-    plan = Plan.parse({"seed": SEED, "sides": [{"policy": name} for name in PLAYERS]})
-    answers = Answers(PolicyTables(game, PLAYERS), plan, Stager(("male", "female")))
+    game = load_game(GAME)
+    plan = MatchOptions().plan(game)
+    answers = Answers(PolicyTables(game), plan, Stager())
     out.mkdir(parents=True, exist_ok=True)
-    for name, rallies in PAGES.items():
-        page = saved_page(answers, plan, rallies, built).encode()
+    for name, (rallies, stroke) in PAGES.items():
+        page = saved_page(answers, plan, rallies, stroke, built).encode()
         replace_file(out / f"{name}.html", page)
         sys.stdout.write(f"{out / name}.html: {len(page) / 1e6:.1f} MB\n")
 

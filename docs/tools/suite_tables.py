@@ -50,12 +50,8 @@ def task_boards(kind: str) -> str:
     return "\n\n".join(text for name in names for text in [*map(_table, _boards(name))] or [_NONE.format(task=name)])
 
 
-def summary(folder: str) -> str:
-    """One line for each task: what it asks, and the best result.
-
-    Args:
-        folder: of the pages of the tasks, relative to that of the table.
-    """
+def summary() -> str:
+    """One line for each task: what it asks, and the best result."""
     rows = []
     for name, task in TASKS.items():
         question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".").replace("``", "`")
@@ -67,7 +63,7 @@ def summary(folder: str) -> str:
             best = (budget, f"`{called(row)}`", with_interval(row["scores"][task.metric]), gap)
         kind = "entrance" if task.entrance else ""
         score = f"{task.metric}, {task.unit}"
-        rows.append((f"[`{name}`]({folder}{kind_of(name)}.md)", question, ", ".join(task.hidden), kind, score, *best))
+        rows.append((f"[`{name}`]({kind_of(name)}.md)", question, ", ".join(task.hidden), kind, score, *best))
     headings = ("task", "question", "hidden", "", "score", "strokes", "best", "result", "open gap")
     return markdown(headings, rows, left=("task", "question", "hidden", "", "score", "best"))
 
@@ -118,10 +114,9 @@ def _yes(holds: bool) -> str:
 
 
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
-    "suite_summary": functools.partial(summary, ""),
+    "suite_summary": summary,
     "suite_frontier": frontiers,
     "suite_depth": depth,
-    "suite_board": functools.partial(summary, "docs/suite/"),
     **{f"suite_{kind}": functools.partial(task_boards, kind) for kind in dict.fromkeys(map(kind_of, TASKS))},
 }
 """Tables by name."""

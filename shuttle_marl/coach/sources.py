@@ -105,7 +105,8 @@ def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
     found = [match] if match in names else [name for name in names if named and all(part in bare(name) for part in parts)]
     if len(found) != 1:
         listed = ", ".join(map(printable, (found or names)[:_LISTED])) + (" …" if len(found or names) > _LISTED else "")
-        raise AnalysisError(f"--match {match or ''}: {len(found)} matches; expected words of one of these names: {listed}")
+        asked = "give --match" if match is None else f"--match {match}"
+        raise AnalysisError(f"{asked}: {len(found)} matches; expected words of one of these names: {listed}")
     return strokes.filter(pc.equal(strokes["match"], found[0]))
 
 

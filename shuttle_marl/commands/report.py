@@ -12,7 +12,7 @@ from shuttle_marl.commands.reports import ReportOptions
 from shuttle_marl.pages.languages import speaking
 
 _MODEL: Final = RallyGameOptions()
-_OPTIONS: Final = ReportOptions()
+_OUTPUT: Final = ReportOptions()
 
 
 def report(
@@ -23,7 +23,7 @@ def report(
     columns: Path | None = None,
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
     video: str | None = None,
-    options: tyro.conf.OmitArgPrefixes[ReportOptions] = _OPTIONS,
+    output: tyro.conf.OmitArgPrefixes[ReportOptions] = _OUTPUT,
 ) -> None:
     """Write a report of a match: its course, key moments, the value of shots, costly decisions, and habits that changed.
 
@@ -34,20 +34,20 @@ def report(
         columns: column map of a CSV file.
         model: game in which strokes are valued.
         video: address of the video with {seconds} where the time goes, such as https://example.org/watch?t={seconds}.
-        options: what is written.
+        output: what is written.
     """
     from shuttle_marl.coach import sources  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
 
     game = model.load_for(path)
-    with hands_told(options.hand), cli.working("analysing the match"), speaking(options.language):
+    with hands_told(output.hand), cli.working("analysing the match"), speaking(output.language):
         found, footage = sources.of_file(path, game, match, pairing=pairing, columns=columns)
     if video is not None:
         footage = dataclasses.replace(footage, video=sources.video_of(video))
-    if options.anonymous:
-        with speaking(options.language):
+    if output.anonymous:
+        with speaking(output.language):
             found, footage = sources.anonymous(found, footage)
-    options.write(found.as_json(), lambda: match_page(found, footage), "report.html")
+    output.write(found.as_json(), lambda: match_page(found, footage), "report.html")
 
 
 COMMANDS: Final = report

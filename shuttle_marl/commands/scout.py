@@ -12,7 +12,7 @@ from shuttle_marl.commands.options import hands_told
 from shuttle_marl.commands.reports import ReportOptions
 from shuttle_marl.pages.languages import speaking
 
-_OPTIONS: Final = ReportOptions()
+_OUTPUT: Final = ReportOptions()
 
 
 def scout(
@@ -24,7 +24,7 @@ def scout(
     game: str = "default",
     date: str | None = None,
     list_players: Annotated[bool, tyro.conf.arg(name="list")] = False,
-    options: tyro.conf.OmitArgPrefixes[ReportOptions] = _OPTIONS,
+    output: tyro.conf.OmitArgPrefixes[ReportOptions] = _OUTPUT,
 ) -> None:
     """Write a scouting report: a page for the player, how the opponent plays, and where the opponent can be hurt.
 
@@ -36,7 +36,7 @@ def scout(
         game: model of the game: a shipped one or a folder.
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
         list_players: list the players of the model instead.
-        options: what is written.
+        output: what is written.
     """
     from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
@@ -48,7 +48,7 @@ def scout(
 
     if list_players:
         listed = players_of(game)
-        if options.json_output:
+        if output.json_output:
             cli.print_json({"players": [plain(each) for each in listed]})
         else:
             cli.console().print(cli.scouted_rows(listed))
@@ -56,12 +56,12 @@ def scout(
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
     names = (player,) if opponent is None else (opponent, player)
-    with hands_told(options.hand), cli.working("analysing the match-up"):
+    with hands_told(output.hand), cli.working("analysing the match-up"):
         strokes = None if data is None else read_matches(data)
         report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
-    if options.anonymous:
+    if output.anonymous:
         names = (report.opponent.name,) if report.player is None else (report.opponent.name, report.player.name)
-        with speaking(options.language):
+        with speaking(output.language):
             letters = [words()(f"report.player_{letter}") for letter in "abc"]
         hidden = dict(zip(names[::-1], letters, strict=False))
         pair, other = report.pair, report.beside
@@ -71,7 +71,7 @@ def scout(
         other = None if other is None else (letters[2], other[1])
         report = dataclasses.replace(report.renamed(lambda name: hidden.get(name, letters[2])), pair=pair, beside=other)
     missing = () if strokes is None else gaps(strokes)
-    options.write(report.as_json(), lambda: scouting_page(report, missing), "scout.html")
+    output.write(report.as_json(), lambda: scouting_page(report, missing), "scout.html")
 
 
 COMMANDS: Final = scout

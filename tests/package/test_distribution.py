@@ -195,7 +195,7 @@ def test_every_file_states_the_version() -> None:
     assert json.loads((ROOT / ".zenodo.json").read_text())["version"] == version
     assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == version
     assert yaml.safe_load(RECIPE)["context"]["version"] == version
-    assert f"version = {{{version}}}" in (ROOT / "README.md").read_text()
+    assert f"version = {{{version}}}" in (ROOT / "docs/index.md").read_text()
     changelog = (ROOT / "CHANGELOG.md").read_text()
     (latest, *_) = re.findall(r"^## \[(\d[^\]]*)\] - \d{4}-\d\d-\d\d$", changelog, re.MULTILINE)
     if Version(version).is_devrelease:  # between two releases
