@@ -36,7 +36,7 @@ def install_hint(extra: str) -> str:
         command = f"`pip install -e {shlex.quote(f'{clone}[{extra}]')}`"
         return f"{command} installs it" if extra in _APART else f"`make install` in {clone} installs it, or {command}"
     # The package is on no index, so "pip install 'shuttle-marl[…]'" would fail.
-    return f"install the package again with its extra {extra}"
+    return f"install it again with its extra, in the clone by `pip install '.[{extra}]'`"
 
 
 def lacking(error: ModuleNotFoundError) -> str | None:

@@ -402,7 +402,7 @@ def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, 
         known = [(figure, value, away[figure]) for figure, value in home.items() if away is not None and value is not None]
         for i, (figure, value, there) in enumerate(known):
             # Exploitability is a value from 0 to 1, as everywhere; the others are probabilities.
-            written = (lambda part: f"{part:.3f}") if figure == "exploitability" else percent
+            written = (lambda part: f"{part:z.3f}") if figure == "exploitability" else percent
             mean, low, high = (written(min(1.0, max(0.0, float(part)))) for part in (there.value, there.low, there.high))
             table.add_row(Text("") if i else _name(name), _FIGURES[figure], written(value), mean, f"{low} to {high}")
     out.print(table)

@@ -90,6 +90,24 @@ def test_the_runner_runs_python_and_marked_bash(tmp_path: Path) -> None:
     assert "line 5: exit status 1 of:" in done.stdout
 
 
+COMMAND = re.compile(r"(?:python -m shuttle_marl[. ]|shuttle-marl )([a-z]\w+)([^\n`#|]*)")
+
+
+def test_every_option_that_pages_name_exists() -> None:
+    """The help of each command is a page of its own."""
+    helps = {page.stem: "".join(page.read_text().split("```text")[1:]) for page in ROOT.glob("docs/commands/*.md")}
+    known = {command: set(re.findall(r"--[a-z][a-z-]*", text)) for command, text in helps.items()}
+    found = [(page, *match) for page in PAGES for match in COMMAND.findall(page.read_text().replace("\\\n", " "))]
+    assert len(found) > 200
+    unknown = [
+        f"{page.relative_to(ROOT)}: {command} {option}"
+        for page, command, words in found
+        for option in re.findall(r"(?<=\s)--[a-z][a-z-]*", words)
+        if option not in known[command] | {"--help"}
+    ]
+    assert unknown == []
+
+
 REFERENCE = re.compile(r":\w+:`~?(shuttle_marl[\w.]*)`|(?:from|import) (shuttle_marl[\w.]*)|``(shuttle_marl(?:\.\w+)+)``")
 REFERRING = ("shuttle_marl", "docs", "benchmarks", "experiments")
 

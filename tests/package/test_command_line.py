@@ -157,7 +157,7 @@ def test_hints_fit_a_clone_and_an_installed_package(tmp_path: Path, monkeypatch:
     clone = Path(extras.__file__).parents[2]
     assert extras.install_hint("train") == f"`make install` in {clone} installs it, or `pip install -e '{clone}[train]'`"
     monkeypatch.setattr(extras, "__file__", str(tmp_path / "site-packages" / "shuttle_marl" / "base" / "extras.py"))
-    assert extras.install_hint("ray") == "install the package again with its extra ray"
+    assert extras.install_hint("ray") == "install it again with its extra, in the clone by `pip install '.[ray]'`"
 
 
 @pytest.mark.parametrize(
