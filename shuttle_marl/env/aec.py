@@ -570,7 +570,7 @@ class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
         twin.env = twin._raw = self._raw.fork(seed, belief)
         return twin
 
-    def last(self, observe: bool = True) -> tuple[Observation | None, float, bool, bool, dict[str, Any]]:
+    def last(self, observe: bool = True) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Observation, reward, terminated, truncated and info of the agent to move."""
         if not self._has_reset:
             EnvLogger.error_observe_before_reset()

@@ -120,6 +120,10 @@ class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
             self._full, self._views = full, {agent: self._view_of(agent, info) for agent, info in full.items()}
         return {agent: self._views[agent] for agent in full}
 
+    def last(self, observe: bool = True) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Observation, reward, terminated, truncated and info of the agent to move."""
+        return super().last(observe)
+
     def fork(self, seed: int | None = None, belief: Belief = None) -> Self:
         """Copy with fresh luck; see :meth:`shuttle_marl.env.aec.ShuttleEnv.fork`."""
         twin = copy.copy(self)

@@ -76,7 +76,7 @@ def with_efforts(game: Layout, rows: F32, state: Ints, receives: Bools | None = 
     return found
 
 
-def observations(game: Layout, state: Ints) -> F32:
+def observations(game: Layout, state: npt.ArrayLike) -> F32:
     """``[B, 60]`` what the striker sees in each of ``[B]`` states, as ``rally_v0`` shows it."""
     return with_efforts(game, features(game), np.asarray(state))
 

@@ -189,6 +189,21 @@ RECIPE = (ROOT / "conda/recipe.yaml").read_text(encoding="utf-8")
 CONDA = {"matplotlib": "matplotlib-base"}
 
 
+def test_workflows_pin_actions_and_read_only() -> None:
+    workflows = sorted((ROOT / ".github/workflows").glob("*.yml"))
+    assert len(workflows) > 3
+    for path in workflows:
+        text = path.read_text(encoding="utf-8")
+        assert yaml.safe_load(text)["permissions"] == {"contents": "read"}
+        foreign = [name for name in re.findall(r"uses: (\S+)", text) if not name.startswith("./")]
+        assert [name for name in foreign if not re.search(r"@[0-9a-f]{40}$", name)] == []
+
+
+def test_the_changelog_states_both_games() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert [name for name in ("default", "default:recovery") if shuttle_marl.load_game(name).hash not in text] == []
+
+
 def test_every_file_states_the_version() -> None:
     version = shuttle_marl.__version__
     assert json.loads((ROOT / "codemeta.json").read_text())["version"] == version
