@@ -24,7 +24,7 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
     rows = json.loads(results.read_text())["rows"]
     assert [row["task"] for row in rows] == list(tasks)
     for row in rows:
-        assert {"task", "method", "split", "score", "low", "high", "seeds", "exploitability", "seconds"} <= set(row)
+        assert {"task", "method", "split", "score", "low", "high", "seeds", "seconds"} <= set(row)
         assert row["recomputed"] is True
     run("experiments.suite", *flags, "--tasks", *tasks, "--split", "test", "--resume")
     assert [row["score"] for row in json.loads(results.read_text())["rows"]] == [row["score"] for row in rows]
