@@ -248,7 +248,8 @@ def test_a_person_recovers_to_a_position_that_nobody_sees_before_the_hit(viewer:
         viewer.page.set_viewport_size({"width": 480, "height": 700})
         viewer.open(f"{server.address}#seed=5&a=bc&b=bc&rally=1").analysed()
         viewer.seek(viewer.state("contacts")[-1])
-        assert re.search(r"waiting: .*perfect play would wait: .* \d+ %", viewer.page.locator(".waits").inner_text(), re.DOTALL)
+        shown = r"waiting: .*perfect play would wait: .* \d+ %"
+        viewer.until(lambda: re.search(shown, viewer.page.locator(".waits").inner_text(), re.DOTALL) is not None)
         viewer.press("w").enter("play")
         waits = 0
         while waits < 3:

@@ -1,9 +1,11 @@
 """Five states of the page look as in the stored pictures; ``PICTURES=write`` before ``pytest`` stores them anew.
 
 A state is a function of its address and a time: the playback is paused there, motion is reduced, and ``viewer.draw()`` draws it.
-Renderers and fonts differ a little between machines, so small copies are compared, with a tolerance.
+Renderers differ a little between machines, so small copies are compared, with a tolerance. Fonts differ much, so the page is drawn
+with one that Matplotlib ships.
 """
 
+import base64
 import io
 import itertools
 import os
@@ -11,6 +13,7 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
@@ -27,6 +30,16 @@ DIFFERENT: Final = 0.15
 """Least difference of a pixel, of the range of a channel."""
 TOLERATED: Final = 0.02
 """Largest share of different pixels."""
+
+
+_FONT: Final = Path(mpl.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"
+_USE_FONT: Final = """async (content) => {
+  const font = new FontFace("Everywhere", Uint8Array.from(atob(content), (byte) => byte.charCodeAt(0)));
+  document.fonts.add(await font.load());
+  const sheet = new CSSStyleSheet();
+  sheet.replaceSync("* { font-family: Everywhere !important }");
+  document.adoptedStyleSheets.push(sheet);
+}"""
 
 
 def picture(viewer: Viewer) -> Image.Image:
@@ -68,6 +81,7 @@ def as_stored(viewer: Viewer, mode: str, seconds: float = 60) -> Image.Image:
 
 def test_states_of_the_page_look_as_before(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}{PLACE}").analysed().play(False)
+    viewer.page.evaluate(_USE_FONT, base64.b64encode(_FONT.read_bytes()).decode())
     found, earlier = {}, picture(viewer.seek(1.0))
     for mode in ("watch", "analyse", "learn", "play", "words"):
         if mode == "words":
