@@ -1,8 +1,8 @@
 """Five states of the page look as in the stored pictures; ``PICTURES=write`` before ``pytest`` stores them anew.
 
 A state is a function of its address and a time: the playback is paused there, motion is reduced, and ``viewer.draw()`` draws it.
-Renderers differ a little between machines, so small copies are compared, with a tolerance. Fonts differ much, so the page is drawn
-with one that Matplotlib ships.
+Renderers differ a little between machines, so small copies are compared, with a tolerance. Fonts differ much, so the page is
+drawn with one that Matplotlib ships.
 """
 
 import base64
