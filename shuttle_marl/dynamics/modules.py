@@ -23,7 +23,7 @@ from shuttle_marl.dynamics.models import GOOD, HURRIED, Ridge
 from shuttle_marl.dynamics.network import Ensemble
 from shuttle_marl.dynamics.trees import Trees
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, PARTS, STEP, Recovery
+from shuttle_marl.game.recovery import PARTS, STEP, Recovery
 
 
 class _Calibrated(nn.Module):
@@ -129,9 +129,7 @@ class MRecovery(nn.Module):
 
     def __init__(self, recovery: Recovery) -> None:
         super().__init__()
-        people = recovery.people / np.float64(CHOICE_ONE)
-        people[-1] = np.arange(N_POSITIONS) == CENTRE  # the receiver of a serve waits for it
-        self.register_buffer("people", torch.from_numpy(people))
+        self.register_buffer("people", torch.from_numpy(recovery.chosen / np.float64(CHOICE_ONE)))
         self.register_buffer("effect", torch.from_numpy(recovery.effect * np.float64(STEP)))
 
     def forward(self, codes: Tensor) -> Tensor:

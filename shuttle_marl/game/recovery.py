@@ -126,6 +126,13 @@ class Recovery:
         """SHA-256 of the tables, hexadecimal."""
         return content_hash(self.people.tobytes() + self.effect.tobytes())
 
+    @functools.cached_property
+    def chosen(self) -> U16:
+        """:attr:`people`, and the middle for who receives a serve."""
+        found = self.people.copy()
+        found[-1] = CHOICE_ONE * (np.arange(N_POSITIONS) == CENTRE)
+        return frozen(found)
+
     @property
     def arrays(self) -> dict[str, U16 | I16]:
         """The tables by name, as in a file."""
@@ -148,11 +155,7 @@ class Recovery:
         """``[..., 9]`` probability of people's positions where a striker is in base states of a game, in units of 1/65535."""
         shot, area = np.append(game.catalogue.shot, N_SHOTS), np.append(game.catalogue.area, N_AREAS)
         own, incoming = game.own(base), game.incoming(base)
-        people = self.people[shot[incoming], area[own], area[incoming], game.contact(base), game.hurried(base)]
-        # The receiver of a serve waits for it.
-        return np.where((incoming < game.n_strokes)[..., None], people, CHOICE_ONE * (np.arange(N_POSITIONS) == CENTRE)).astype(
-            np.uint16
-        )
+        return self.chosen[shot[incoming], area[own], area[incoming], game.contact(base), game.hurried(base)]
 
 
 def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recovery: Recovery) -> Waiting:

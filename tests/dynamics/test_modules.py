@@ -36,7 +36,7 @@ def test_m_succ_and_m_ret_are_torch_modules_that_can_be_called() -> None:
     assert models.m_hurried(codes).shape == (300, 2)
 
 
-def test_m_recovery_is_the_only_source_of_positions() -> None:
+def test_m_recovery_says_what_the_tables_hold() -> None:
     """Where people wait in every state, and the effects of positions in every legal stroke."""
     module, game = load_models().m_recovery, load_game("default:recovery")
     assert module is not None
