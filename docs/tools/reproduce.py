@@ -1,7 +1,9 @@
 """Lists how every table of the documentation is made, and makes one again: ``python -m docs.tools.reproduce [TABLE] [--save]``.
 
-``--part K/N`` makes every N-th table again, for the jobs of a scheduled workflow, ``--part 1/1`` all of them, and ``--seconds S``
-those that fit into so much time, other ones every day. Speeds, which differ between machines, are left out of both.
+``--part K/N`` makes every N-th table again, for the jobs of a scheduled workflow, ``--part 1/1`` all of them. ``--seconds S``
+makes results again that fit into so much time, other ones every day: of each quick board of the suite one row
+(``suite:TASK:METHOD:STROKES``), then whole results. Tables without a result file are left to ``docs.tools.tables --check``, which
+makes them anyway. Speeds, which differ between machines, are left out of both.
 
 A table is made from a result file by :mod:`docs.tools.tables`; the result file is made by a command. The result of a second run
 of that command is compared with the saved one, number by number, within a tolerance: 0 where a seed determines the result, a
@@ -10,6 +12,7 @@ more between machines. ``--save`` keeps the time, the greatest difference and th
 differs. A time in words is an estimate.
 """
 
+import dataclasses
 import datetime
 import json
 import math
@@ -20,7 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -44,6 +47,10 @@ _DATA: Final = "{data}"
 _OUT: Final = "{out}"
 _SPEED: Final = Result.tolerance
 """Relative tolerance of measured speeds: a factor of two."""
+_BOARDS: Final = ("equilibrium-v0", "equilibrium-entrance-v0", "offline-v0")
+"""Tasks whose scores take seconds, so that a quick method is a quick row."""
+_QUICK: Final = 10.0
+"""Time of a method whose row is quick [s]."""
 _AGAIN: Final = Path(__file__).with_name("reproduced.json")
 """Seconds, greatest relative difference and game of reproduced tables, by name."""
 
@@ -180,6 +187,22 @@ def _computed(table: str) -> str:
         return getattr(league_tables, table)(out)
 
 
+def _row_again(task: str, method: str, budget: int) -> tuple[list[str], float]:
+    """Make a row of the suite again; returns what :func:`differences` does."""
+
+    def chosen(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        same = [row for row in rows if (row["task"], row["method"], row["budget"]) == (task, method, budget)]
+        return [{key: value for key, value in row.items() if key not in ("rank", "behind")} for row in same]
+
+    before = chosen(saved("experiments", "suite")["rows"])
+    if not before:
+        raise ReproduceError(f"no row of {method} in {task} at {budget:,} strokes")
+    command = f"experiments.suite --tasks {task} --methods {method} --budgets {budget} --workers 1 --out runs/again --json {_OUT}"
+    result = dataclasses.replace(RESULTS["suite"], command=command)
+    new = json.loads(remake("suite", result))
+    return differences(before, chosen(new["rows"]), result.tolerance)
+
+
 def check(table: str, *, save: bool = False) -> list[str]:
     """Make a table again; returns the differences.
 
@@ -195,7 +218,9 @@ def check(table: str, *, save: bool = False) -> list[str]:
     greatest = 0.0
     if name in RESULTS and not RESULTS[name].compared:
         raise ReproduceError(f"{name} is not compared; run python -m {RESULTS[name].command}")
-    if name in RESULTS:
+    if row := re.fullmatch(r"suite:([\w-]+):([\w.:-]+):(\d+)", name):
+        found, greatest = _row_again(row[1], row[2], int(row[3]))
+    elif name in RESULTS:
         result = RESULTS[name]
         new = remake(name, result)
         found, greatest = differences(saved(result.folder, name), json.loads(new), result.tolerance, result.speeds)
@@ -230,10 +255,19 @@ def part_of(part: str) -> list[str]:
 
 
 def within(seconds: float, day: int) -> list[str]:
-    """Names of the results that take less than so many seconds together, without data; each day the list starts elsewhere."""
+    """Names of the results that take less than so many seconds together, without data; each day the list starts elsewhere.
+
+    Of each quick board of the suite one row comes first.
+    """
+    quick_rows: dict[tuple[str, int], list[str]] = {}
+    for row in saved("experiments", "suite")["rows"]:
+        if row["task"] in _BOARDS and row["seconds"] <= _QUICK:
+            quick_rows.setdefault((row["task"], row["budget"]), []).append(f"suite:{row['task']}:{row['method']}:{row['budget']}")
+    chosen = [names[day % len(names)] for names in quick_rows.values()]
+    seconds -= _QUICK * len(chosen)
     known, names = measured(), part_of("1/1")
-    quick = [name for name in names if name in known and not (name in RESULTS and _DATA in RESULTS[name].command)]
-    chosen, first = [], day % max(1, len(quick))
+    quick = [name for name in names if name in known and name in RESULTS and _DATA not in RESULTS[name].command]
+    first = day % max(1, len(quick))
     for name in quick[first:] + quick[:first]:
         if known[name]["seconds"] <= seconds:
             seconds -= known[name]["seconds"]

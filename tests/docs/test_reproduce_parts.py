@@ -2,7 +2,7 @@
 
 import pytest
 
-from docs.tools.reproduce import ReproduceError, measured, part_of, within
+from docs.tools.reproduce import ReproduceError, check, measured, part_of, within
 from docs.tools.results import RESULTS
 
 
@@ -17,8 +17,16 @@ def test_parts_hold_every_result_once() -> None:
             part_of(wrong)
 
 
-def test_every_quick_result_has_its_day() -> None:
-    days = [within(100, day) for day in range(30)]
-    assert all(sum(measured()[name]["seconds"] for name in chosen) <= 100 for chosen in days)
-    assert {"ranking", "paths"} <= {name for chosen in days for name in chosen}
-    assert all(days)
+def test_every_quick_result_and_row_has_its_day() -> None:
+    days = [[name for name in within(170, day) if ":" not in name] for day in range(30)]
+    assert all(0 < sum(measured()[name]["seconds"] for name in chosen) <= 170 for chosen in days)
+    assert {"depth", "depth_recovery"} <= {name for chosen in days for name in chosen}
+    rows = [{name for name in within(170, day) if ":" in name} for day in range(30)]
+    assert len(rows[0]) >= 4
+    assert len(set.union(*rows)) > 2 * len(rows[0])
+
+
+def test_a_row_of_a_board_is_made_again() -> None:
+    assert check("suite:equilibrium-entrance-v0:random:1000000") == []
+    with pytest.raises(ReproduceError, match="no row of other"):
+        check("suite:equilibrium-entrance-v0:other:1000000")
