@@ -42,18 +42,21 @@ class FileWriteError(ShuttleError):
     """A file could not be written; an existing file is unchanged."""
 
 
-def replace_file(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes, *, new: bool = False) -> None:
     """Write ``content`` to ``path`` atomically, with permissions by the umask; creates the folder.
+
+    Args:
+        new: replace no file, not even one that another program wrote meanwhile.
 
     Raises:
         FileWriteError: the file cannot be written, or ``path`` is neither absent nor a regular file; it is unchanged.
     """
-    with replacing(path) as file:
+    with replacing(path, new=new) as file:
         file.write(content)
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[BinaryIO]:
+def replacing(path: Path, *, new: bool = False) -> Iterator[BinaryIO]:
     """Open a temporary file that becomes ``path`` at the end, or is deleted after an error; creates the folder.
 
     Raises:
@@ -71,6 +74,8 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         with _unwritable(path, OSError, ValueError):
+            if new:
+                os.close(os.open(path, os.O_CREAT | os.O_EXCL))  # claims the name: of two programs at once one is refused
             os.replace(temporary, path)
     except BaseException:
         with contextlib.suppress(OSError):

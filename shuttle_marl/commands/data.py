@@ -66,7 +66,7 @@ def convert(root: Root, *, out: Path, hand: HandsTold = (), overwrite: bool = Fa
     cli.check_free(out, overwrite=overwrite)
     with telling_hands(hand):
         cleaned = clean_matches(root)
-    write_parquet(cleaned.strokes, out, account=cleaned.account, provenance=provenance_of(root, cleaned))
+    write_parquet(cleaned.strokes, out, account=cleaned.account, provenance=provenance_of(root, cleaned), new=not overwrite)
     _show(cleaned.account)
     _show_found(cleaned.provenance)
     sys.stdout.write(f"{out}: {cleaned.strokes.num_rows} strokes\n{_NOTE}\n")
@@ -111,7 +111,7 @@ def import_own(
         cleaned = pseudonymous(cleaned)
     account, about = cleaned.account, cleaned.provenance
     if out is not None:
-        write_parquet(cleaned.strokes, out, account=account, provenance=dict(about))
+        write_parquet(cleaned.strokes, out, account=account, provenance=dict(about), new=not overwrite)
     if json:
         counts = {"rows": account.strokes, "kept": account.strokes_kept, "dropped": account.dropped}
         found = {"inferred": about["inferred"], "lost": about["lost"], "warnings": cleaned.warnings}

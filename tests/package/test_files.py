@@ -12,7 +12,7 @@ import pytest
 
 from shuttle_marl.base import table_files
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import FileReadError, FileWriteError, cache_folder, open_file, read_json, replace_file
+from shuttle_marl.base.files import FileReadError, FileWriteError, cache_folder, open_file, read_json, replace_file, replacing
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes, read_parquet, write_parquet
 from shuttle_marl.commands.cli import check_free
 
@@ -202,3 +202,14 @@ def test_a_footer_that_lies_about_the_size_of_its_pages(tmp_path: Path, monkeypa
         path.write_bytes(content[:page] + junk + content[page + len(junk) :])
         with pytest.raises((pa.ArrowException, OSError)):
             table_files.read_parquet(path)
+
+
+def test_of_two_programs_that_write_a_new_file_at_once_one_is_refused(tmp_path: Path) -> None:
+    def second() -> None:
+        with replacing(tmp_path / "a", new=True) as file:
+            file.write(b"second")
+            replace_file(tmp_path / "a", b"first", new=True)
+
+    with pytest.raises(FileWriteError, match="exists"):
+        second()
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("a", b"first")]
