@@ -6,9 +6,10 @@ A simulated match between two average players is filmed, with a break of a minut
 film in Chromium while it plays. It enters the strokes that were played, as a person would: it waits until the film shows one,
 and presses a key a little later. Shot types and endings are keys, with Shift where the page offers so; places are keys in one
 rally and clicks in the next; techniques and contact heights are entered only where the page assumes others. All keys and clicks
-count, also those that seek, pause and play; a key with Shift counts once. The corners are first clicked in every wrong order.
-The server is killed at random moments and started again. The table is imported and compared with the match: stroke by stroke,
-except that a stroke that fell on the striker's own side has no target.
+count, also those that seek, pause and play, but for one that starts the film after a crash; a key with Shift counts once. The
+corners are first clicked in every wrong order. The server is killed at random moments and started again. The table is imported
+and compared with the match: stroke by stroke, except that a stroke that fell on the striker's own side has no target. At the end
+the report of the table is made.
 """
 
 import contextlib
@@ -217,6 +218,7 @@ class Script:
         self.until("window.viewer && window.viewer.state().ready")
         self.until("document.querySelector('video').readyState > 0")
         if self.state()["phase"] != "setup":
+            self.page.keyboard.press(" ")  # after a crash a person starts the film again, which is not counted
             return
         for name, value in zip(("near", "far"), _NAMES, strict=True):
             self.page.fill(f"[name={name}]", value)
@@ -448,8 +450,12 @@ def main(
         begun = time.monotonic()
         played = film(film_file or Path(name) / "film.webm", rallies, seed, console)
         filmed = time.monotonic()
-        result = tag(played, Path(name) / "match.csv", kills, seed, console)
-        result |= {"film_s": filmed - begun, "tag_s": time.monotonic() - filmed}
+        table = Path(name) / "match.csv"
+        result = tag(played, table, kills, seed, console)
+        tagged = time.monotonic()
+        report = [sys.executable, "-m", "shuttle_marl", "report", str(table), "--out", str(Path(name) / "report.html")]
+        subprocess.run(report, stdout=subprocess.DEVNULL, check=True)
+        result |= {"film_s": filmed - begun, "tag_s": tagged - filmed, "report_s": time.monotonic() - tagged}
     show({**this_machine(), **result}, "tagging", as_json=json_output)
 
 

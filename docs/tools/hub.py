@@ -84,7 +84,11 @@ def write_suite(out: Path, *, quick: bool = False) -> None:
     """
     write_data("offline-v0", out, "dev" if quick else "test", "default", 1 if quick else None, quick=quick)
     logs = sorted(path.name for path in out.glob("*.parquet") if path.name != "results.parquet")
-    columns = {name: [row[name] for row in saved("experiments", "suite")["rows"]] for name in _RESULT_COLUMNS.names}
+    rows = [
+        {**row, "exploitability": row["scores"].get("exploitability", {}).get("value")}
+        for row in saved("experiments", "suite")["rows"]
+    ]
+    columns = {name: [row[name] for row in rows] for name in _RESULT_COLUMNS.names}
     write_parquet(out / "results.parquet", pa.table(columns, schema=_RESULT_COLUMNS))
     written = pq.read_schema(out / logs[0])
     log_schema = pa.schema([field.with_metadata({"description": _LOG_COLUMNS[field.name]}) for field in written])
