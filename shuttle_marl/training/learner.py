@@ -29,7 +29,6 @@ from torch import nn
 from torch.optim import Optimizer
 from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
-from torchrl.objectives import LossModule
 
 from shuttle_marl.base.arrays import F32, I32
 from shuttle_marl.game.recovery import N_POSITIONS
@@ -38,8 +37,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import RallySampler
-from shuttle_marl.training.config import A2CConfig, PPOConfig, TrainingConfig
-from shuttle_marl.training.networks import DivergedError, decision_observations, logit_network, make_actor, make_critic
+from shuttle_marl.training.config import TrainingConfig
+from shuttle_marl.training.networks import DivergedError, decision_observations
 
 
 def fault_penalty(cost: float, aversion: float) -> float:
@@ -151,53 +150,6 @@ class Learner(abc.ABC):
                 if not all(moments_have_shape) or entries["step"].shape != ():
                     raise ValueError(f"{name}.{index}: moments of other shapes than the weights")
             optimizer.load_state_dict({"state": moments, "param_groups": optimizer.state_dict()["param_groups"]})
-
-
-class ActorCritic(Learner):
-    """Networks and gradient steps of A2C and PPO, whose losses are a sum of objective, value error and entropy.
-
-    Args:
-        **options: of the loss, besides those that both have.
-    """
-
-    def __init__(self, config: A2CConfig | PPOConfig, game: Game, loss: type[LossModule], **options: Any) -> None:
-        self.actor = make_actor(game, width=config.width, hidden=config.hidden, distinct=True).to(config.device)
-        self.critic = make_critic(game, width=config.width, hidden=config.hidden).to(config.device)
-        self.loss: Any = loss(
-            self.actor,
-            self.critic,
-            entropy_coeff=config.entropy,
-            critic_coeff=config.critic,
-            loss_critic_type="l2",  # at equal states, its gradient depends on the mean of the targets alone
-            reduction="none",
-            **options,
-        )
-        self._config, self.optimizer = config, torch.optim.Adam(self.loss.parameters(), lr=config.learning_rate, fused=True)
-        self.modules, self.optimizers = {"loss": self.loss}, {"optimizer": self.optimizer}
-
-    def predict(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits and values, see :meth:`Learner.predict`."""
-        return logit_network(self.actor)(observation), self.critic.module(observation).squeeze(-1)
-
-    def decay(self, remaining: float) -> None:
-        """Set the learning rate and the weight of the entropy for an iteration."""
-        set_learning_rate(self.optimizer, self._config.learning_rate, remaining)
-        self.loss.entropy_coeff.fill_(self._config.entropy * remaining)
-
-    def step(self, part: TensorDictBase, penalty: Callable[[TensorDictBase], torch.Tensor] | None = None) -> TensorDictBase:
-        """Take a gradient step on a minibatch; returns the terms of the loss.
-
-        The objective is a sum over rows of (s, a, sign of A), the other terms are sums over states with weights w(s).
-        """
-        terms = weighted_sums(self.loss(part), part["weight"])
-        total = terms["loss_objective"] + terms["loss_critic"] + terms["loss_entropy"]
-        if penalty is not None:
-            total = total + penalty(part)
-        self.optimizer.zero_grad()
-        total.backward()
-        torch.nn.utils.clip_grad_norm_(self.loss.parameters(), self._config.gradient_norm)
-        self.optimizer.step()
-        return terms
 
 
 def with_prefix(prefix: str, tensors: Tensors) -> Tensors:

@@ -43,11 +43,10 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import REFERENCE
-from shuttle_marl.training.a2c import A2C
 from shuttle_marl.training.config import PPOConfig, SelfPlayConfig, TrainingConfig, TrainingError, missed
 from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Trainer
 from shuttle_marl.training.networks import DivergedError, imitate, tabulated, weights_of
-from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.ppo import A2C, PPO
 from shuttle_marl.training.rally_log import RunLog, open_log
 from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
