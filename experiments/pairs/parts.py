@@ -13,11 +13,11 @@ import torch
 from experiments.truth.matches import Strokes, folds_of
 from experiments.truth.worlds import SOURCES
 from shuttle_marl.base.arrays import I64
+from shuttle_marl.dynamics.choices import player_choices
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.hurried import fit_hurry
 from shuttle_marl.dynamics.make import save_fit, save_variants
 from shuttle_marl.dynamics.network import QUICK
-from shuttle_marl.dynamics.players import player_choices
 from shuttle_marl.dynamics.skill import summary
 from shuttle_marl.game.shipped import CARD
 

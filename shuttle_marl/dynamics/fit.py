@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from shuttle_marl.base.arrays import F64, I16, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.pytorch import own_settings
+from shuttle_marl.dynamics.choices import player_choices
 from shuttle_marl.dynamics.compiled import (
     MIN_STROKES,
     SHOT_SHARE,
@@ -49,7 +50,6 @@ from shuttle_marl.dynamics.models import (
 )
 from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc
 from shuttle_marl.dynamics.network import QUICK, Ensemble, EnsembleConfig, fold_of_match, unseen
-from shuttle_marl.dynamics.players import player_choices
 from shuttle_marl.dynamics.situations import fit_situations
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.dynamics.trees import Trees, fit_trees

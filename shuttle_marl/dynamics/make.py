@@ -24,13 +24,13 @@ from shuttle_marl.data import read_matches
 from shuttle_marl.data.copies import copies
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.card import strokes_hash, write_card
+from shuttle_marl.dynamics.choices import fit_history, load_history
 from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, pair_log_choices
 from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, extremes, health, variety_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit, unseen_predictions
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
-from shuttle_marl.dynamics.history import fit_history, load_history
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry, marked_rows
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from

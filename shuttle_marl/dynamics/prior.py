@@ -11,6 +11,7 @@ import torch
 from scipy.optimize import minimize_scalar
 
 from shuttle_marl.base.arrays import F64, I16, Bools
+from shuttle_marl.dynamics.choices import Choices, best_shifts, player_choices
 from shuttle_marl.dynamics.compiled import Support, support_of
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.fit import Fit, Report, intended_targets
@@ -18,7 +19,6 @@ from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.hurried import Hurry
 from shuttle_marl.dynamics.models import judged, labelled, labels_of, log_odds, mean_probabilities, sigmoid
 from shuttle_marl.dynamics.network import Ensemble
-from shuttle_marl.dynamics.players import Choices, best_shifts, player_choices
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.skill import COMPONENTS

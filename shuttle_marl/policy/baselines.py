@@ -1,7 +1,7 @@
 """Baseline policies: behaviour-cloned players, and scripted styles. Runs without torch.
 
 The behaviour-cloning model predicts the shot type, technique and target area of the average player in every state; the model of a
-player adds shrunken shifts to these logits (:mod:`shuttle_marl.dynamics.players`). As policies, both are restricted to the legal
+player adds shrunken shifts to these logits (:mod:`shuttle_marl.dynamics.choices`). As policies, both are restricted to the legal
 strokes.
 
 Scripted styles play the softmax of points: a stroke with one more point is played e (2.7) times as often. Their rules depend on

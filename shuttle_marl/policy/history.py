@@ -2,7 +2,7 @@
 
 A state holds the incoming stroke and the striker's own last one. People also remember the two strokes before. The attributes of
 these shift the log-probabilities of ``bc``: of a shot type and technique, and of an area given those. Fitted by
-:mod:`shuttle_marl.dynamics.history`, run without torch.
+:mod:`shuttle_marl.dynamics.choices`, run without torch.
 
 The policy is no stronger opponent than ``bc`` and forecasts no better. It is no function of the state, so it has no table.
 """

@@ -10,6 +10,7 @@ from scipy.special import expit
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.card import strokes_hash
+from shuttle_marl.dynamics.choices import fit_choice_shifts
 from shuttle_marl.dynamics.compiled import SHOT_SHARE, between_hands, catalogue_of, replies_of
 from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
@@ -17,7 +18,6 @@ from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.make import resampled
 from shuttle_marl.dynamics.models import fit_ridge
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
-from shuttle_marl.dynamics.players import fit_choice_shifts
 from shuttle_marl.game.court import BACK, FOREHAND, N_SIDES, area_of, mirrored, third_of
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, N_TECHNIQUES, SHOTS
 

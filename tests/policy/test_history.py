@@ -12,8 +12,8 @@ import pytest
 from shuttle_marl.analysis.strokes import simulate, simulated_rallies
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.dynamics.choices import fit_history
 from shuttle_marl.dynamics.features import rows_from_strokes
-from shuttle_marl.dynamics.history import fit_history
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import observations
