@@ -1,4 +1,4 @@
-"""Compilation of fitted models to the tables of a game, within the support of the training matches.
+"""The game of fitted models, within the support of the training matches: compiled to tables, or asked stroke by stroke.
 
 **Catalogue.** It contains a stroke if at least 3 % of the good strokes of its shot type go to its area, and at least 20 good
 strokes equal it; and the same stroke to the other side, which players of different hands need: what flies to the forehand side of
@@ -22,29 +22,41 @@ posterior of the innermost cell (with Jeffreys' half event on either side). A ce
 Cells contain strokes of all efforts and duels, of hurried strikers and of others, so they bound the mean over these situations,
 weighted by their frequencies (of efforts after the striker's previous shot type, of hurried strikers by incoming and own shot
 type), and not the probability in each: bounds around the mean would cut off what a hurried striker risks.
+
+**Without tables** a :class:`ModelStepper` plays the same game from the modules, slower by two orders of magnitude; a test
+compares both.
 """
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Final
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from scipy.stats import beta
 
 from shuttle_marl.base.arrays import F32, F64, I16, I64, U8, U16, Bools, Ints
+from shuttle_marl.base.errors import OptionError
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.pytorch import own_settings
+from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
-from shuttle_marl.dynamics.fitted import FittedModels
+from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.situations import LONG_DUEL
+from shuttle_marl.game import shipped
 from shuttle_marl.game.court import BACK, FOREHAND, N_AREAS, N_SIDES, N_THIRDS, mirrored, third_of
 from shuttle_marl.game.layout import ALL
-from shuttle_marl.game.shipped import CHOICE_UNITS
+from shuttle_marl.game.rally.stepper import Stepper
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresholds
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.thresholds import ONE, with_fault_odds
 
+THREADS: Final = 1
+"""Threads of PyTorch; fixed, because another order of summation gives other numbers. More would not be faster."""
 AREA_SHARE: Final = 0.03
 SHOT_SHARE: Final = 0.02
 """Minimum share of a legal shot type in the choices of the fitted average player, of those to supported targets. Chosen with the
@@ -394,4 +406,92 @@ def pair_log_choices(models: FittedModels, game: Game) -> F32:
         target = models.targets(of_targets)
         assert target.shape == (len(styles), N_AREAS)
         total += share * choice[pair_state, pair_style] * target[position, area[pair_stroke]]
-    return (np.rint(CHOICE_UNITS * np.log(np.maximum(total, 1e-12))) / CHOICE_UNITS).astype(np.float32)
+    return (np.rint(shipped.CHOICE_UNITS * np.log(np.maximum(total, 1e-12))) / shipped.CHOICE_UNITS).astype(np.float32)
+
+
+_SUPPORT: Final = tuple(field.name for field in dataclasses.fields(Support))
+
+
+def save_support(folder: Path, support: Support, opposite: Support) -> None:
+    """Write the support of a model, in its game and in that of players with different hands."""
+    arrays = {name: getattr(support, name) for name in _SUPPORT}
+    arrays |= {f"{shipped.OPPOSITE}.{name}": getattr(opposite, name) for name in _SUPPORT}
+    replace_file(folder / shipped.SUPPORT, tensor_bytes(arrays, {}, pack=True))
+
+
+def load_support(folder: Path, *, opposite: bool = False) -> Support:
+    """Read the support of a model.
+
+    Args:
+        opposite: that in the game of players with different hands.
+
+    Raises:
+        ModelError: the file is missing, differs from the model card, or is invalid.
+        GameError: the model card cannot be read.
+    """
+    prefix = f"{shipped.OPPOSITE}." if opposite else ""
+    try:
+        arrays = shipped.read_model(folder, shipped.SUPPORT).arrays
+        edges = arrays[f"{prefix}strokes"].shape[:1]
+        shapes = {name: (*edges, 2) if name.endswith("range") else edges for name in _SUPPORT}
+        return Support(**{name: checked(arrays[prefix + name], np.float64, shape) for name, shape in shapes.items()})
+    except (OSError, KeyError, ValueError) as error:
+        raise ModelError(f"{folder / shipped.SUPPORT}: no readable support ({error}); fit or install the model again") from error
+
+
+class ModelStepper(Stepper):
+    """Plays the layout of a game with the outputs of its models, not with tables; :func:`model_stepper` shares one per model.
+
+    Args:
+        support: support in the data of the models.
+    """
+
+    def __init__(self, game: Game, models: FittedModels, support: Support) -> None:
+        super().__init__(game)
+        self._models, self._support = models, support
+        self._row = functools.lru_cache(maxsize=4096)(self._evaluated)
+        self._limits = 2 * [[_Computed(3, functools.partial(self._limits_at, odds)) for odds in game.fault_odds.tolist()]]
+        self._hurry = 2 * [_Computed(2, lambda row: self._row(row)[1])]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return model_stepper, (self.game,)
+
+    def _limits_at(self, odds: int, row: int) -> U16:
+        return with_fault_odds(self._row(row)[0], odds)
+
+    def _evaluated(self, row: int) -> tuple[U16, U8]:
+        """Thresholds ``[3]`` at effort 0 and chances of a hurried receiver ``[2]`` of a base pair."""
+        state = int(self.game.base_pair_state[row])
+        late = self.is_hurried(state)
+        calm = row - (int(self.game.base_pair_start[state] - self.game.base_pair_start[state - 2]) if late else 0)
+        with own_settings(THREADS):
+            limits, hurry = rounded(pair_probabilities(self._models, self.game, self._support, np.array([calm])))
+        return limits[int(late)], hurry[int(late)]
+
+
+class _Computed:
+    """A table that computes its rows when they are read; indexed as if it were flat."""
+
+    def __init__(self, width: int, row: Callable[[int], U16 | U8]) -> None:
+        self._width, self._row = width, row
+
+    def __getitem__(self, entry: int) -> int:
+        row, column = divmod(entry, self._width)
+        return int(self._row(row)[column])
+
+
+@functools.lru_cache(maxsize=2)
+def model_stepper(game: Game) -> ModelStepper:
+    """The stepper of the models that a game was compiled from.
+
+    Raises:
+        OptionError: a game without models: of other tables, a variant of a model, of a pair, or with recovery.
+        ModelError: the models cannot be read.
+    """
+    origin = shipped.origin_of(game)
+    if origin is None or origin.variant is not None or game.recovery is not None or game.people is not None:
+        raise OptionError(
+            "outcomes='models': only the game of a model has some, such as default; variants of it, pairs, and the "
+            "game with recovery are tables made from these"
+        )
+    return ModelStepper(game, FittedModels.load(origin.folder), load_support(origin.folder))

@@ -15,6 +15,7 @@ from shuttle_marl.dynamics.choices import player_choices
 from shuttle_marl.dynamics.compiled import (
     MIN_STROKES,
     SHOT_SHARE,
+    THREADS,
     PairProbabilities,
     Support,
     average_choices,
@@ -59,8 +60,6 @@ from shuttle_marl.game.tables import Game, GameError
 Report = Callable[[str], None]
 """Called with a line before each stage."""
 
-THREADS: Final = 1
-"""Threads of the fit; fixed, because another order of summation gives other weights. More would not be faster."""
 _FOLDS: Final = 5
 _SUCCESS_EPOCHS: Final = 2 / 3
 """Fraction of the epochs of the success networks, which overfit with all of them."""

@@ -19,17 +19,25 @@ from shuttle_marl.base.cluster import WorkerPool, check_processes
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.pytorch import own_settings
-from shuttle_marl.base.tensor_files import checked, tensor_bytes
+from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.copies import copies
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.card import strokes_hash, write_card
 from shuttle_marl.dynamics.choices import fit_history, load_history
-from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, pair_log_choices
+from shuttle_marl.dynamics.compiled import (
+    CREDIBLE,
+    MIN_END,
+    PRIOR_STROKES,
+    THREADS,
+    load_support,
+    pair_log_choices,
+    save_support,
+)
 from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, extremes, health, variety_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit, unseen_predictions
-from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
+from shuttle_marl.dynamics.fit import Fit, Report, fit, unseen_predictions
+from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry, marked_rows
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
@@ -499,33 +507,3 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
         train, validation = train_and_validation(rows, share)
         test = train if split == "train" else validation
     return evaluate(FittedModels.load(folder), train, test, report=report)
-
-
-_SUPPORT: Final = tuple(field.name for field in dataclasses.fields(Support))
-
-
-def save_support(folder: Path, support: Support, opposite: Support) -> None:
-    """Write the support of a model, in its game and in that of players with different hands."""
-    arrays = {name: getattr(support, name) for name in _SUPPORT}
-    arrays |= {f"{shipped.OPPOSITE}.{name}": getattr(opposite, name) for name in _SUPPORT}
-    replace_file(folder / shipped.SUPPORT, tensor_bytes(arrays, {}, pack=True))
-
-
-def load_support(folder: Path, *, opposite: bool = False) -> Support:
-    """Read the support of a model.
-
-    Args:
-        opposite: that in the game of players with different hands.
-
-    Raises:
-        ModelError: the file is missing, differs from the model card, or is invalid.
-        GameError: the model card cannot be read.
-    """
-    prefix = f"{shipped.OPPOSITE}." if opposite else ""
-    try:
-        arrays = shipped.read_model(folder, shipped.SUPPORT).arrays
-        edges = arrays[f"{prefix}strokes"].shape[:1]
-        shapes = {name: (*edges, 2) if name.endswith("range") else edges for name in _SUPPORT}
-        return Support(**{name: checked(arrays[prefix + name], np.float64, shape) for name, shape in shapes.items()})
-    except (OSError, KeyError, ValueError) as error:
-        raise ModelError(f"{folder / shipped.SUPPORT}: no readable support ({error}); fit or install the model again") from error

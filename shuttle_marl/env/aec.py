@@ -525,7 +525,7 @@ def _stepper(game: Game, outcomes: OutcomesFrom) -> Stepper:
     if outcomes == "tables":
         return stepper_of(game)
     with hinted():
-        from shuttle_marl.dynamics.live import model_stepper  # noqa: PLC0415  torch
+        from shuttle_marl.dynamics.compiled import model_stepper  # noqa: PLC0415  torch
     return model_stepper(game)
 
 

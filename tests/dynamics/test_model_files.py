@@ -21,9 +21,9 @@ from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.boosting import PARAMETERS
 from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.dynamics.compiled import load_support
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
-from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.modules import MContact, MRet
 from shuttle_marl.dynamics.network import attributes
 from shuttle_marl.dynamics.trees import INPUTS, Trees, fit_trees

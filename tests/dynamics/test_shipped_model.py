@@ -14,17 +14,17 @@ from shuttle_marl.commands import dynamics
 from shuttle_marl.dynamics.card import as_markdown
 from shuttle_marl.dynamics.compiled import (
     MIN_END,
+    THREADS,
     compile_game,
     is_duel_pair,
     is_long_duel_pair,
     is_serve_pair,
+    load_support,
     pair_probabilities,
 )
 from shuttle_marl.dynamics.evaluate import health
 from shuttle_marl.dynamics.features import codes_of_pairs
-from shuttle_marl.dynamics.fit import THREADS
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import log_odds
 from shuttle_marl.exact import PairPolicy
 from shuttle_marl.game import default_game, model_folder
