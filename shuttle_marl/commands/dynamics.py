@@ -129,7 +129,7 @@ def recovery(data: Path, model: str = "default") -> None:
         data: folder of the download, or the Parquet file that the model was fitted to.
         model: name of a shipped model, or a model folder.
     """
-    from shuttle_marl.dynamics.make import add_recovery  # noqa: PLC0415  torch
+    from shuttle_marl.dynamics.recovery import add_recovery  # noqa: PLC0415  torch
 
     found = add_recovery(data, model_folder(model), report=_report)["recovery"]
     console().print(

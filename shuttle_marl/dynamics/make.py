@@ -4,8 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import json
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,12 +16,12 @@ from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F32, F64, I16
 from shuttle_marl.base.cluster import WorkerPool, check_processes
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import content_hash, replace_file
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.copies import copies
-from shuttle_marl.data.upstream import Split, matches_of, split_of
+from shuttle_marl.data.upstream import Split
 from shuttle_marl.dynamics.card import strokes_hash, write_card
 from shuttle_marl.dynamics.choices import fit_history, load_history
 from shuttle_marl.dynamics.compiled import (
@@ -36,29 +35,23 @@ from shuttle_marl.dynamics.compiled import (
 )
 from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, extremes, health, variety_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.fit import Fit, Report, fit, unseen_predictions
+from shuttle_marl.dynamics.fit import Fit, Report, fit
 from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry, marked_rows
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
-from shuttle_marl.dynamics.recovery import fit_recovery
-from shuttle_marl.dynamics.skill import FittedSkill, Predicted, check, deviations_in, fit_skill, summary
+from shuttle_marl.dynamics.recovery import copied_recovery, save_recovery
+from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
+from shuttle_marl.dynamics.splits import require_enough, resampled, rows_of, train_and_validation
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game import shipped
-from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.variants import packed
 
-MIN_STROKES: Final = 1000
-"""Training strokes of a fit without prior: some nine for each shot type and area."""
-MIN_STROKES_WITH_PRIOR: Final = 300
-"""Training strokes of a fit with prior: some twenty faults."""
 ENOUGH_STROKES: Final = 20_000
 """Strokes that fill most cells, and show what people play in 1 % of cases; with fewer, both are a warning."""
-MIN_MATCHES: Final = 2
-"""Training matches: members of an ensemble leave one out."""
 MIN_MATCHES_FOR_REFITS: Final = 6
 """Training matches of refits: most resamples of fewer contain only half of them."""
 _RULE: Final = (
@@ -138,16 +131,14 @@ def fit_model(
     else:
         hurry.save(out / shipped.HURRY)
     report("positions of receivers")
-    if prior is None:
-        recovery = _save_recovery(out, train, fitted.predicted)
-    else:
-        recovery = _copied_recovery(out, shipped.model_folder(prior))
+    model = None if prior is None else shipped.model_folder(prior)
+    recovery = save_recovery(out, train, fitted.predicted) if model is None else copied_recovery(out, model)
     report("choices by the rally so far")
     history: dict[str, dict[str, float]] = {}
-    if prior is None:
+    if model is None:
         shifts, history = fit_history(fitted.models.choosers, train, validation, (config or EnsembleConfig()).folds)
     else:
-        shifts = load_history(shipped.model_folder(prior))
+        shifts = load_history(model)
     replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
     game, variants = written.game, written.variants
@@ -225,59 +216,6 @@ def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, A
     return {"share": float((train.hurried == 1).mean()), "known": float(known.mean()), "positions": positions, "by": by}
 
 
-def _save_recovery(folder: Path, train: Rows, predicted: Mapping[str, Predicted]) -> dict[str, Any] | None:
-    """Write the positions of receivers where strokes have enough of them; what the card says of these."""
-    fitted = fit_recovery(train, predicted)
-    if fitted is None:
-        (folder / shipped.POSITIONS).unlink(missing_ok=True)  # of a replaced model
-        return None
-    replace_file(folder / shipped.POSITIONS, fitted.to_bytes())
-    return fitted.summary(train)
-
-
-def _copied_recovery(folder: Path, prior: Path) -> dict[str, Any] | None:
-    """Take over the positions of a prior model, if it has any: a few matches do not tell them."""
-    try:
-        content = (prior / shipped.POSITIONS).read_bytes()
-    except FileNotFoundError:
-        (folder / shipped.POSITIONS).unlink(missing_ok=True)
-        return None
-    replace_file(folder / shipped.POSITIONS, content)
-    found: dict[str, Any] | None = shipped.read_model_card(prior).get("recovery")
-    return found
-
-
-@own_settings(THREADS)
-def add_recovery(data: Path, folder: Path, *, report: Report) -> dict[str, Any]:
-    """Fit the positions of receivers to the strokes of an existing model, and add them to its folder.
-
-    Args:
-        data: of the fit.
-
-    Returns:
-        The model card.
-
-    Raises:
-        ShuttleError: the model was fitted to other data, or with a prior, or too few strokes have positions.
-        GameError: the model card cannot be read.
-    """
-    report("reading strokes")
-    card, strokes = shipped.read_model_card(folder), read_matches(data)
-    if "prior" in card["chosen"]:
-        raise ShuttleError(f"{folder}: a model that corrects another one has the positions of that; fit it again")
-    if strokes_hash(strokes) != card["data"]["hash"]:
-        raise ShuttleError(f"{data}: not the strokes that the model was fitted to; name those, or fit a model to these")
-    train, _ = train_and_validation(marked_rows(strokes, load_hurry(folder)), card["data"]["validation_share"])
-    report("out-of-fold predictions")
-    predicted = unseen_predictions(FittedModels.load(folder), train, EnsembleConfig().folds)
-    report("positions of receivers")
-    recovery = _save_recovery(folder, train, predicted)
-    write_card(folder, {**card, "recovery": recovery})
-    if recovery is None:
-        raise ShuttleError(f"{data}: too few strokes with the position of the receiver; the model has none")
-    return shipped.read_model_card(folder)
-
-
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Written:
     """Result of :func:`save_fit`.
@@ -341,74 +279,6 @@ def save_fit(
     return Written(game=game, variants=variants, skill=skill, clipped=clipped, health=solved)
 
 
-def rows_of(rows: Rows, split: Split) -> Rows:
-    """Strokes of a split of the published matches.
-
-    Raises:
-        ShuttleError: the data contain none of its matches.
-    """
-    chosen = rows.in_matches(matches_of(split))
-    if not len(chosen):
-        raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
-    return chosen
-
-
-def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
-    """Split rows by match into training and validation.
-
-    Args:
-        share: fraction of the unpublished matches for validation, at least one and not all, in the order of the SHA-256 of their
-            names; None: all matches are published ones, whose split is fixed.
-
-    Raises:
-        ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split.
-    """
-    names = [rows.matches[i] for i in np.unique(rows.match)]
-    own = sorted((name for name in names if split_of(name) is None), key=lambda name: content_hash(name.encode()))
-    if share is None:
-        if own:
-            raise ShuttleError(
-                f"{own[0]!r} is no published match, so it has no fixed split: "
-                "--validation-share 0.2 takes a fifth of your matches to check the fit"
-            )
-        return rows_of(rows, "train"), rows_of(rows, "validation")
-    if not 0 < share < 1:
-        raise ShuttleError(f"--validation-share {share:g}: expected a number between 0 and 1, such as 0.2")
-    if not own:
-        raise ShuttleError("--validation-share: all matches are published ones, whose split is fixed; omit it")
-    aside = min(max(1, math.ceil(round(share * len(own), 9))), len(own) - 1)
-    validation = rows.in_matches([*own[:aside], *matches_of("validation")])
-    train = rows.in_matches([*own[aside:], *matches_of("train")])
-    return train, validation
-
-
-def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
-    """Refuse too little data.
-
-    Args:
-        prior: whether the fit corrects a model.
-
-    Raises:
-        ShuttleError: too few matches or strokes; with the required number and the reason.
-    """
-    matches, needed = len(np.unique(train.match)), 1 if prior else MIN_MATCHES
-    if matches < needed or not len(validation):
-        raise ShuttleError(
-            f"number of matches: {matches + len(np.unique(validation.match))}; a model needs {needed + 1} or more, one of them "
-            f"to check the fit{'' if prior else ' and one that parts of the models leave out'}; reports need one, and no model"
-        )
-    least = MIN_STROKES_WITH_PRIOR if prior else MIN_STROKES
-    if len(train) < least:
-        kinds = N_SHOTS * N_AREAS
-        reason = (
-            "fewer contain less than twenty faults to correct the model by"
-            if prior
-            else f"fewer are less than nine for each of the {kinds} kinds of stroke (shot type and area), too few to "
-            f"estimate rates; --prior default needs {MIN_STROKES_WITH_PRIOR}, because it corrects the shipped models instead"
-        )
-        raise ShuttleError(f"{len(train)} strokes in {matches} train matches, at least {least} needed: {reason}")
-
-
 def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> int:
     """Number of refits for a number of training matches.
 
@@ -441,18 +311,6 @@ def _prior(name: str) -> Prior:
         skill=deviations_in(shipped.read_model_card(folder)),
         refits=shipped.refits_of(game),
     )
-
-
-def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
-    """Bootstrap resample of the matches, by discipline.
-
-    Copies of a match have the same number, so networks that leave it out leave out all copies.
-    """
-    rng = np.random.default_rng(seed)
-    matches, first = np.unique(rows.match, return_index=True)
-    discipline = rows.codes["discipline"][first]
-    names = [rng.choice(matches[discipline == kind], (discipline == kind).sum()) for kind in np.unique(discipline)]
-    return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(names))]))
 
 
 def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles: Mapping[str, F32], opposite: F32) -> None:

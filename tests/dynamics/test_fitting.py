@@ -15,9 +15,9 @@ from shuttle_marl.dynamics.compiled import SHOT_SHARE, between_hands, catalogue_
 from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
-from shuttle_marl.dynamics.make import resampled
 from shuttle_marl.dynamics.models import fit_ridge
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
+from shuttle_marl.dynamics.splits import resampled
 from shuttle_marl.game.court import BACK, FOREHAND, N_SIDES, area_of, mirrored, third_of
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, N_TECHNIQUES, SHOTS
 

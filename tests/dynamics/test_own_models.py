@@ -11,7 +11,7 @@ from shuttle_marl.commands import data, dynamics, league
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.dynamics.evaluate import LIMITS
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.make import (
+from shuttle_marl.dynamics.splits import (
     MIN_STROKES,
     MIN_STROKES_WITH_PRIOR,
     require_enough,

@@ -16,16 +16,18 @@ from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.card import as_markdown, write_card
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
-from shuttle_marl.dynamics.make import _copied_recovery, _save_recovery, add_recovery
 from shuttle_marl.dynamics.recovery import (
     FEATURES,
     GROUPS,
     LEAST_SHARE,
     MIN_ROWS,
     FittedRecovery,
+    add_recovery,
+    copied_recovery,
     fit_recovery,
     load_recovery,
     people_at,
+    save_recovery,
 )
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.draws import CHOICE_ONE
@@ -172,7 +174,7 @@ def model(tmp_path: Path) -> Path:
 def test_a_fit_is_the_same_after_saving(fitted: FittedRecovery, model: Path) -> None:
     rows, predicted = strokes()
     card = read_model_card(model)
-    summary = _save_recovery(model, rows, predicted)
+    summary = save_recovery(model, rows, predicted)
     with pytest.raises(GameError, match="checksum"):
         load_game(f"{model}:recovery")
     write_card(model, {**card, "recovery": summary})
@@ -196,7 +198,7 @@ def test_a_fit_is_the_same_after_saving(fitted: FittedRecovery, model: Path) -> 
 
 def test_few_positions_give_no_file(model: Path) -> None:
     rows, predicted = strokes(MIN_ROWS - 1)
-    assert _save_recovery(model, rows, predicted) is None
+    assert save_recovery(model, rows, predicted) is None
     assert not (model / POSITIONS).exists()
     write_card(model, {**read_model_card(model), "recovery": None})
     assert POSITIONS not in read_model_card(model)["sha256"]
@@ -219,8 +221,8 @@ def test_positions_of_other_strokes_are_not_added(model: Path) -> None:
 def test_a_correction_takes_over_the_positions_of_its_prior(model: Path, tmp_path: Path) -> None:
     corrected = tmp_path / "corrected"
     corrected.mkdir()
-    assert _copied_recovery(corrected, model) == read_model_card(model)["recovery"]
+    assert copied_recovery(corrected, model) == read_model_card(model)["recovery"]
     assert (corrected / POSITIONS).read_bytes() == (model / POSITIONS).read_bytes()
     (model / POSITIONS).unlink()
-    assert _copied_recovery(corrected, model) is None
+    assert copied_recovery(corrected, model) is None
     assert not (corrected / POSITIONS).exists()
