@@ -26,8 +26,7 @@ from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.header import Player
-from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.replay import require_game
+from shuttle_marl.recording.reader import RallyLog, require_game
 
 Resolve = Callable[[str, Game], Policy]
 """Returns the policy of a name; raises PolicyError for a name that is unknown or not allowed."""

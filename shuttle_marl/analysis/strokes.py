@@ -184,7 +184,7 @@ def stroke_table(
     """Strokes of rallies in the schema of the annotated matches.
 
     Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn
-    (:mod:`shuttle_marl.recording.tables`): a good stroke lands in its target area, and flight times are medians of the
+    (:func:`sample_positions`): a good stroke lands in its target area, and flight times are medians of the
     annotated matches. A match is filed under the discipline of its first player who has one
     (:mod:`shuttle_marl.data.upstream`), or under men's singles; its time begins with the first of its rallies that is there.
 
@@ -287,7 +287,7 @@ def simulate(
         looks: hands of two players by name.
 
     Returns:
-        A table of schema :data:`shuttle_marl.data.schema.STROKES`, see :func:`~shuttle_marl.recording.tables`; matches
+        A table of schema :data:`shuttle_marl.data.schema.STROKES`, see :func:`stroke_table`; matches
         are called ``simulated-1-PLAYER-PLAYER`` and so on.
 
     Raises:

@@ -6,13 +6,11 @@ the format.
 """
 
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.recording.environments import RecordRallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
-from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
+from shuttle_marl.recording.reader import Derived, RallyLog, export
+from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder, RecordRallies
 from shuttle_marl.recording.recover import recover
 from shuttle_marl.recording.replay import Replay, replay
-from shuttle_marl.recording.tables import Derived, export
 
 __all__ = [
     "SINGLE_RALLY",

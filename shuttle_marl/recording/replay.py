@@ -8,31 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from shuttle_marl.base.arrays import I64, Bools
-from shuttle_marl.base.errors import printable
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.recording.header import LogHeader, RecordingError, Sampling
+from shuttle_marl.recording.header import LogHeader, Sampling
 from shuttle_marl.recording.log_file import LogFile
-from shuttle_marl.recording.reader import RallyLog
-
-
-def require_game(log: RallyLog, game: Game) -> None:
-    """Check that a log was played on a game.
-
-    Raises:
-        RecordingError: it was played on another game.
-    """
-    played = log.files[0].header.game
-    if played != game.hash:
-        pair = log.files[0].header.pair
-        of = "" if pair is None else f" of {printable(' against '.join(pair.players))}"
-        raise RecordingError(
-            f"{log.path}: played on game {played[:12]}{of}, not on {game.hash[:12]}; name its model with --game (and --profile)"
-        )
+from shuttle_marl.recording.reader import RallyLog, require_game
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
