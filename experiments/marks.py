@@ -16,9 +16,8 @@ import numpy as np
 from scipy import stats
 
 from experiments.saving import show_figures
-from shuttle_marl.analysis.decisions import theme_of, usual_of
+from shuttle_marl.analysis.decisions import GOOD, places_of, theme_of, usual_of
 from shuttle_marl.analysis.marks import MARKS, basis_of, judged_strokes
-from shuttle_marl.analysis.positions import GOOD, places_of
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.data import matches_of, read_matches

@@ -56,9 +56,9 @@ from shuttle_marl.staging import (
     load_skeleton,
     model_file,
 )
+from shuttle_marl.staging.flight import net_height
 from shuttle_marl.staging.rotation import frame, matrix, unit
 from shuttle_marl.staging.skeleton import BONE
-from shuttle_marl.staging.trajectory import net_height
 
 Colour = tuple[float, float, float]
 

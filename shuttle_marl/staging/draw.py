@@ -22,8 +22,7 @@ from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
-from shuttle_marl.staging.bounds import BOUNDS
-from shuttle_marl.staging.flight import Flights, fall, shoot
+from shuttle_marl.staging.flight import BOUNDS, Flights, fall, net_height, shoot
 from shuttle_marl.staging.library import Athlete
 from shuttle_marl.staging.motion import Branch
 from shuttle_marl.staging.motions import (
@@ -37,7 +36,7 @@ from shuttle_marl.staging.motions import (
     motion_of,
     stance_of,
 )
-from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind, net_height, own_frame
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind, own_frame
 
 FILE: Final = Path(__file__).parent / "measured.json"
 """Timing and places measured in the training matches, by ``experiments/fit_staging.py``; its ``provenance`` names them."""

@@ -1,4 +1,4 @@
-"""Flight of a shuttle with quadratic drag, and the launch that reaches a point at a given time.
+"""Flight of a shuttle with quadratic drag, the launch that reaches a point at a given time, and the bounds of each shot type.
 
     dv/dt = -g - |v| v / L,    L = U² / g
 
@@ -6,8 +6,13 @@ with the terminal speed U = 6.8 m/s (6.7 to 7.0 m/s in the literature: Cohen, Da
 badminton", New Journal of Physics 17, 2015). Lengths are scaled by L and times by U/g, so
 that the equation has no parameter. Time steps grow so that drag alone would cover equal distances in each: 16 of them
 keep a smash and a clear within millimetres. A flight lies in a vertical plane.
+
+Bounds are those of height over the net, launch speed and apex. Matches tell when and roughly where a shuttle is met, but not how
+high. Heights and times that are drawn independently can contradict the shot type. Within :data:`BOUNDS` a flight looks like what
+players call it.
 """
 
+import dataclasses
 import math
 from typing import Final, NamedTuple
 
@@ -15,6 +20,8 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.base.compiling import compiled
+from shuttle_marl.game.court import NET_HEIGHT, NET_HEIGHT_CENTRE, WIDTH
+from shuttle_marl.game.stroke import SHOTS
 
 GRAVITY: Final = 9.81
 """Acceleration of gravity [m/s²]."""
@@ -25,6 +32,13 @@ LENGTH: Final = TERMINAL**2 / GRAVITY
 _TIME: Final = TERMINAL / GRAVITY
 STEPS: Final = 16
 _TOLERANCE: Final = 5e-4 / LENGTH
+CLEARANCE: Final = 0.035
+"""Least height of the shuttle above the net [m]."""
+_ANY: Final = (0.0, np.inf)
+_TOUCHES: Final = 100.0
+"""Weight of the height that is missing over the net."""
+_KMH: Final = 0.01
+"""Weight of the speed beyond a bound [m per km/h]."""
 
 
 class Flights(NamedTuple):
@@ -146,6 +160,77 @@ def fall(start: F64, velocity: F64, time: F64, steps: int = STEPS) -> Flights:
     along = np.hypot(velocity[:, 0], velocity[:, 1])
     heading = velocity[:, :2] / np.maximum(along, 1e-9)[:, None]
     return _flown(start, heading, _integrate(along / TERMINAL, velocity[:, 2] / TERMINAL, time / _TIME, steps))
+
+
+def net_height(x: F64 | float) -> F64:
+    """Height of the top of the net [m]: 1.524 m in the middle, 1.55 m over the doubles side lines."""
+    return NET_HEIGHT_CENTRE + (NET_HEIGHT - NET_HEIGHT_CENTRE) * (2 * np.asarray(x, dtype=np.float64) / WIDTH) ** 2
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """Least and greatest values of the flights of one shot type.
+
+    Attributes:
+        over: height above the net of shuttles met below it, or that land [m].
+        over_high: the same of shuttles met above the net: loose ones, for shots that are meant to be met below it [m].
+        varied: share of the range of ``over`` by which its upper end is lowered at most, as drawn for each stroke.
+        kmh: launch speed [km/h].
+        apex: greatest height above the floor [m].
+    """
+
+    over: tuple[float, float] = (CLEARANCE, np.inf)
+    over_high: tuple[float, float] = (CLEARANCE, np.inf)
+    varied: float = 0.0
+    kmh: tuple[float, float] = _ANY
+    apex: tuple[float, float] = _ANY
+
+    def excess(self, flights: Flights, met: int, u: float, *, crosses: bool) -> F64:
+        """``[N]`` distance from the bounds, 0 inside them [m].
+
+        Args:
+            met: 0: below the net or on the floor; 1: above the net.
+            u: how much the range of ``over`` is lowered, 0 to 1.
+            crosses: whether the flights pass the net; otherwise only their speed is bounded.
+        """
+        out = _KMH * _outside(3.6 * flights.launch_speed, self.kmh)
+        if crosses:
+            over, (low, high) = height_over_net(flights), self.over
+            lowered = low, high - u * self.varied * (high - low) if self.varied else high
+            out += _outside(over, self.over_high if met else lowered) + _outside(flights.apex, self.apex)
+            out += _TOUCHES * np.maximum(CLEARANCE - over, 0.0)
+        return out
+
+
+_OF: Final[dict[str, Bounds]] = {
+    "short-serve": Bounds(over=(CLEARANCE, 0.24), over_high=(CLEARANCE, 0.50), varied=0.6, kmh=(0, 75)),
+    "long-serve": Bounds(apex=(0, 7)),
+    "clear": Bounds(kmh=(0, 230), apex=(4, 7)),
+    "lift": Bounds(kmh=(0, 150), apex=(4, 7)),
+    "drop": Bounds(over=(CLEARANCE, 0.85), over_high=(CLEARANCE, 1.0), kmh=(0, 114)),
+    "smash": Bounds(over=(CLEARANCE, 0.45), over_high=(CLEARANCE, 0.60), kmh=(208, 330)),
+    "half-smash": Bounds(over=(CLEARANCE, 0.45), over_high=(CLEARANCE, 0.60), kmh=(130, 200)),
+    "drive": Bounds(over=(CLEARANCE, 0.40), over_high=(CLEARANCE, 0.38), kmh=(80, 220)),
+    "push": Bounds(kmh=(0, 110), apex=(0, 3.6)),
+    "net-kill": Bounds(over=(CLEARANCE, 0.35), over_high=(CLEARANCE, 0.45), kmh=(60, 200)),
+    "net-shot": Bounds(over=(CLEARANCE, 0.23), over_high=(0.40, 0.90), varied=0.7, kmh=(0, 70)),
+    "block": Bounds(over=(CLEARANCE, 0.35), over_high=(0.40, 0.90), varied=0.5, kmh=(0, 85)),
+    "cross-court-net-shot": Bounds(over=(CLEARANCE, 0.23), over_high=(0.40, 0.90), varied=0.7, kmh=(0, 75)),
+}
+BOUNDS: Final = tuple(_OF[shot] for shot in SHOTS)
+"""Bounds of each shot type. Half smashes are slower than every smash."""
+
+
+def height_over_net(flights: Flights) -> F64:
+    """``[N]`` height over the top of the net [m]; infinite if a flight begins beyond it or does not reach it."""
+    ahead = np.maximum(flights.heading[:, 1], 1e-6)
+    x = flights.start[:, 0] - flights.start[:, 1] / ahead * flights.heading[:, 0]
+    return flights.height_over(0.0) - net_height(x)
+
+
+def _outside(value: F64, limits: tuple[float, float]) -> F64:
+    finite = np.where(np.isfinite(value), value, limits[0])
+    return np.maximum(finite - limits[1], 0.0) + np.maximum(limits[0] - finite, 0.0)
 
 
 def _flown(start: F64, heading: F64, scaled: tuple[F64, F64, F64, F64, F64]) -> Flights:

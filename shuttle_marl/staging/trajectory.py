@@ -17,7 +17,6 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.compiling import compiled
-from shuttle_marl.game.court import NET_HEIGHT, NET_HEIGHT_CENTRE, WIDTH
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.staging.flight import GRAVITY, Flights, fall, shoot
 from shuttle_marl.staging.motions import HELD, Stance
@@ -110,11 +109,6 @@ def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
     rows: dict[str, Any] = {name: whole(getattr(old, name), getattr(new, name)) for name in _BY_STROKE}
     flight = Flights(*map(whole, old.flight, new.flight))
     return dataclasses.replace(new, **rows, flight=flight, stance=(*old.stance[:first], *new.stance))
-
-
-def net_height(x: F64 | float) -> F64:
-    """Height of the top of the net [m]: 1.524 m in the middle, 1.55 m over the doubles side lines."""
-    return NET_HEIGHT_CENTRE + (NET_HEIGHT - NET_HEIGHT_CENTRE) * (2 * np.asarray(x, dtype=np.float64) / WIDTH) ** 2
 
 
 def own_frame(facing: float, right_handed: bool = True) -> F64:

@@ -15,7 +15,7 @@ from shuttle_marl.staging.assemble import onto_court, players_of
 from shuttle_marl.staging.body import PlayerMotion, Prepared, bones, course, free_palm, prepare
 from shuttle_marl.staging.curves import smooth
 from shuttle_marl.staging.feet import Plant
-from shuttle_marl.staging.flight import shoot
+from shuttle_marl.staging.flight import net_height, shoot
 from shuttle_marl.staging.idle import Habits
 from shuttle_marl.staging.library import FREE_ARM, N_POSE, TRUNK, Athlete, bent, pointed
 from shuttle_marl.staging.motion import Motion
@@ -24,7 +24,6 @@ from shuttle_marl.staging.poses import CONTACT
 from shuttle_marl.staging.rotation import turned
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_PITCH, HIPS_YAW, SPINE_PITCH, StagingError
 from shuttle_marl.staging.timeline import Hit, Keys, Stand, Timeline, feet_at
-from shuttle_marl.staging.trajectory import net_height
 
 _SPEED: Final = 1.6
 """Mean speed of a walk [m/s]."""

@@ -5,9 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.analysis.decisions import quality, theme_of, usual_of
+from shuttle_marl.analysis.decisions import places_of, quality, theme_of, usual_of
 from shuttle_marl.analysis.marks import Judged, basis_of
-from shuttle_marl.analysis.positions import places_of
 from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.positions import GOOD, Places, places_of
+from shuttle_marl.analysis.decisions import GOOD, Places, places_of
 from shuttle_marl.analysis.worth import Worth
 from shuttle_marl.exact import Solution, solve
 from shuttle_marl.exact.met import met

@@ -32,11 +32,12 @@ from shuttle_marl.staging.arm import (
 )
 from shuttle_marl.staging.body import NECK_LIMITS
 from shuttle_marl.staging.draw import load_measured
+from shuttle_marl.staging.flight import net_height
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, exponential, matrix, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
-from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, net_height, own_frame
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, own_frame
 from tests.staging.motion_life import Life, measure_life, summary_of_life
 
 _FLIP: Final = np.diag([-1.0, 1.0, 1.0])

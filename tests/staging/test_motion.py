@@ -12,9 +12,10 @@ from shuttle_marl.game.rally.record import Rally, RallyError
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
+from shuttle_marl.staging.flight import net_height
 from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND
 from shuttle_marl.staging.rotation import matrix
-from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, net_height
+from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN
 from tests.staging.flight_metrics import flights_of, summary_of_flights
 from tests.staging.motion_metrics import clearance, measure
 
