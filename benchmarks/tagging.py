@@ -16,10 +16,8 @@ import contextlib
 import dataclasses
 import itertools
 import json
-import re
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -30,10 +28,11 @@ from typing import Annotated, Any, Final
 import av
 import numpy as np
 import tyro
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 from rich.console import Console
 from rich.progress import track
 
+from benchmarks.court import serving, until
 from benchmarks.machine import this_machine
 from docs.tools.results import show
 from shuttle_marl.base.arrays import F64
@@ -47,7 +46,7 @@ from shuttle_marl.watch.building import build
 from shuttle_marl.watch.messages import RallyFacts, RallyRequest, Stroke
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.server import Server, application, bind, browser_flags, browser_program, hosts_of, write_video
+from shuttle_marl.watch.server import Server, application, bind, browser_page, hosts_of, write_video
 from shuttle_marl.watch.stager import Stager
 
 SIZE: Final = (480, 270)
@@ -132,11 +131,7 @@ def _served(answers: Answers) -> Iterator[str]:
 
 def _plane(address: str) -> F64:
     """Homography of the camera, from four points of the picture."""
-    with (
-        sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=browser_program(), args=browser_flags()) as browser,
-    ):
-        page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]}, reduced_motion="reduce")
+    with browser_page(SIZE, reduced_motion="reduce") as page:
         page.set_default_timeout(1000 * _PATIENCE)
         page.goto(address)
         page.locator("body[data-ready]").wait_for()
@@ -206,11 +201,7 @@ class Script:
 
     def until(self, holds: str) -> None:
         """Wait until an expression is true."""
-        end = time.monotonic() + _PATIENCE
-        while not self.page.evaluate(f"!!({holds})"):
-            if time.monotonic() > end:
-                raise TimeoutError(f"waited in vain for {holds}; the page says {self.page.inner_text('body')[:500]}")
-            self.page.wait_for_timeout(5)
+        until(self.page, holds, _PATIENCE)
 
     def open(self, address: str) -> None:
         """Load the page; a new match is set up and the corners of the court are clicked."""
@@ -329,24 +320,9 @@ def place_of(rally: RallyFacts, count: int) -> tuple[float, float]:
     return sign * stroke.end_point[0], sign * stroke.end_point[1]
 
 
-@contextlib.contextmanager
-def tagging(video: Path, out: Path, port: int) -> Iterator[subprocess.Popen[str]]:
+def tagging(video: Path, out: Path, port: int = 0) -> contextlib.AbstractContextManager[tuple[str, subprocess.Popen[str]]]:
     """Serve the page that tags a video."""
-    flags = ["--tag", str(video), "--out", str(out), "--port", str(port), "--no-browser"]
-    process = subprocess.Popen([sys.executable, "-m", "shuttle_marl.watch", *flags], stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    try:
-        said = ""
-        while not re.search(rf"http://127.0.0.1:{port}/ shows", said):
-            line = process.stderr.readline()
-            if not line:
-                raise RuntimeError(f"the server ended: {said}")
-            said += line
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-        process.stderr.close()
+    return serving("--tag", str(video), "--out", str(out), port=port)
 
 
 def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dict[str, Any]:
@@ -358,19 +334,15 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
     moments = set(np.random.default_rng(seed).choice(2 * strokes, kills, replace=False).tolist())
     lost: list[int] = []
     saving: list[float] = []
-    with (
-        sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=browser_program(), args=browser_flags()) as browser,
-    ):
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
+    with browser_page((1280, 800)) as page:
         page.set_default_timeout(1000 * _PATIENCE)
         script, steps, more = Script(page, played), 0, True
         while more:
-            with tagging(played.path, out, port) as process, console.status(f"tagging, {len(lost)} kills"):
+            with tagging(played.path, out, port) as (address, process), console.status(f"tagging, {len(lost)} kills"):
                 before = script.state()["inputs"] if steps else 0
                 if steps:
                     page.goto("about:blank")
-                script.open(f"http://127.0.0.1:{port}/")
+                script.open(address)
                 if steps:
                     lost.append(before - script.state()["inputs"])
                 while more := script.step():

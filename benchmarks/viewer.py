@@ -6,53 +6,31 @@ The server runs in a separate process, the browser is headless (software renderi
 Needs the extra ``video`` and Chromium.
 """
 
-import contextlib
 import gzip
 import json
-import os
 import re
-import signal
 import statistics
 import struct
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import tyro
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 from websockets.sync.client import connect
 
+from benchmarks.court import serving, until
 from benchmarks.machine import this_machine
 from docs.tools.results import show
 from shuttle_marl.watch.building import FILES, build
-from shuttle_marl.watch.server import browser_flags, browser_program
+from shuttle_marl.watch.server import browser_page
 
 _VIEWERS: Final = 50
 _WIDTH, _HEIGHT = 1680, 980
-
-
-@contextlib.contextmanager
-def serving(*flags: str, cache: str | None = None) -> Iterator[tuple[str, int]]:
-    """Address and process of a server, which keeps compiled code in a folder, or where it usually does."""
-    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0", *flags]
-    env = None if cache is None else {**os.environ, "NUMBA_CACHE_DIR": cache}
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=env)
-    assert process.stderr is not None
-    try:
-        for line in process.stderr:
-            if found := re.match(r"(http://\S+/) shows", line):
-                yield found[1], process.pid
-                return
-        raise RuntimeError("the server did not start")
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(60)
-        process.stderr.close()
 
 
 def size() -> dict[str, float]:
@@ -73,21 +51,12 @@ def site() -> dict[str, float]:
         return {"site_mb": round(sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / 1e6, 1)}
 
 
-def until(page: Page, script: str, seconds: float = 120.0) -> None:
-    """Wait until an expression of the page is true."""
-    end = time.monotonic() + seconds
-    while not page.evaluate(script):
-        if time.monotonic() > end:
-            raise TimeoutError(script)
-        page.wait_for_timeout(20)
-
-
 def first_picture(page: Page, address: str) -> float:
     """Seconds until a page shows a rally."""
     page.goto("about:blank")
     begun = time.monotonic()
     page.goto(address)
-    until(page, "!!(window.viewer && window.viewer.state().ready && window.viewer.state().figures.draw_calls)")
+    until(page, "window.viewer && window.viewer.state().ready && window.viewer.state().figures.draw_calls")
     return round(time.monotonic() - begun, 2)
 
 
@@ -100,13 +69,13 @@ def cold(page: Page) -> dict[str, float]:
 def frames(page: Page, address: str) -> dict[str, Any]:
     """Time to the first picture of a warm server, script time per frame, and draw calls from every camera in full quality."""
     page.goto(f"{address}#rally=1")
-    until(page, "!!(window.viewer && window.viewer.state().ready && window.viewer.state().analysis)")
+    until(page, "window.viewer && window.viewer.state().ready && window.viewer.state().analysis")
     first = first_picture(page, f"{address}#rally=1")
     page.keyboard.press(" ")
     page.wait_for_timeout(8000)
     script: list[float] = page.evaluate("window.viewer.state().script_ms")
     page.goto(f"{address}?quality=full#rally=1&stroke=2")
-    until(page, "!!(window.viewer && window.viewer.state().ready)")
+    until(page, "window.viewer && window.viewer.state().ready")
     calls = []
     for camera in "123456":
         page.keyboard.press(camera)
@@ -124,7 +93,7 @@ def frames(page: Page, address: str) -> dict[str, Any]:
 def turns(page: Page, address: str, count: int) -> dict[str, Any]:
     """Time from the choice of a stroke to the first frame that moves."""
     page.goto(f"{address}#seed=3&a=bc&b=bc&rally=1")
-    until(page, "!!(window.viewer && window.viewer.state().ready)")
+    until(page, "window.viewer && window.viewer.state().ready")
     page.keyboard.press("t")
     while len(found := page.evaluate("window.viewer.state().turn_ms")) < count:
         turn, winner, duration = page.evaluate(
@@ -168,7 +137,7 @@ def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> di
     server, heap = [], []
     page.goto("about:blank")
     page.goto(f"{address}#rally=1")
-    until(page, "!!(window.viewer && window.viewer.state().ready)")
+    until(page, "window.viewer && window.viewer.state().ready")
     for match in range(matches):
         page.evaluate("(seed) => { location.hash = `#seed=${seed}&a=bc&b=bc&rally=1`; }", 100 + match)
         until(page, f"window.viewer.state().plan.seed === {100 + match}")
@@ -183,14 +152,10 @@ def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> di
 
 def run(*, quick: bool = False) -> dict[str, Any]:
     """All measurements, by key."""
-    with serving("--a", "bc", "--b", "bc") as (address, pid), sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=browser_program(), args=[*browser_flags(), "--enable-precise-memory-info"]
-        )
-        page = browser.new_page(viewport={"width": _WIDTH, "height": _HEIGHT})
+    size_of_page, flag = (_WIDTH, _HEIGHT), "--enable-precise-memory-info"
+    with serving("--a", "bc", "--b", "bc") as (address, server), browser_page(size_of_page, flag) as page:
         found = {**this_machine(), **size(), **site(), **frames(page, address), **turns(page, address, 5 if quick else 15)}
-        found |= {**cold(page), **viewers(address), **memory(page, address, pid, 3 if quick else 10, 4 if quick else 20)}
-        browser.close()
+        found |= {**cold(page), **viewers(address), **memory(page, address, server.pid, 3 if quick else 10, 4 if quick else 20)}
     return found
 
 

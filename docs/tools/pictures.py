@@ -24,6 +24,7 @@ from shuttle_marl.game.policy import States
 from shuttle_marl.game.shipped import read_model_card
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.watch.server import browser_page
 
 SOURCES: Final = IMAGES / "sources.json"
 _RANKING: Final = "ranking of docs/league.md"
@@ -140,42 +141,32 @@ def _analysis() -> None:
 
 def _league_report() -> None:
     """The first screens of the report of the default tournament."""
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415  an extra
-
     from shuttle_marl.league.entrants import LeagueConfig  # noqa: PLC0415
     from shuttle_marl.league.run import run_league  # noqa: PLC0415
-    from shuttle_marl.watch.server import browser_flags, browser_program  # noqa: PLC0415
 
-    width, height = _REPORT
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory() as folder:
         run = run_league(LeagueConfig(out=Path(folder) / "run", record="none")).folder
-        browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
-        page = browser.new_page(viewport={"width": width, "height": height})
-        page.goto((run / "report.html").as_uri())
-        replace_file(IMAGES / "league_report.png", page.screenshot())
-        browser.close()
+        _shown(run / "report.html", _REPORT, "league_report")
+
+
+def _shown(file: Path, size: tuple[int, int], name: str) -> None:
+    with browser_page(size) as page:
+        page.goto(file.as_uri())
+        replace_file(IMAGES / f"{name}.png", page.screenshot())
 
 
 def _reports() -> None:
     """The first parts of both reports for coaches."""
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415  an extra
-
-    from shuttle_marl.watch.server import browser_flags, browser_program  # noqa: PLC0415
-
     sample = str(ROOT / "datasets" / "sample" / "strokes.parquet")
     commands = {
         "scouting_report": ("scout", "viktor-axelsen", "kento-momota"),
         "match_report": ("report", sample, "--match", "simulated-1"),
     }
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
+    with tempfile.TemporaryDirectory() as folder:
         for name, (command, *arguments) in commands.items():
             file = Path(folder) / f"{name}.html"
             _module("shuttle_marl", command, *arguments, "--out", str(file))()
-            page = browser.new_page(viewport={"width": _COACH[0], "height": _COACH[1]})
-            page.goto(file.as_uri())
-            replace_file(IMAGES / f"{name}.png", page.screenshot())
-        browser.close()
+            _shown(file, _COACH, name)
 
 
 _COURT: Final = {

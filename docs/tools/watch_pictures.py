@@ -4,24 +4,19 @@
 quality.
 """
 
-import contextlib
-import re
-import signal
-import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import av
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Page
 
+from benchmarks.court import serving, until
 from docs.tools.markdown import IMAGES
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.watch.server import browser_flags, browser_program, write_video
+from shuttle_marl.watch.server import browser_page, write_video
 
 SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
 SHOWN: Final = (("watch", "wide"), ("analyse", "wide"), ("learn", "wide"), ("play", "wide"), ("play", "narrow"))
@@ -37,18 +32,15 @@ _QUALITY: Final = 55
 
 def main() -> None:
     """Take the pictures of the modes, of two players with their own skill, and the film of a rally of theirs."""
-    with _served("--players", *PLAYERS) as address:
+    with serving("--players", *PLAYERS) as (address, _):
         take_film(f"{address}{_RALLY.partition('&stroke')[0]}", IMAGES / "film.webp")
     if "--film" in sys.argv:
         return
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
-        with _served() as address:
-            for mode, size in SHOWN:
-                _take(browser, address, mode, size, IMAGES / f"watch_{mode}_{size}.jpg")
-        with _served("--players", *PLAYERS) as address:
-            _take(browser, address, "watch", "wide", IMAGES / "watch_players.jpg", place=_RALLY)
-        browser.close()
+    with serving() as (address, _):
+        for mode, size in SHOWN:
+            _take(address, mode, size, IMAGES / f"watch_{mode}_{size}.jpg")
+    with serving("--players", *PLAYERS) as (address, _):
+        _take(address, "watch", "wide", IMAGES / "watch_players.jpg", place=_RALLY)
 
 
 def take_film(address: str, picture: Path) -> None:
@@ -61,35 +53,16 @@ def take_film(address: str, picture: Path) -> None:
         first.save(picture, save_all=True, append_images=others, duration=1000 // _FPS, loop=0, quality=_QUALITY, method=4)
 
 
-@contextlib.contextmanager
-def _served(*options: str) -> Iterator[str]:
-    """Address of a live court that is served meanwhile."""
-    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0", *options]
-    server = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    assert server.stderr is not None
-    try:
-        yield next(match[1] for line in server.stderr if (match := re.match(r"(http://\S+/) shows", line)))
-    finally:
-        server.send_signal(signal.SIGINT)
-        server.wait(20)
-
-
-def _take(browser: Browser, address: str, mode: str, size: str, picture: Path, *, place: str = _PLACE) -> None:
-    width, height = SIZES[size]
-    page = browser.new_page(viewport={"width": width, "height": height}, reduced_motion="reduce")
-    page.set_default_timeout(_LIMIT)
-    page.goto(f"{address}?quality=full{place}")
-    _show(page, mode)
-    replace_file(picture, page.screenshot(type="jpeg", quality=88))
-    page.close()
+def _take(address: str, mode: str, size: str, picture: Path, *, place: str = _PLACE) -> None:
+    with browser_page(SIZES[size], reduced_motion="reduce") as page:
+        page.set_default_timeout(_LIMIT)
+        page.goto(f"{address}?quality=full{place}")
+        _show(page, mode)
+        replace_file(picture, page.screenshot(type="jpeg", quality=88))
 
 
 def _until(page: Page, script: str) -> None:
-    end = time.monotonic() + _LIMIT / 1000
-    while not page.evaluate(f"(() => {{ const s = window.viewer?.state(); return !!s && !!({script}); }})()"):
-        if time.monotonic() > end:
-            raise TimeoutError(script)
-        page.wait_for_timeout(100)
+    until(page, f"(() => {{ const s = window.viewer?.state(); return s && ({script}); }})()", _LIMIT / 1000)
 
 
 def _show(page: Page, mode: str) -> None:

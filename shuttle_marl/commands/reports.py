@@ -101,19 +101,17 @@ def write_figures(figures: Mapping[str, Any], path: Path) -> None:
 
 def _printed(page: bytes, out: Path) -> bytes:
     """A page on paper of size A4; ``out``: its file, for errors."""
-    from playwright.sync_api import Error, sync_playwright  # noqa: PLC0415  an extra
+    from playwright.sync_api import Error  # noqa: PLC0415  an extra
 
-    from shuttle_marl.watch.server import browser_flags, browser_program  # noqa: PLC0415
+    from shuttle_marl.watch.server import browser_page, browser_program  # noqa: PLC0415
 
-    program = browser_program()
     try:
-        with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        with tempfile.TemporaryDirectory() as folder, browser_page() as tab:
             file = Path(folder) / "report.html"
             file.write_bytes(page)
-            browser = playwright.chromium.launch(executable_path=program, args=browser_flags())
-            tab = browser.new_page()
             tab.goto(file.as_uri())
             return tab.pdf(prefer_css_page_size=True, print_background=True)
     except Error as error:
         reason = error.message.partition("\n")[0]
-        raise WatchError(f"{program} cannot print the report ({reason}); open {out} in another browser and print it") from error
+        advice = f"open {out} in another browser and print it"
+        raise WatchError(f"{browser_program()} cannot print the report ({reason}); {advice}") from error

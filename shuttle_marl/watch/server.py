@@ -17,7 +17,7 @@ import os
 import shutil
 import socket
 import urllib.parse
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from ctypes.util import find_library
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
@@ -431,12 +431,10 @@ def write_video(address: str, path: Path, progress: Progress = iter, *, size: tu
     Raises:
         WatchError: no browser is installed, or the page cannot show the rally.
     """
-    from playwright.sync_api import Error, sync_playwright  # noqa: PLC0415  an extra
+    from playwright.sync_api import Error  # noqa: PLC0415  an extra
 
     try:
-        with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
-            page = browser.new_page(viewport={"width": size[0], "height": size[1]}, reduced_motion="reduce")
+        with browser_page(size, reduced_motion="reduce") as page:
             page.set_default_timeout(_WAIT)
             page.goto(address)
             page.locator(f"body[data-ready], {_FAILED}").first.wait_for()
@@ -447,7 +445,6 @@ def write_video(address: str, path: Path, progress: Progress = iter, *, size: tu
             frames = int(page.evaluate("window.viewer.state().duration") * fps + 1e-6) + 1
             with replacing(path) as file:
                 _encode(page, progress(range(frames)), file, path.suffix, size, fps)
-            browser.close()
             return frames
     except Error as error:
         raise WatchError(f"the page cannot be filmed: {error.message.splitlines()[0]}") from error
@@ -480,6 +477,27 @@ def browser_program() -> str:
         if name and (found := shutil.which(name)):
             return found
     raise WatchError("this needs Chromium or Chrome; install it, or name it in the variable CHROMIUM")
+
+
+@contextlib.contextmanager
+def browser_page(size: tuple[int, int] = SIZE, *flags: str, **options: Any) -> "Iterator[Page]":
+    """A page of a headless browser, which is closed at the end.
+
+    Args:
+        size: width and height [pixels].
+        flags: of the browser, besides :func:`browser_flags`.
+        options: of the page.
+
+    Raises:
+        WatchError: no browser is installed.
+    """
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415  an extra
+
+    program = browser_program()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=[*browser_flags(), *flags])
+        yield browser.new_page(viewport={"width": size[0], "height": size[1]}, **options)
+        browser.close()
 
 
 def browser_flags(*, mesa: bool | None = None) -> list[str]:
