@@ -24,7 +24,7 @@ from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states
 from shuttle_marl.analysis.advice import Advice, Refitted, advise, refitted
 from shuttle_marl.analysis.worth import Worth
 from shuttle_marl.base.arrays import F64, I64, Bools
-from shuttle_marl.base.runs import describe, write_json
+from shuttle_marl.base.runs import describe
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.data import Split, read_matches
@@ -147,9 +147,7 @@ def advice(
         cli.console(stderr=True).print(f"{number + 1} of {len(every.matches)}: {name}", soft_wrap=True)
     about = {"split": split, "matches": len(every.matches), "advice": shots.total(), "shots": dict(shots.most_common())}
     result = {**describe(("numpy",)), **about, **Judged.joined(parts).summary()}
-    if out is not None:
-        write_json(out, result)
-    show(result, "advice_results", as_json=json_output)
+    show(result, "advice_results", as_json=json_output, out=out)
 
 
 main = cli.entry_point(advice, "python -m experiments.advice", __doc__ or "")

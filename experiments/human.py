@@ -23,12 +23,11 @@ from rich.console import Console
 from rich.progress import track
 
 from docs.tools.results import show
-from experiments.truth.matches import RESAMPLES, Strokes, ratio_by_match, states_of, strokes_of
+from experiments.truth.matches import RESAMPLES, Strokes, of_splits, ratio_by_match, states_of, strokes_of
 from shuttle_marl.analysis import pictures
 from shuttle_marl.base.arrays import F64, I64, Bools
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import Outcome, Split, matches_of, read_matches
+from shuttle_marl.data import Outcome, Split, read_matches
 from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.exact.away import of_pair, over
@@ -225,11 +224,8 @@ def human(
         picture: draw strength against likeness into this file (PNG, SVG or PDF).
         json: print JSON.
     """
-    strokes = strokes_of(read_matches(data)).marked(load_hurry(model_folder(model)))
-    inside = strokes.in_matches(matches_of(split))
-    if not inside.any():
-        raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
-    result = {"split": split, **measure(load_game(model), strokes.take(inside), Console(stderr=True))}
+    strokes = of_splits(strokes_of(read_matches(data)).marked(load_hurry(model_folder(model))), split)
+    result = {"split": split, **measure(load_game(model), strokes, Console(stderr=True))}
     if picture is not None:
         draw(result, picture)
     show(result, "human", "human_players", as_json=json)

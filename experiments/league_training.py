@@ -20,7 +20,7 @@ import tyro
 from rich.console import Console
 
 from docs.tools.results import show
-from experiments.saving import save_results
+from experiments.saving import Study, save_results
 from experiments.spread import iqm
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
@@ -34,7 +34,7 @@ _MILESTONES: Final = (0.25, 0.5, 0.75, 1.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LeagueStudy:
+class LeagueStudy(Study):
     """Settings of the experiment."""
 
     variants: tuple[Variant, ...] = get_args(Variant)
@@ -51,12 +51,6 @@ class LeagueStudy:
     """Model of the game."""
     quick: bool = False
     """Two seeds and few strokes: a smoke test without meaningful results."""
-    out: Path | None = None
-    """Run folder; default runs/league_training, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out."""
-    overwrite: bool = False
-    """Replace the run in --out."""
 
     def __post_init__(self) -> None:
         if not self.variants or self.seeds < 2 or min(self.workers, self.jobs) < 1:
@@ -156,7 +150,7 @@ def league_training(
 
     config = config.sized()
     console = Console(stderr=True, highlight=False, markup=False)
-    with runs.open_run(config.out, "league_training", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
+    with config.open("league_training") as folder:
         training = config.training(folder)
         # All variants of one seed before the next seed, so that an unfinished study can be compared.
         ordered = [configs[seed] for seed in range(config.seeds) for configs in training.values() if seed < len(configs)]

@@ -29,7 +29,7 @@ from experiments.imitation.imitator import Imitator
 from experiments.imitation.match_adaptation import adapt_to_match
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.runs import describe, write_json
+from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.upstream import Split, matches_of
@@ -82,9 +82,7 @@ def next_stroke(
     models, hurry = FittedModels.load(model_folder(model)), load_hurry(model_folder(model))
     scores = table(imitator, models, scored, hurry)
     result = {**describe(("lightgbm", "numpy")), "split": split, "fit": fit, **scores, "paper": PAPER}
-    if out is not None:
-        write_json(out, result)
-    show(result, "next_stroke", as_json=json)
+    show(result, "next_stroke", as_json=json, out=out)
 
 
 def table(imitator: Imitator, models: FittedModels, strokes: pa.Table, hurry: Hurry | None = None) -> dict[str, Any]:

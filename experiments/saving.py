@@ -1,5 +1,7 @@
-"""Result files of experiments with their provenance."""
+"""Run folders of experiments, and result files with their provenance."""
 
+import contextlib
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any, Final
@@ -9,6 +11,28 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Study:
+    """Settings of an experiment with a run folder."""
+
+    out: Path | None = None
+    """Run folder; default a folder of this experiment in runs, with a number appended if that exists."""
+    resume: bool = False
+    """Continue the run in --out."""
+    overwrite: bool = False
+    """Replace the run in --out."""
+
+    def fixed(self) -> dict[str, Any]:
+        """Settings that determine the result, as JSON: all but those of the folder, and the number of parallel runs."""
+        others = {"jobs", *(field.name for field in dataclasses.fields(Study))}
+        own = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in others}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in own.items()}
+
+    def open(self, name: str) -> contextlib.AbstractContextManager[Path]:
+        """The run folder, see :func:`shuttle_marl.base.runs.open_run`."""
+        return runs.open_run(self.out, name, self.fixed(), resume=self.resume, overwrite=self.overwrite)
 
 
 def save_results(folder: Path, result: dict[str, Any], copy: Path | None) -> dict[str, Any]:

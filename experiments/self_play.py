@@ -18,9 +18,8 @@ import tyro
 from rich.console import Console
 
 from docs.tools.results import show
-from experiments.saving import save_results
+from experiments.saving import Study, save_results
 from experiments.spread import iqm
-from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
@@ -36,7 +35,7 @@ _EVALUATE_EVERY: Final = 100
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SelfPlayStudy:
+class SelfPlayStudy(Study):
     """Settings of the experiment."""
 
     variants: tuple[SelfPlayVariant, ...] = get_args(SelfPlayVariant)
@@ -49,12 +48,6 @@ class SelfPlayStudy:
     """Two seeds and one short budget: a smoke test without meaningful results."""
     jobs: int = os.cpu_count() or 1
     """Number of parallel training runs; changes only the seconds."""
-    out: Path | None = None
-    """Run folder; default runs/self_play, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out."""
-    overwrite: bool = False
-    """Replace the run in --out."""
     game: str = "default"
     """The game."""
 
@@ -70,11 +63,11 @@ class SelfPlayStudy:
 
     def compared(self) -> dict[str, Any]:
         """Variants, budgets and seeds of the study, as JSON."""
-        return {
-            "variants": list(self.variants),
-            "strokes": list(self.strokes),
-            "seeds": self.seeds,
-        }
+        return {"variants": list(self.variants), "strokes": list(self.strokes), "seeds": self.seeds}
+
+    def fixed(self) -> dict[str, Any]:
+        """What all runs have in common: the study may continue with other variants, budgets and seeds."""
+        return {"evaluate_every": _EVALUATE_EVERY}
 
     def training(self, folder: Path) -> dict[tuple[SelfPlayVariant, int], list[PPOConfig]]:
         """The training runs, by variant and budget."""
@@ -131,8 +124,7 @@ def self_play(
     """
     config = config.sized()
     console = Console(stderr=True, highlight=False)
-    fixed = {"evaluate_every": _EVALUATE_EVERY}
-    with runs.open_run(config.out, "self_play", fixed, resume=config.resume, overwrite=config.overwrite) as folder:
+    with config.open("self_play") as folder:
         training = config.training(folder)
         train_all([run for group in training.values() for run in group], config.jobs, console)
         settings = {

@@ -20,10 +20,9 @@ from rich.console import Console
 from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 
 from docs.tools.results import show
-from experiments.saving import save_results
+from experiments.saving import Study, save_results
 from experiments.spread import mean_and_deviation
 from shuttle_marl import exact
-from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
@@ -98,7 +97,7 @@ def _metres(game: Game) -> F64:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Styles:
+class Styles(Study):
     """Settings of the experiment."""
 
     seeds: int = 3
@@ -109,12 +108,6 @@ class Styles:
     """Two seeds and little training: a smoke test without meaningful results."""
     jobs: int = 2
     """Number of parallel training runs; does not change the result."""
-    out: Path | None = None
-    """Run folder; default runs/styles, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out."""
-    overwrite: bool = False
-    """Replace the run in --out."""
 
     def __post_init__(self) -> None:
         if not 0 < self.fraction <= 1:
@@ -186,15 +179,14 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
     if config.quick:
         config = dataclasses.replace(config, seeds=2)
     console = Console(stderr=True, highlight=False)
-    fixed = {"seeds": config.seeds, "fraction": config.fraction, "quick": config.quick}
-    with runs.open_run(config.out, "styles", fixed, resume=config.resume, overwrite=config.overwrite) as folder:
+    with config.open("styles") as folder:
         training = config.training(folder)
         train_all(list(itertools.chain(*training.values())), config.jobs, console)
         objectives = {
             style: {name: run[0].fixed()[name] for name in ("bonus", "fault_cost", "risk_aversion", "strokes")}
             for style, run in training.items()
         }
-        result = save_results(folder, {**fixed, "objectives": objectives, **measure(training)}, json)
+        result = save_results(folder, {**config.fixed(), "objectives": objectives, **measure(training)}, json)
     show(result, "styles")
     Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
 

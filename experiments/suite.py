@@ -21,7 +21,7 @@ from typing import Any, Final
 import tyro
 from rich.console import Console
 
-from experiments.saving import save_results
+from experiments.saving import Study, save_results
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import in_processes
 from shuttle_marl.base.errors import ShuttleError
@@ -72,7 +72,7 @@ ROW: Final = "row.json"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Suite:
+class Suite(Study):
     """Settings of the experiment."""
 
     tasks: tuple[str, ...] = ()
@@ -95,12 +95,6 @@ class Suite:
     """Recompute all scores from the stored policies."""
     game: str = "default"
     """Model of the game."""
-    out: Path | None = None
-    """Folder of the runs; default runs/suite, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the runs in --out, and add others."""
-    overwrite: bool = False
-    """Replace the runs in --out."""
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.tasks if name not in TASKS]
@@ -243,7 +237,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
             console.print(_line(job, f"{job.seconds / 60:.1f} min"))
         console.print(f"{len(planned)} runs, {sum(job.seconds for job in planned) / 60:.0f} minutes on one core")
         return
-    with runs.open_run(config.out, "suite", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
+    with config.open("suite") as folder:
         waiting = [job for job in jobs_of(config, folder) if not (job.options.out / ROW).exists()]  # type: ignore[operator]
         begun, spent, estimated, started = time.monotonic(), 0.0, 0.0, 0
 

@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.progress import track
 
 from docs.tools.results import show
-from experiments.saving import save_results
+from experiments.saving import Study, save_results
 from experiments.spread import iqm, mean_and_deviation
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
@@ -57,7 +57,7 @@ QUICK_STROKES: Final = {"a2c": 100_000, "ppo": 100_000, "sac": 40_000, "ppo, sel
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class WinRates:
+class WinRates(Study):
     """Settings of the experiment."""
 
     opponent: str = "bc"
@@ -74,12 +74,6 @@ class WinRates:
     """Two seeds, 100 matches and a small part of the training: a smoke test without meaningful results."""
     jobs: int = os.cpu_count() or 1
     """Number of parallel training runs; does not change the result."""
-    out: Path | None = None
-    """Run folder; default runs/win_rates, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out."""
-    overwrite: bool = False
-    """Replace the run in --out."""
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.agents if name not in AGENTS]
@@ -93,17 +87,6 @@ class WinRates:
     def sized(self) -> "WinRates":
         """These settings, adjusted by --quick."""
         return dataclasses.replace(self, seeds=2, matches=100) if self.quick else self
-
-    def fixed(self) -> dict[str, Any]:
-        """Settings that determine the result, as JSON."""
-        return {
-            "opponent": self.opponent,
-            "agents": list(self.agents),
-            "seeds": self.seeds,
-            "matches": self.matches,
-            "fraction": self.fraction,
-            "quick": self.quick,
-        }
 
     def training(self, folder: Path) -> dict[tuple[str, int], TrainingConfig]:
         """The training runs, by agent and seed."""
@@ -234,7 +217,7 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
     """
     config = config.sized()
     console = Console(stderr=True, highlight=False)
-    with runs.open_run(config.out, "win_rates", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
+    with config.open("win_rates") as folder:
         train_all(list(config.training(folder).values()), config.jobs, console)
         result = save_results(folder, measure(config, folder, console), json)
     show(result, "win_rates", "win_rates_matrix")

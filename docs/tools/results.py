@@ -15,6 +15,7 @@ from typing import Any, Final, Literal, get_args
 import jinja2
 
 from docs.tools.markdown import saved
+from shuttle_marl.base.runs import write_json
 
 Folder = Literal["benchmarks", "experiments"]
 
@@ -64,14 +65,17 @@ def saved_table(table: str, name: str) -> str:
     return render(table, saved(RESULTS[name].folder, name))
 
 
-def show(result: Any, *tables: str, as_json: bool = False) -> None:
+def show(result: Any, *tables: str, as_json: bool = False, out: Path | None = None) -> None:
     """Print a result.
 
     Args:
         result: JSON value.
         tables: names of the templates that show it.
         as_json: print JSON instead.
+        out: write it to this file first.
     """
+    if out is not None:
+        write_json(out, result)
     text = json.dumps(result, indent=2) if as_json else "\n\n".join(render(table, result) for table in tables)
     sys.stdout.write(f"{text}\n")
 

@@ -13,11 +13,11 @@ from experiments.pairs.parts import Annotated as AnnotatedStrokes
 from experiments.pairs.parts import Part, crossed
 from experiments.pairs.results import results
 from experiments.pairs.strokes import components
-from experiments.truth.matches import strokes_of
+from experiments.truth.matches import in_splits, strokes_of
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.runs import describe, write_json
+from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import Split, matches_of, read_matches
+from shuttle_marl.data import Split, read_matches
 from shuttle_marl.game.shipped import model_folder
 
 
@@ -54,30 +54,14 @@ def pairs(
     every = AnnotatedStrokes(strokes=strokes_of(table), game=table["game"].to_numpy().astype(np.int64))
     if cross is not None:
         sources = dict(zip(table["match"].to_pylist(), table["source"].to_pylist(), strict=True))
-        played = _of_splits(every, "train", "validation")
+        played = every.take(in_splits(every.strokes, "train", "validation"))
         parts = crossed(played, sources, cross, fits, seed=seed, report=lambda line: console.print(line, markup=False))
     else:
-        parts = [
-            Part(folder=model_folder(model), seen=_of_splits(every, "train"), unseen=_of_splits(every, split or "validation"))
-        ]
+        seen, unseen = (every.take(in_splits(every.strokes, one)) for one in ("train", split or "validation"))
+        parts = [Part(folder=model_folder(model), seen=seen, unseen=unseen)]
     about = {**describe(("numpy", "torch")), "split": split, "cross": cross}
     result = {**about, **results(parts), "components": components(parts)}
-    if out is not None:
-        write_json(out, result)
-    show(result, "pair_results", "pair_strokes", as_json=json_output)
-
-
-def _of_splits(every: AnnotatedStrokes, *splits: Split) -> AnnotatedStrokes:
-    """The strokes of some splits.
-
-    Raises:
-        ShuttleError: the data has none of one of them.
-    """
-    which = [every.strokes.in_matches(matches_of(split)) for split in splits]
-    for split, found in zip(splits, which, strict=True):
-        if not found.any():
-            raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
-    return every.take(np.logical_or.reduce(which))
+    show(result, "pair_results", "pair_strokes", as_json=json_output, out=out)
 
 
 main = entry_point(pairs, "python -m experiments.pairs", __doc__ or "")

@@ -23,7 +23,7 @@ from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, 
 from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.runs import describe, write_json
+from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, read_matches
 from shuttle_marl.exact import evaluate
@@ -95,9 +95,7 @@ def truth(
         result["against"] = differences(real, promised, load_values(against, real), seed)
     if halvings:
         result["transfer"] = transfer(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
-    if out is not None:
-        write_json(out, result)
-    show(result, "truth", "truth_shots", "truth_memory", "truth_forecasts", "truth_told_apart", as_json=json_output)
+    show(result, "truth", "truth_shots", "truth_memory", "truth_forecasts", "truth_told_apart", as_json=json_output, out=out)
 
 
 def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Promises, seed: int) -> dict[str, Any]:

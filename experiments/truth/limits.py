@@ -26,7 +26,7 @@ from experiments.truth.memory import memory
 from experiments.truth.worlds import Fitter, World, cross_parts, judged_by
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.runs import describe, write_json
+from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
@@ -70,9 +70,7 @@ def limits(
         "attainable": attainable(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed, matches=matches),
         "memory": memory(real, promised),
     }
-    if out is not None:
-        write_json(out, result)
-    show(result, "truth_limits", "truth_memory", as_json=json_output)
+    show(result, "truth_limits", "truth_memory", as_json=json_output, out=out)
 
 
 def attainable(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int, matches: float) -> dict[str, dict[str, float]]:

@@ -95,7 +95,12 @@ def strokes_of(table: pa.Table) -> Strokes:
 
 
 def of_splits(strokes: Strokes, *splits: Split) -> Strokes:
-    """The strokes of some splits.
+    """The strokes of some splits, see :func:`in_splits`."""
+    return strokes.take(in_splits(strokes, *splits))
+
+
+def in_splits(strokes: Strokes, *splits: Split) -> Bools:
+    """``[N]`` whether a stroke is in one of some splits.
 
     Raises:
         ShuttleError: the data has none of one of them.
@@ -104,7 +109,7 @@ def of_splits(strokes: Strokes, *splits: Split) -> Strokes:
     for split, found in zip(splits, which, strict=True):
         if not found.any():
             raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
-    return strokes.take(np.logical_or.reduce(which))
+    return np.asarray(np.logical_or.reduce(which))
 
 
 def states_of(game: Game, rows: Rows) -> I64:
