@@ -125,20 +125,18 @@ def masked_scores(model: MaskablePPO) -> Scores:
 
 def maskable_ppo(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
     """MaskablePPO of sb3-contrib on ``shuttle_marl/Rally-v0``."""
-    settings: dict[str, Any] = {}
-    if tuned:
-        settings = {
-            "n_steps": 128,
-            "batch_size": 1024,
-            "n_epochs": 4,
-            "gamma": 1.0,
-            "gae_lambda": 0.7,
-            "learning_rate": 1e-3,
-            "ent_coef": 0.01,
-            "policy_kwargs": {"net_arch": [128]},
-        }
+    chosen: dict[str, Any] = {
+        "n_steps": 128,
+        "batch_size": 1024,
+        "n_epochs": 4,
+        "gamma": 1.0,
+        "gae_lambda": 0.7,
+        "learning_rate": 1e-3,
+        "ent_coef": 0.01,
+        "policy_kwargs": {"net_arch": [128]},
+    }
     env = make_vec_env("shuttle_marl/Rally-v0", n_envs=64 if tuned else 1, seed=seed, env_kwargs={"opponent": OPPONENT})
-    model = MaskablePPO("MultiInputPolicy", env, seed=seed, device="cpu", **settings)
+    model = MaskablePPO("MultiInputPolicy", env, seed=seed, device="cpu", **(chosen if tuned else {}))
     _learn(model, masked_scores(model), watch, game)
 
 

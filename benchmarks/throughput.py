@@ -28,13 +28,7 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.machine import machine, this_machine
-from benchmarks.throughput_cases import (
-    BATCHED,
-    ONE_THREAD,
-    RECOVERY,
-    SINGLE,
-    Play,
-)
+from benchmarks.throughput_cases import BATCHED, ONE_THREAD, RECOVERY, SINGLE, Play
 from docs.tools.results import show
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game, load_game
@@ -112,13 +106,7 @@ def measure_recovery(what: str, seconds: float, turns: int) -> list[Row]:
     return [row(what, batch, 1, found, recovery_ratio=ratio)]
 
 
-def measure(
-    only: Sequence[str],
-    batches: Sequence[int],
-    threads: Sequence[int],
-    seconds: float,
-    turns: int,
-) -> list[Row]:
+def measure(only: Sequence[str], batches: Sequence[int], threads: Sequence[int], seconds: float, turns: int) -> list[Row]:
     """Run the requested cases, each in a fresh process."""
     jobs: list[tuple[Callable[..., list[Row]], tuple[Any, ...]]] = [
         (measure_batched, (name, batches, threads, seconds, turns)) for name in BATCHED if name in only

@@ -162,23 +162,25 @@ def vector(batch: int, threads: int, game: Game | None = None) -> Play:
     """``RallyVectorEnv`` against ``bc``, random legal actions; a step, which holds one action of the learner, counts once."""
     from shuttle_marl.env.vector import RallyVectorEnv
 
-    return _stepped(RallyVectorEnv(batch, opponent="bc", threads=threads, game=game), batch)
+    env = RallyVectorEnv(batch, opponent="bc", threads=threads, game=game)
+    return _stepped(env, batch, env.random_actions)
 
 
 def match_vector(batch: int, threads: int) -> Play:
     """``MatchVectorEnv`` against ``bc``, random legal strokes; a stroke and what ``bc`` plays until the next one count once."""
     from shuttle_marl.env.vector import MatchVectorEnv
 
-    return _stepped(MatchVectorEnv(batch, opponent="bc", threads=threads), batch)
+    env = MatchVectorEnv(batch, opponent="bc", threads=threads)
+    return _stepped(env, batch, env.random_actions)
 
 
-def _stepped(env: Any, batch: int) -> Play:
+def _stepped(env: Any, batch: int, actions: Callable[[], Any]) -> Play:
     steps = max(1, _steps(batch) // 8)
     env.reset(seed=0)
 
     def play() -> int:
         for _ in range(steps):
-            env.step(env.random_actions())
+            env.step(actions())
         return steps * batch
 
     return play
@@ -189,15 +191,8 @@ def cartpole_vector(batch: int, threads: int) -> Play:  # noqa: ARG001
     import gymnasium
 
     env = gymnasium.make_vec("CartPole-v1", num_envs=batch, vectorization_mode="vector_entry_point")
-    env.reset(seed=0)
-    rng, steps = np.random.default_rng(0), max(1, _steps(batch) // 8)
-
-    def play() -> int:
-        for _ in range(steps):
-            env.step(rng.integers(0, 2, batch))
-        return steps * batch
-
-    return play
+    rng = np.random.default_rng(0)
+    return _stepped(env, batch, lambda: rng.integers(0, 2, batch))
 
 
 def gymnasium_env(batch: int, threads: int) -> Play:  # noqa: ARG001

@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 import torch
@@ -78,8 +78,7 @@ _LOOK: Final = {False: 8192, True: 16_384}
 seconds of learning, so that evaluating takes a small part of the time."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Reached:
+class Reached(NamedTuple):
     """Time at which a learner reached a target, or its state at the time limit.
 
     Attributes:
@@ -112,14 +111,7 @@ def ours(learner: str, target: str, seed: int) -> Reached:
         begun = time.perf_counter()
         done = train(config)
         seconds = time.perf_counter() - begun
-    return Reached(
-        learner=learner,
-        target=target,
-        seed=seed,
-        reached=_reaches(done.evaluation, target),
-        seconds=seconds,
-        strokes=done.strokes,
-    )
+    return Reached(learner, target, seed, _reaches(done.evaluation, target), seconds, done.strokes)
 
 
 def theirs(peer: str, seed: int, limit: float, *, tuned: bool) -> list[Reached]:
@@ -135,13 +127,7 @@ def theirs(peer: str, seed: int, limit: float, *, tuned: bool) -> list[Reached]:
     PEERS[peer](seed, watch, game, tuned=tuned)
     name = f"{peer}, {'settings chosen here' if tuned else 'its defaults'}"
     over = watch.seconds, watch.strokes
-    found = []
-    for target in TARGETS:
-        seconds, strokes = watch.found.get(target, over)
-        found.append(
-            Reached(learner=name, target=target, seed=seed, reached=target in watch.found, seconds=seconds, strokes=strokes)
-        )
-    return found
+    return [Reached(name, target, seed, target in watch.found, *watch.found.get(target, over)) for target in TARGETS]
 
 
 def summary(found: list[Reached]) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ The height of a contact is known only as above or below the net; see
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -128,14 +129,13 @@ def _places(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], returned: Bool
     """Quantiles of the receiver's contact in the striker's frame, by shot type and area."""
     xy = np.stack([c["landing_x"], c["landing_y"]], axis=1).astype(np.float64)
     ok = returned & np.isfinite(xy).all(axis=1) & c["in_court"].astype(bool)
-    out: dict[str, Any] = {}
-    for s in range(N_SHOTS):
-        out[SHOTS[s]] = {}
-        for a in range(N_AREAS):
-            cell, coarse = ok & (shot == s) & (area == a), ok & (area == a)
-            points = xy[cell if cell.sum() >= _ENOUGH else coarse]
-            out[SHOTS[s]][AREAS[a]] = [_round(np.quantile(points[:, k], QUANTILES)) for k in (0, 1)]
-    return out
+
+    def quantiles(s: int, a: int) -> list[list[float]]:
+        cell, coarse = ok & (shot == s) & (area == a), ok & (area == a)
+        points = xy[cell if cell.sum() >= _ENOUGH else coarse]
+        return [_round(np.quantile(points[:, k], QUANTILES)) for k in (0, 1)]
+
+    return _by_shot_and_area(quantiles)
 
 
 def _bases(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], following: Bools) -> dict[str, Any]:
@@ -143,16 +143,17 @@ def _bases(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], following: Bool
     rows = np.flatnonzero(following)
     xy = -np.stack([c["receiver_x"], c["receiver_y"]], axis=1).astype(np.float64)[rows + 1]
     ok = np.isfinite(xy).all(axis=1)
-    rows, xy = rows[ok], xy[ok]
-    out: dict[str, Any] = {}
-    for s in range(N_SHOTS):
-        out[SHOTS[s]] = {}
-        for a in range(N_AREAS):
-            cell = (shot[rows] == s) & (area[rows] == a)
-            if cell.sum() < _ENOUGH:
-                cell = shot[rows] == s
-            out[SHOTS[s]][AREAS[a]] = _round(np.median(xy[cell], axis=0))
-    return out
+    shot, area, xy = shot[rows[ok]], area[rows[ok]], xy[ok]
+
+    def median(s: int, a: int) -> list[float]:
+        cell, coarse = (shot == s) & (area == a), shot == s
+        return _round(np.median(xy[cell if cell.sum() >= _ENOUGH else coarse], axis=0))
+
+    return _by_shot_and_area(median)
+
+
+def _by_shot_and_area(of: Callable[[int, int], Any]) -> dict[str, dict[str, Any]]:
+    return {SHOTS[s]: {AREAS[a]: of(s, a) for a in range(N_AREAS)} for s in range(N_SHOTS)}
 
 
 def _faults(shot: I64, c: dict[str, npt.NDArray[Any]]) -> dict[str, float]:

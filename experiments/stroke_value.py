@@ -20,13 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from docs.tools.results import show
-from shuttle_marl.analysis import (
-    PlayerValue,
-    add_values,
-    pictures,
-    rank_players,
-    strokes_of,
-)
+from shuttle_marl.analysis import PlayerValue, add_values, pictures, rank_players, strokes_of
 from shuttle_marl.analysis.pictures import COLOURS, INK
 from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import entry_point
@@ -72,12 +66,8 @@ def stroke_value(
     least = {"least_matches": least_matches, "least_strokes": least_strokes}
     players = rank_players(valued, **least, centred=True)
     left_out = len(pc.unique(valued["player"])) - len(players)
-    refits = refits_of(game)
-    away = (
-        over(refits, functools.partial(_values_in, strokes, policy, [p.player for p in players], least))
-        if len(refits) > 1
-        else None
-    )
+    refits, names = refits_of(game), [player.player for player in players]
+    away = over(refits, functools.partial(_values_in, strokes, policy, names, least)) if len(refits) > 1 else None
     known = valued.num_rows - valued["value_added"].null_count
     result = {"data": path.name, "strokes": valued.num_rows, "valued": known, "left_out": left_out}
     listed = [

@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
+from unittest import mock
 
 from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.__main__ import COMMANDS
@@ -53,7 +54,9 @@ def help_of(command: str, arguments: list[str]) -> str:
     """
     printed = io.StringIO()
     status: object = None
-    with contextlib.redirect_stdout(printed), _terminal():
+    # A terminal of fixed width without colours.
+    terminal = {"COLUMNS": str(_WIDTH), "LINES": "50", "NO_COLOR": "1", "TERM": "dumb"}
+    with contextlib.redirect_stdout(printed), mock.patch.dict(os.environ, terminal):
         try:
             status = importlib.import_module(f"shuttle_marl.commands.{command}").main([*arguments, "--help"])
         except SystemExit as stop:
@@ -61,22 +64,6 @@ def help_of(command: str, arguments: list[str]) -> str:
     if status not in (0, None):
         raise CommandError(f"shuttle-marl {command} --help: exit status {status}, expected 0")
     return "\n".join(line.rstrip() for line in printed.getvalue().strip().splitlines())
-
-
-@contextlib.contextmanager
-def _terminal() -> Iterator[None]:
-    """A terminal of fixed width without colours."""
-    fixed = {"COLUMNS": str(_WIDTH), "LINES": "50", "NO_COLOR": "1", "TERM": "dumb"}
-    before = {name: os.environ.get(name) for name in fixed}
-    os.environ.update(fixed)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name)
-            else:
-                os.environ[name] = value
 
 
 def pages() -> Iterator[tuple[Path, str]]:

@@ -1,7 +1,6 @@
 """Models fitted without some matches, together with those matches."""
 
 import dataclasses
-import hashlib
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy.typing as npt
 import torch
 
 from experiments.truth.matches import Strokes, folds_of
-from experiments.truth.worlds import SOURCES
+from experiments.truth.worlds import fingerprint
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.dynamics.choices import player_choices
 from shuttle_marl.dynamics.fit import fit
@@ -85,12 +84,7 @@ def crossed(
 def _fitted(seen: Annotated, sources: Mapping[str, str], cache: Path, seed: int, report: Report) -> Path:
     """Folder of the model that is fitted to some strokes."""
     rows = seen.strokes.rows
-    digest = hashlib.sha256(json.dumps([seed, torch.__version__, seen.strokes.matches]).encode())
-    for source in sorted(SOURCES.glob("*.py")):
-        digest.update(source.read_bytes())
-    for name, code in sorted(rows.codes.items()):
-        digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
-    folder = cache / digest.hexdigest()[:16]
+    folder = cache / fingerprint(json.dumps([seed, torch.__version__, seen.strokes.matches]), seen.strokes)[:16]
     if not (folder / CARD).is_file():
         hurry = fit_hurry(rows, seed=seed)
         fitted = fit(rows if hurry is None else hurry.marked(rows), None, seed=seed, config=QUICK, report=report)

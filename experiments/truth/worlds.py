@@ -34,7 +34,7 @@ from shuttle_marl.policy.history import HistoryPolicy
 Report = Callable[[str], None]
 _FILES: Final = ("history", "hurry", "recovery", "between", "game")
 """Parts of a cached fit; the game is written last."""
-SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
+_SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
 """Source code of the models; fits are cached by its hash."""
 
 
@@ -103,6 +103,16 @@ def shipped_world(model: str, discipline: int | None = None) -> World:
     return dataclasses.replace(worlds[1], between=worlds[0])
 
 
+def fingerprint(settings: str, strokes: Strokes) -> str:
+    """SHA-256 of settings of a fit, of the source code of the models, and of strokes."""
+    digest = hashlib.sha256(settings.encode())
+    for source in sorted(_SOURCES.glob("*.py")):
+        digest.update(source.read_bytes())
+    for name, code in sorted(strokes.rows.codes.items()):
+        digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
+    return digest.hexdigest()
+
+
 class Fitter:
     """Fits worlds on subsets of the matches, and caches them in a folder.
 
@@ -116,12 +126,7 @@ class Fitter:
 
     def __init__(self, strokes: Strokes, folder: Path, *, seed: int, report: Report) -> None:
         self._strokes, self._folder, self._seed, self._report = strokes, folder, seed, report
-        digest = hashlib.sha256(str((seed, torch.__version__)).encode())
-        for source in sorted(SOURCES.glob("*.py")):
-            digest.update(source.read_bytes())
-        for name, code in sorted(strokes.rows.codes.items()):
-            digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
-        self._version = digest.hexdigest()
+        self._version = fingerprint(str((seed, torch.__version__)), strokes)
 
     def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None, *, discipline: int | None = None) -> World:
         """Fit the models on some matches, and compile their game.
