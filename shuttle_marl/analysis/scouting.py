@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.analysis.advice import Advice, Meeting, advise, refitted
+from shuttle_marl.analysis.advice import Advice, Meeting, Refitted, advise, refitted
 from shuttle_marl.analysis.brief import Brief, Option, brief, is_short, won_or_lost
 from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interval
 from shuttle_marl.analysis.outlook import Met, earned, met
@@ -309,24 +309,7 @@ def scout(
         mine(opponent),
         ~theirs,
     )
-    advised: list[Advice] = []
-    evidence: list[Realised | None] = []
-    if both is not None and player is not None:
-        catalogue = both.pair.catalogue
-        kinds = np.stack([catalogue.shot, catalogue.area], axis=1).tolist()
-        found_all = advise(both, most=2 * PIECES)
-        advised = [
-            each for each in found_all if each.expected.value >= LEAST_EACH * each.often and not is_short(*kinds[each.stroke])
-        ]
-        evidence = [None] * len(advised)
-        if plays is not None and of_data is not None:
-            kept = [
-                (advice, real)
-                for advice, real in zip(advised, realised(plays, of_data, advised, both.pair), strict=True)
-                if real is not None and real.confirms and not any(each.covers(*kinds[advice.stroke]) for each in page.donts)
-            ]
-            advised, evidence = [advice for advice, _ in kept], [real for _, real in kept]
-        advised, evidence = advised[:PIECES], evidence[:PIECES]
+    advised, evidence = _advised(both, plays, of_data, page)
     return ScoutingReport(
         player=None if player is None else known(player),
         opponent=known(opponent),
@@ -348,10 +331,33 @@ def scout(
         recent=[] if plays is None or of_data is None else _recent(plays.take(mine(opponent)), of_data.filter(mine(opponent))),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
         advice=advised,
-        realised=evidence if plays is not None else [],
+        realised=evidence,
         pair=None if found is None else found.pair,
         home=None if found is None else found.home,
     )
+
+
+def _advised(
+    pair: Refitted | None, plays: Plays | None, strokes: pa.Table | None, page: Brief
+) -> tuple[list[Advice], list[Realised | None]]:
+    """Pieces of advice that gain enough, and what their strokes brought, with data only those that they confirm."""
+    if pair is None:
+        return [], []
+    catalogue = pair.pair.catalogue
+    kinds = np.stack([catalogue.shot, catalogue.area], axis=1).tolist()
+    found = [
+        each
+        for each in advise(pair, most=2 * PIECES)
+        if each.expected.value >= LEAST_EACH * each.often and not is_short(*kinds[each.stroke])
+    ]
+    if plays is None or strokes is None:
+        return found[:PIECES], []
+    kept = [
+        (advice, real)
+        for advice, real in zip(found, realised(plays, strokes, found, pair.pair), strict=True)
+        if real is not None and real.confirms and not any(each.covers(*kinds[advice.stroke]) for each in page.donts)
+    ][:PIECES]
+    return [advice for advice, _ in kept], [real for _, real in kept]
 
 
 def with_hands_of_model(strokes: pa.Table, skill: Skill) -> pa.Table:
