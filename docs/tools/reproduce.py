@@ -231,12 +231,12 @@ def check(table: str, *, save: bool = False) -> list[str]:
     else:
         raise ReproduceError(f"no table {name!r}; python -m docs.tools.reproduce lists them")
     if save:
-        row = {
+        about = {
             "seconds": round(time.perf_counter() - begun),
             "difference": None if found else greatest,
             "game": default_game().hash[:12],
         }
-        whole = json.dumps(dict(sorted({**measured(), name: row}.items())), indent=1)
+        whole = json.dumps(dict(sorted({**measured(), name: about}.items())), indent=1)
         replace_file(_AGAIN, f"{whole}\n".encode())
     return found
 
