@@ -83,8 +83,8 @@ def _tournament_millions() -> float:
 
 FIGURES: Final = (
     Figure(page="README.md", text="fitted to {} annotated strokes", value=lambda: _card()["data"]["train_strokes"]),
-    Figure(page="README.md", text="A round robin of {} policies with", value=lambda: len(default_pool(default_game()))),
-    Figure(page="README.md", text="policies with {} matches per pair,", value=lambda: LeagueConfig().matches),
+    Figure(page="README.md", text="a round robin of {} policies with", value=lambda: len(default_pool(default_game()))),
+    Figure(page="README.md", text="policies with {} matches per pair", value=lambda: LeagueConfig().matches),
     Figure(
         page="docs/league.md", text="about {} million strokes a second on one core", value=_tournament_millions, tolerance=0.25
     ),
