@@ -9,7 +9,7 @@ from shuttle_marl.suite.board import Board, boards, called, number, with_interva
 from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.registry import TASKS
 
-_NONE: Final = "Not run in this game yet: `python -m experiments.suite --tasks {task} --json experiments/results/suite.json`."
+_NONE: Final = "`{task}` has no results yet: `python -m experiments.suite --tasks {task} --json experiments/results/suite.json`."
 _LOG: Final = 10**5
 """Strokes of the smallest log that has to be worth more than what is known before."""
 _SIMPLE: Final[dict[str, Sequence[tuple[tuple[str, ...], str]]]] = {

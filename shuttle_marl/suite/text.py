@@ -48,7 +48,7 @@ class Text(Task):
 
     Given: positions in which constant lists of strokes lose, with the legal strokes. Score: mean regret of the answers, the
     rallies that they lose against perfect play, in points; an illegal answer counts as the worst legal stroke. Also the fraction
-    of legal answers, and the mean probability with which bc plays them. One list of strokes loses .4 points: an entrance.
+    of legal answers, and the mean probability with which bc plays them. One list of strokes does well: an entrance.
     """
 
     name = "text-v0"
