@@ -431,7 +431,7 @@ def _progress(things: Any, what: str) -> Any:
 
 
 def depth(
-    policies: Annotated[tuple[str, ...], tyro.conf.Positional] = (),
+    policies: Policies = (),
     *,
     model: Model = _GAME,
     json_output: Json = False,

@@ -18,8 +18,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 
-Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
-Policy = Annotated[str, tyro.conf.Positional]
+Policies = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY ...]")]
+Policy = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
 Json = Annotated[bool, tyro.conf.arg(name="json")]
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Athlete = Literal["male", "female"]

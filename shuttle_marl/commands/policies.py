@@ -1,4 +1,4 @@
-"""``shuttle-marl policies``: all policies by name, with one line about each."""
+"""All policies by name, with one line about each."""
 
 from typing import Final
 

@@ -16,8 +16,8 @@ _OUTPUT: Final = ReportOptions()
 
 
 def scout(
-    player: Annotated[str | None, tyro.conf.Positional] = None,
-    opponent: Annotated[str | None, tyro.conf.Positional] = None,
+    player: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[PLAYER]")] = None,
+    opponent: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[OPPONENT]")] = None,
     *,
     beside: str | None = None,
     data: Path | None = None,
@@ -29,8 +29,8 @@ def scout(
     """Write a scouting report: a page for the player, how the opponent plays, and where the opponent can be hurt.
 
     Args:
-        player: who is to win; alone: whose profile is written.
-        opponent: who is described.
+        player: name of the player to prepare; without an opponent, of the player to describe.
+        opponent: name of the opponent to describe.
         beside: another opponent, whose habits are shown beside those of the first one.
         data: annotated matches, for counted habits: a stroke table, or a folder with the raw files.
         game: model of the game: a shipped one or a folder.

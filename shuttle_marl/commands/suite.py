@@ -16,8 +16,8 @@ from shuttle_marl.commands.options import File, Json
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.suite.options import NOTHING_GIVEN, Beacon, RerunOptions, Resources, Split, SuiteError, SuiteRun, VerifyOptions
 
-Task = Annotated[str, tyro.conf.Positional]
-Folder = Annotated[Path, tyro.conf.Positional]
+Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
+Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 Folders = Annotated[tuple[Path, ...], tyro.conf.Positional]
 _FRONTIER: Final[tuple[Literal["score", "exploitability", "gain"], ...]] = ("score", "exploitability", "gain")
 _RESOURCES: Final = Resources()
@@ -104,7 +104,7 @@ def run(options: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fal
     """Run a method on a task, and write a folder that can be submitted.
 
     Args:
-        options: of the run.
+        options: settings of the run.
         json_output: print JSON.
     """
     folder = suite.run_method(options, cli.console(stderr=True))
@@ -115,8 +115,8 @@ def verify(folder: Folder, *, given: tyro.conf.OmitArgPrefixes[VerifyOptions] = 
     """Recompute every score of a run from its policies and answers; exits with 1 if one is refused.
 
     Args:
-        folder: of the run.
-        given: what it reads beside.
+        folder: folder of the run.
+        given: what the verification reads besides the folder.
         json_output: print JSON.
     """
     from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415  numba
@@ -165,7 +165,7 @@ def board(
         reran: folders of `suite rerun` that you trust, such as your own.
         results: a file of `python -m experiments.suite`, whose rows are added as they are.
         check: verify the folders; entries that are not verified are marked.
-        given: what the verification reads beside.
+        given: what the verification reads besides the folders.
         out: write the board here; default: print it.
         html: write HTML instead of Markdown.
     """
@@ -215,7 +215,7 @@ def new_submission(task: Task, *, out: Path = Path(), language: Literal["python"
     Args:
         task: name of the task.
         out: folder.
-        language: of the template; apart: Python for a round, which runs without this package.
+        language: language of the template; apart: Python for a round, which runs without this package.
     """
     from shuttle_marl.suite.registry import new_submission as write  # noqa: PLC0415  numba
 
@@ -241,7 +241,7 @@ def data(
         split: part of the task.
         seeds: number of seeds, from 0; default: that of the task.
         quick: the smallest cases only.
-        minari: write Minari data sets of the own strokes instead; the version of a data set is the seed.
+        minari: write Minari data sets of the learner's strokes instead; the version of a data set is the seed.
         game: model of the game.
         json_output: print the hashes of the logs as JSON.
     """
@@ -260,7 +260,7 @@ def commit(
     """Commit to code before a round is drawn: its hash, which the author publishes.
 
     Args:
-        folder: of the code, with everything that it needs beside Python and installed libraries.
+        folder: folder of the code, with everything that it needs besides Python and installed libraries.
         task: name of the task.
         method: MODULE:ATTRIBUTE in that folder.
         author: name on the board.
@@ -284,8 +284,8 @@ def draw(
 
     Args:
         commitments: files of `suite commit`.
-        beacon: number of the round of the chain quicknet of https://drand.love, announced before.
-        randomness: what it published, 64 hexadecimal digits.
+        beacon: number of a round of the chain quicknet of https://drand.love that was announced before it appeared.
+        randomness: randomness that the beacon published, 64 hexadecimal digits.
         out: file of the round.
         json_output: print JSON.
     """
@@ -298,7 +298,7 @@ def draw(
 
 
 def rerun(
-    round_file: Annotated[Path, tyro.conf.Positional],
+    round_file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ROUND")],
     folder: Folder,
     *,
     asked: tyro.conf.OmitArgPrefixes[RerunOptions],
@@ -308,10 +308,10 @@ def rerun(
     """Rerun committed code on a round: apart from this package, without a network, as another user, in a container or namespaces.
 
     Args:
-        round_file: of `suite round`.
-        folder: of the code.
+        round_file: file of `suite round`.
+        folder: folder of the code.
         asked: the entry.
-        resources: of the run.
+        resources: settings of the run.
         json_output: print JSON.
     """
     from shuttle_marl.suite.rounds import rerun as again  # noqa: PLC0415  numba

@@ -56,7 +56,7 @@ class Resources:
 class SuiteRun(Resources):
     """Options of a run of a method on a task."""
 
-    task: tyro.conf.Positional[str]
+    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
     """Name of the task."""
     method: str
     """Baseline of the task, program:COMMAND, or MODULE:ATTRIBUTE."""
@@ -75,13 +75,13 @@ class RerunOptions:
     task: str
     """Name of the task."""
     author: str
-    """Whose entry."""
+    """Author of the entry."""
     randomness: str
-    """That of the beacon, as you have read it there."""
+    """Randomness of the beacon, as you have read it there."""
     by: str
     """Your name."""
     image: str | None = None
-    """Of a container with Python and NumPy, for podman or docker; default: namespaces of Linux."""
+    """Image of a container with Python and NumPy, for podman or docker; default: namespaces of Linux."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
