@@ -24,9 +24,9 @@ _LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs
 """Forms of the command ``league`` with options of their own, and the arguments that choose them."""
 _HEAD: Final = """# Commands
 
-Every command, its options with their defaults, and an example. `shuttle-marl NAME` is short for `python -m shuttle_marl.NAME`;
-`shuttle-marl --completion bash | zsh | fish` prints a completion script. `python -m docs.tools.command_reference` writes these
-pages from `--help`.
+These pages list the options of every command with their defaults, and an example. `shuttle-marl NAME` is short for
+`python -m shuttle_marl.NAME`; `shuttle-marl --completion bash | zsh | fish` prints a completion script.
+`python -m docs.tools.command_reference` writes these pages from `--help`.
 
 | command | what it does |
 | --- | --- |
