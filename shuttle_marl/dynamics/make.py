@@ -58,8 +58,9 @@ _RULE: Final = (
     f"Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot type; "
     f"against one incoming shot type and area. Each cell's rate is shrunk to that of the cell around it with the weight of "
     f"{PRIOR_STROKES:g} strokes. The mean probabilities of a legal pair over efforts, duels and hurried strikers lie inside the "
-    f"central {100 * CREDIBLE:g} % of the Beta posterior of its innermost cell. At least {100 * MIN_END:g} % of every stroke but the serve end the rally. "
-    f"Strokes and events are those of the innermost cell; faults of unknown target are distributed over the cells."
+    f"central {100 * CREDIBLE:g} % of the Beta posterior of its innermost cell. At least {100 * MIN_END:g} % of every stroke but "
+    f"the serve end the rally. Strokes and events are those of the innermost cell; faults of unknown target are distributed over "
+    f"the cells."
 )
 
 
