@@ -63,7 +63,6 @@ _RULE: Final = (
     f"the cells."
 )
 
-
 _CITATIONS: Final = {"ShuttleSet": "arXiv:2306.04948 (ShuttleSet)", "ShuttleSet22": "arXiv:2306.15664 (ShuttleSet22)"}
 
 
