@@ -18,6 +18,7 @@ import itertools
 import json
 import signal
 import subprocess
+import sys
 import tempfile
 import threading
 import time
