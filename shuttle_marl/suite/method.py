@@ -39,7 +39,7 @@ class Baseline:
 
 
 _KNOWN: Final = {name: Baseline(f"references:{name}", "tables", "reference") for name in ("bc", "minimax")}
-_LEARNERS: Final = {name: Baseline(f"training:{name}") for name in ("ppo", "a2c", "sac")}
+_LEARNERS: Final = {name: Baseline("training:learner", argument=name) for name in ("ppo", "a2c", "sac")}
 _RANDOM: Final = Baseline("references:random", "samples", "reference")
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
@@ -52,8 +52,8 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "best-response-counts": Baseline("modelled:restricted_counts", "tables", argument="1"),
         **{name: Baseline("modelled:from_log", argument=name) for name in ("fitted-q", "fitted-q-boosted", "model")},
         "model-boosted": Baseline("modelled:boosted_model"),
-        "constant": Baseline("constant:constant", "opponent", "reference"),
-        "constant-by-incoming": Baseline("constant:by_incoming", "opponent", "reference"),
+        "constant": Baseline("references:constant", "opponent", "reference"),
+        "constant-by-incoming": Baseline("references:constant_by_incoming", "opponent", "reference"),
         **_KNOWN,
         "best-response": Baseline("references:best_response", "opponent", "reference"),
         "restricted": Baseline("references:restricted", "opponent", "reference"),
@@ -97,17 +97,17 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "clone": Baseline("learned:Clone"),
         "clone-won": Baseline("learned:CloneWon"),
         "one-step": Baseline("learned:OneStep"),
-        "advantage-weighted": Baseline("learned:AdvantageWeighted"),
+        "advantage-weighted": Baseline("learned:AdvantageWeighted", argument="0.02"),
         "fitted-q": Baseline("learned:FittedQ"),
-        "fitted-q-pessimistic": Baseline("learned:PessimisticQ"),
-        "bcq": Baseline("learned:ConstrainedQ"),
-        "iql": Baseline("deep:ImplicitQ"),
+        "fitted-q-pessimistic": Baseline("learned:PessimisticQ", argument="0.1"),
+        "bcq": Baseline("learned:ConstrainedQ", argument="0.3"),
+        "iql": Baseline("learned:ImplicitQ", argument="10"),
         "model": Baseline("learned:Model"),
-        "model-pessimistic": Baseline("learned:PessimisticModel"),
-        "model-ensemble": Baseline("learned:ModelEnsemble"),
-        "fitted-q-boosted": Baseline("learned:BoostedQ"),
-        "model-boosted": Baseline("learned:BoostedModel"),
-        "shipped-minimax": Baseline("learned:Shipped", "tables", "reference"),
+        "model-pessimistic": Baseline("learned:PessimisticModel", argument="0.1"),
+        "model-ensemble": Baseline("learned:ModelEnsemble", argument="3"),
+        "fitted-q-boosted": Baseline("learned:BoostedQ", argument="100"),
+        "model-boosted": Baseline("learned:BoostedModel", argument="150"),
+        "shipped-minimax": Baseline("learned:Shipped", "tables", "reference", "minimax"),
         "shipped-best-response": Baseline("learned:Shipped", "tables", "reference", "best-response:human:0.05"),
     },
     "evaluate": {

@@ -16,6 +16,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
+from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
@@ -155,7 +156,7 @@ def mixture(game: Game, policies: Sequence[TabulatedPolicy], weights: Sequence[f
     return dataclasses.replace(mixed, waits=cumulative_positions(np.sum(places, axis=0)))
 
 
-def positions_of(policy: TabulatedPolicy) -> F64:
+def positions_of(policy: StatePolicy) -> F64:
     """``[S, 9]`` probabilities of positions of a policy of the game with recovery."""
     own = policy.position_probabilities()
     return policy.game.people_positions(np.arange(policy.game.n_states)) if own is None else own

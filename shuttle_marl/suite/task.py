@@ -91,7 +91,7 @@ class Arena:
 
     def policy(self, name: str) -> TabulatedPolicy:
         """Table of a policy by name."""
-        return _tables(self.game, name)
+        return named_table(self.game, name)
 
     @functools.cached_property
     def players(self) -> tuple[str, ...]:
@@ -100,7 +100,8 @@ class Arena:
 
 
 @functools.lru_cache(maxsize=64)
-def _tables(game: Game, name: str) -> TabulatedPolicy:
+def named_table(game: Game, name: str) -> TabulatedPolicy:
+    """Table of a policy by name."""
     return tabulate(resolve(name, game), game)
 
 

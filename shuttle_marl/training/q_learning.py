@@ -14,9 +14,10 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from shuttle_marl.base.arrays import F32, F64, I32, Ints
+from shuttle_marl.base.arrays import F64, Ints
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game.tables import Game
+from shuttle_marl.recording.logs import Transitions
 from shuttle_marl.training.networks import ILLEGAL, head
 
 _LARGEST_WEIGHT: Final = 100.0
@@ -44,15 +45,6 @@ class QConfig:
     beta: float = 10.0
 
 
-class Transitions(NamedTuple):
-    """Strokes of one player: ``[M]`` state, stroke, reward, and next own state, -1 at the end of the rally."""
-
-    state: I32
-    stroke: Ints
-    reward: F32
-    following: I32
-
-
 class _Batch(NamedTuple):
     """Some transitions as tensors; ``mask`` is ``[M, n]`` legal strokes."""
 
@@ -64,7 +56,8 @@ class _Batch(NamedTuple):
     following: torch.Tensor
 
 
-def _batch(game: Game, data: Transitions, rows: Ints) -> _Batch:
+def _batch(data: Transitions, rows: Ints) -> _Batch:
+    game = data.game
     state, following = game.base(data.state[rows]), game.base(np.maximum(data.following[rows], 0))
     return _Batch(
         seen=torch.from_numpy(game.observation(state)),
@@ -109,13 +102,13 @@ class _Learner:
 
 
 @own_settings(1)
-def implicit_q(game: Game, data: Transitions, config: QConfig, seed: int) -> F64:
+def implicit_q(data: Transitions, config: QConfig, seed: int) -> F64:
     """``[base pairs]`` logits of the policy of IQL."""
-    learner, rng = _Learner(game, config, seed), np.random.default_rng(seed)
-    value, policy = learner.network(1), learner.network(game.n_strokes)
+    learner, rng = _Learner(data.game, config, seed), np.random.default_rng(seed)
+    value, policy = learner.network(1), learner.network(data.game.n_strokes)
     optimiser = learner.optimiser(learner.q, value, policy)
     for _ in range(config.steps):
-        batch = _batch(game, data, rng.integers(len(data.state), size=config.batch))
+        batch = _batch(data, rng.integers(len(data), size=config.batch))
         v = value(batch.seen)[:, 0]
         with torch.no_grad():
             target = batch.reward + batch.going * value(batch.following)[:, 0]

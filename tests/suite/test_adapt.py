@@ -225,7 +225,7 @@ def test_the_posterior_finds_a_known_type(arena: Arena) -> None:
         agent.observe_rally(rally)
     assert agent.posterior.sum() == pytest.approx(1, abs=1e-9)
     assert names[int(agent.posterior.argmax())] == "defensive"
-    assert agent.mean().block_probabilities(0) == pytest.approx(setting.known["defensive"].block_probabilities(0), abs=0.2)
+    assert agent.estimate().block_probabilities(0) == pytest.approx(setting.known["defensive"].block_probabilities(0), abs=0.2)
 
 
 def test_a_model_from_rallies_answers_habits_of_position(arena: Arena) -> None:

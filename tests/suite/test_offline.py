@@ -207,9 +207,8 @@ def test_fitted_q_is_the_best_value_of_the_data() -> None:
 def test_networks_learn_the_values_of_the_three_strokes() -> None:
     game, config = three_strokes(), q_learning.QConfig(width=16, steps=300, target_interval=20, batch=64)
     data = by_hand(game).transitions
-    rows = q_learning.Transitions(data.state, data.stroke.astype(np.int64), data.reward, data.following)
     above = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
-    policy = q_learning.implicit_q(game, rows, config, 0)
+    policy = q_learning.implicit_q(data, config, 0)
     assert policy[above[1]] > policy[above[0]] + 1
     best, true = greedy(game, policy), best_response(smashing(game, 0.5))
     assert evaluate(best, smashing(game, 0.5)).odds().rally == pytest.approx(true.value.odds().rally, abs=0.02)

@@ -19,7 +19,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import play_log
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
-from shuttle_marl.training.q_learning import QConfig, Transitions, implicit_q
+from shuttle_marl.training.q_learning import QConfig, implicit_q
 from tests.reduced import reduced_model
 
 SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 512, "width": 8, "evaluate_every": 4, "checkpoint_every": 3}
@@ -100,10 +100,10 @@ def test_q_learning_reads_no_defaults() -> None:
     game = resolve_game(reduced_model(), None)
     bc, before = tabulate(resolve("bc", game), game), global_state()
     own = play_log((bc, bc), 500, 1).transitions
-    rows, config = Transitions(own.state, own.stroke, own.reward, own.following), QConfig(width=8, batch=32, steps=20)
-    values = implicit_q(game, rows, config, 1)
+    config = QConfig(width=8, batch=32, steps=20)
+    values = implicit_q(own, config, 1)
     with other_defaults():
-        other = implicit_q(game, rows, config, 1)
+        other = implicit_q(own, config, 1)
     assert np.array_equal(values, other)
     assert global_state() == before
 

@@ -1,8 +1,9 @@
 """Baselines of ``adapt``.
 
-The argument of a name, as in ``restricted-nash:0.75``, is described in the class.
+The argument of a name, as in ``restricted-nash:0.75``, is p of the restricted Nash response.
 """
 
+import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -42,32 +43,51 @@ _LARGEST: Final = 3.0
 """Largest difference of log-probabilities that is a feature."""
 
 
-class Minimax:
+class Adapter:
+    """Keeps the rallies, and plays the restricted Nash response to an estimate of the opponent; the argument is p."""
+
+    p = WEIGHT
+
+    def __init__(self, setting: AdaptSetting, argument: str = "") -> None:
+        self.game, self.bc, self.types = setting.game, setting.known["bc"], list(setting.known.values())
+        self.p = float(argument or self.p)
+        self.seen: list[PlayedRally] = []
+
+    def policy_for_next_rally(self) -> TabulatedPolicy:
+        """The restricted response to the estimate."""
+        return respond(self.estimate(), self.p)
+
+    def observe_rally(self, rally: PlayedRally) -> None:
+        """Keep the rally."""
+        self.seen.append(rally)
+
+    def estimate(self) -> StatePolicy:
+        """The opponent, estimated; here bc."""
+        return self.bc
+
+
+class Minimax(Adapter):
     """Perfect play: nothing to lose, nothing learned."""
 
     def __init__(self, setting: AdaptSetting) -> None:
-        self._policy = minimax_policy(setting.game)
+        super().__init__(setting)
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """Always the same."""
-        return self._policy
-
-    def observe_rally(self, rally: PlayedRally) -> None:
-        """Ignored."""
+        return minimax_policy(self.game)
 
 
-class RestrictedNash(Minimax):
-    """Restricted Nash response to bc (Johanson, Zinkevich & Bowling 2007); the argument is p, 1: the best response to bc."""
+class RestrictedNash(Adapter):
+    """Restricted Nash response to bc (Johanson, Zinkevich & Bowling 2007); with p = 1, the default, the best response to bc."""
 
-    def __init__(self, setting: AdaptSetting, argument: str = "1") -> None:
-        self._policy = respond(setting.known["bc"], float(argument))
+    p = 1.0
 
 
-class Population:
+class Population(Adapter):
     """Posterior over the known types, from the probabilities of the opponent's strokes and positions."""
 
-    def __init__(self, setting: AdaptSetting) -> None:
-        self.types, self.game = list(setting.known.values()), setting.game
+    def __init__(self, setting: AdaptSetting, argument: str = "") -> None:
+        super().__init__(setting, argument)
         self.rng = np.random.default_rng(setting.seed)
         self.log_posterior = np.full(len(self.types), -np.log(len(self.types)))
 
@@ -77,7 +97,8 @@ class Population:
         return np.exp(self.log_posterior)
 
     def observe_rally(self, rally: PlayedRally) -> None:
-        """Update the posterior."""
+        """Keep the rally, and update the posterior."""
+        super().observe_rally(rally)
         likelihood = self.likelihood(rally)
         posterior = np.exp(likelihood + self.log_posterior - logsumexp(likelihood + self.log_posterior))
         self.log_posterior = np.log((1 - FORGET) * posterior + FORGET / len(posterior))
@@ -98,13 +119,16 @@ class Population:
 class Bayes(Population):
     """The known response with the largest expected value under the posterior (Bard et al. 2013, implicit modelling)."""
 
+    def __init__(self, setting: AdaptSetting) -> None:
+        super().__init__(setting)
+
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """One of the best responses to the known types."""
         responses, values = responses_to(tuple(self.types))
         return responses[int(np.argmax(values @ self.posterior))]
 
 
-class Thompson(Population):
+class Thompson(Bayes):
     """The best response to a known type drawn from the posterior (Thompson 1933)."""
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
@@ -114,50 +138,34 @@ class Thompson(Population):
 
 
 class PosteriorMean(Population):
-    """The best response to the mean of the posterior, stroke by stroke; the argument is p of the restricted Nash response."""
+    """The best response to the mean of the posterior, stroke by stroke."""
 
-    def __init__(self, setting: AdaptSetting, argument: str = "1") -> None:
-        super().__init__(setting)
-        self.p = float(argument)
+    p = 1.0
 
-    def policy_for_next_rally(self) -> TabulatedPolicy:
-        """The restricted response to the mean."""
-        return respond(self.mean(), self.p)
-
-    def mean(self) -> StatePolicy:
+    def estimate(self) -> StatePolicy:
         """The mean of the known types that matter."""
         return mean_policy(self.game, dict(zip(self.types, self.posterior, strict=True)))
 
 
-class Likeliest(PosteriorMean):
-    """The restricted response to the likeliest known type alone; the argument is p."""
+class Likeliest(Population):
+    """The restricted response to the likeliest known type alone."""
 
-    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
-        super().__init__(setting, argument)
-
-    def mean(self) -> StatePolicy:
+    def estimate(self) -> StatePolicy:
         """The likeliest type."""
         return self.types[int(self.log_posterior.argmax())]
 
 
-class TypedCounts(Likeliest):
-    """Response to shrunken counts of the opponent's choices around the mean of the posterior; the argument is p."""
+class TypedCounts(PosteriorMean):
+    """Response to shrunken counts of the opponent's choices around the mean of the posterior."""
 
-    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
-        super().__init__(setting, argument)
-        self.seen: list[PlayedRally] = []
+    p = WEIGHT
 
-    def observe_rally(self, rally: PlayedRally) -> None:
-        """Update the posterior, and keep the rally."""
-        super().observe_rally(rally)
-        self.seen.append(rally)
-
-    def mean(self) -> StatePolicy:
+    def estimate(self) -> StatePolicy:
         """The counts."""
-        return counted(mean_policy(self.game, dict(zip(self.types, self.posterior, strict=True))), self.seen)
+        return counted(super().estimate(), self.seen)
 
 
-class Bandit(Population):
+class Bandit(Adapter):
     """UCB1 over the known responses, by the results of rallies alone (Auer, Cesa-Bianchi & Fischer 2002)."""
 
     def __init__(self, setting: AdaptSetting) -> None:
@@ -178,44 +186,32 @@ class Bandit(Population):
         self.number[self.arm] += 1
 
 
-class Counts:
-    """Response to shrunken counts of the opponent's choices around bc; the argument is p of the restricted response."""
-
-    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
-        self.game, self.p, self.known = setting.game, float(argument), setting.known
-        self.seen: list[PlayedRally] = []
-
-    def policy_for_next_rally(self) -> TabulatedPolicy:
-        """The restricted response to the estimate."""
-        return respond(self.estimate(), self.p)
-
-    def observe_rally(self, rally: PlayedRally) -> None:
-        """Keep the rally."""
-        self.seen.append(rally)
+class Counts(Adapter):
+    """Response to shrunken counts of the opponent's choices around bc."""
 
     def estimate(self) -> StatePolicy:
-        """The opponent, estimated."""
-        return counted(self.known["bc"], self.seen)
+        """The counts."""
+        return counted(self.bc, self.seen)
 
 
-class RecentCounts(Counts):
+class RecentCounts(Adapter):
     """The same of the last rallies alone, for opponents that change."""
 
     def estimate(self) -> StatePolicy:
-        """The opponent, estimated."""
-        return counted(self.known["bc"], self.seen[-_RECENT:])
+        """The counts."""
+        return counted(self.bc, self.seen[-_RECENT:])
 
 
-class Tilts(Counts):
+class Tilts(Adapter):
     """Response to bc with log-probabilities tilted towards or away from each known type, by maximum a posteriori.
 
-    A log-linear model with the known types as features, which leaves their convex hull as a mixture does not; the argument is p.
+    A log-linear model with the known types as features, which leaves their convex hull as a mixture does not.
     """
 
     def estimate(self) -> StatePolicy:
         """The opponent, estimated."""
-        game, chance = self.game, np.maximum(chances(tuple(self.known.values())).astype(np.float64), _FLOOR)
-        bc = chance[list(self.known).index("bc")]
+        game, chance = self.game, np.maximum(chances(tuple(self.types)).astype(np.float64), _FLOOR)
+        bc = chance[self.types.index(self.bc)]
         feature = np.clip(np.log(chance / bc), -_LARGEST, _LARGEST)
         pairs = struck(self.seen) % game.n_base_pairs
         states, number = np.unique(game.base_pair_state[pairs], return_counts=True)
@@ -231,7 +227,7 @@ class Tilts(Counts):
         found = minimize(loss, np.zeros(len(feature)), jac=True, method="L-BFGS-B").x
         weight = bc * np.exp(found @ feature)
         total = np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state]
-        places = waited(positions(self.known["bc"]), game, self.seen)
+        places = waited(self.bc, self.seen)
         return PairPolicy(game=game, probability=weight / total, positions=places)
 
 
@@ -240,26 +236,22 @@ def struck(seen: Sequence[PlayedRally]) -> I64:
     return np.concatenate([np.zeros(0, np.int64), *(rally.pair[~rally.own] for rally in seen)])
 
 
-def counted(prior: TabulatedPolicy | PairPolicy, seen: Sequence[PlayedRally]) -> PairPolicy:
+def counted(prior: StatePolicy, seen: Sequence[PlayedRally]) -> PairPolicy:
     """Counts of the opponent's choices, shrunken towards a prior."""
-    game = prior.game
-    places = prior.positions if isinstance(prior, PairPolicy) else positions(prior)
-    probability = cloned(game, struck(seen), shrink=_SHRINK_STROKES, prior=prior.block_probabilities(0))
-    return PairPolicy(game=game, probability=probability, positions=waited(places, game, seen))
+    probability = cloned(prior.game, struck(seen), shrink=_SHRINK_STROKES, prior=prior.block_probabilities(0))
+    return PairPolicy(game=prior.game, probability=probability, positions=waited(prior, seen))
 
 
-def positions(policy: TabulatedPolicy) -> F64 | None:
-    """``[S, 9]`` probabilities of positions; None without recovery."""
-    return None if policy.game.recovery is None else positions_of(policy)
+def waited(prior: StatePolicy, seen: Sequence[PlayedRally]) -> F64 | None:
+    """``[S, 9]`` positions of an opponent: those of a prior, tilted towards what was seen after each shot type that it played.
 
-
-def waited(prior: F64 | None, game: Game, seen: Sequence[PlayedRally]) -> F64 | None:
-    """``[S, 9]`` positions of an opponent: those of a prior, tilted towards what was seen after each shot type that it played."""
-    if prior is None:
+    None without recovery.
+    """
+    if prior.game.recovery is None:
         return None
     state = np.concatenate([np.zeros(0, np.int32), *(rally.state[rally.own] for rally in seen)])
     place = np.concatenate([np.zeros(0, np.int8), *(rally.position[rally.own] for rally in seen)])
-    return tilted_positions(prior, game, state, place)
+    return tilted_positions(positions_of(prior), prior.game, state, place)
 
 
 def tilted_positions(prior: F64, game: Game, state: I32, place: I8) -> F64:
@@ -272,6 +264,7 @@ def tilted_positions(prior: F64, game: Game, state: I32, place: I8) -> F64:
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
+@functools.lru_cache(maxsize=4)
 def respond(opponent: StatePolicy, p: float) -> TabulatedPolicy:
     """The restricted Nash response to a model of the opponent; with p = 1 the best response, which takes half of the time."""
     if p == 1:
@@ -335,13 +328,11 @@ class Mixture(Population):
     - *places*: positions are those of the mixture, tilted towards what was seen;
     - *change*: what was seen before a change of the opponent is dropped, found by the ratio of the likelihoods of one mixture and
       of two.
-
-    The argument is p of the restricted Nash response.
     """
 
-    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT), without: str = "") -> None:
-        super().__init__(setting)
-        self.p, self.without, n = float(argument), without, len(self.types)
+    def __init__(self, setting: AdaptSetting, argument: str = "", without: str = "") -> None:
+        super().__init__(setting, argument)
+        self.without, n = without, len(self.types)
         self.prior = np.full(n, 1 / n)
         if self.without != "levels":
             self.types += levels(self.game, tuple(setting.known[name] for name in _ANSWERED))
@@ -349,16 +340,6 @@ class Mixture(Population):
             self.prior = np.append((1 - _SHARE) * self.prior, np.full(more, _SHARE / more))
             self.log_posterior = np.log(self.prior)
         self.chance = chances(tuple(self.types))
-        self.seen: list[PlayedRally] = []
-
-    def observe_rally(self, rally: PlayedRally) -> None:
-        """Update the posterior over types, and keep the rally."""
-        super().observe_rally(rally)
-        self.seen.append(rally)
-
-    def policy_for_next_rally(self) -> TabulatedPolicy:
-        """The restricted response to the model."""
-        return respond(self.estimate(), self.p)
 
     def estimate(self) -> PairPolicy:
         """The opponent, estimated."""
@@ -371,10 +352,8 @@ class Mixture(Population):
         if self.without != "weights":
             weight = mixture_weights(self.chance[:, pairs], _STRENGTH * weight)[0]
         kept = {policy: share for policy, share in zip(self.types, weight.tolist(), strict=True) if share > _LITTLE}
-        places = mean_positions(self.game, kept)
-        if self.without != "places":
-            places = waited(places, self.game, self.seen)
-        return PairPolicy(game=self.game, probability=weight @ self.chance, positions=places)
+        found = PairPolicy(game=self.game, probability=weight @ self.chance, positions=mean_positions(self.game, kept))
+        return found if self.without == "places" else dataclasses.replace(found, positions=waited(found, self.seen))
 
 
 def ablated(setting: AdaptSetting, argument: str) -> Mixture:

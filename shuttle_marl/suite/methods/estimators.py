@@ -17,6 +17,7 @@ the policy over that under the behaviour, and w the product over the rally:
 - fitted Q evaluation (Le, Voloshin & Yue 2019, arXiv 1903.08738), and the exact value in an estimated model.
 """
 
+import abc
 from collections.abc import Sequence
 from typing import Final
 
@@ -53,9 +54,17 @@ def rally_weights(data: Transitions, policy: TabulatedPolicy) -> F64:
     return np.asarray(np.multiply.reduceat(ratios(data, policy), np.flatnonzero(data.first)))
 
 
-def per_rally(data: Transitions, won: Sequence[float]) -> list[float]:
-    """Fractions of rallies won, from estimates of how many of those with an own stroke."""
-    return [float((each + data.idle_wins) / data.n_rallies) for each in won]
+class _EachPolicy(abc.ABC):
+    """Estimates the value of each policy by itself."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        data = log.transitions
+        return [float((self.wins(data, policy) + data.idle_wins) / data.n_rallies) for policy in policies]
+
+    @abc.abstractmethod
+    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
+        """How many of the rallies with an own stroke the policy would win."""
 
 
 class Behaviour:
@@ -66,13 +75,12 @@ class Behaviour:
         return [float(log.won.mean())] * len(policies)
 
 
-class ImportanceSampling:
+class ImportanceSampling(_EachPolicy):
     """Unbiased, with a variance that grows with the length of rallies."""
 
-    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
-        """One number for each policy."""
-        data = log.transitions
-        return per_rally(data, [(rally_weights(data, policy) * data.won[data.first]).sum() for policy in policies])
+    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
+        """Sum of the weights of rallies that were won."""
+        return float((rally_weights(data, policy) * data.won[data.first]).sum())
 
 
 class WeightedImportanceSampling:
@@ -85,76 +93,62 @@ class WeightedImportanceSampling:
         return [float(((weight * won).sum() + data.idle_wins) / (weight.sum() + idle)) for weight in weights]
 
 
-class TruncatedImportanceSampling:
+class TruncatedImportanceSampling(_EachPolicy):
     """Biased downwards, with a bounded variance."""
 
-    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
-        """One number for each policy."""
-        data, largest = log.transitions, len(log.won) ** 0.5
-        won = data.won[data.first]
-        return per_rally(data, [(np.minimum(rally_weights(data, policy), largest) * won).sum() for policy in policies])
+    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
+        """Sum of the weights of rallies that were won."""
+        return float((np.minimum(rally_weights(data, policy), data.n_rallies**0.5) * data.won[data.first]).sum())
 
 
-class FittedQEvaluation:
+class FittedQEvaluation(_EachPolicy):
     """Q-values of the policy, fitted to own transitions."""
 
-    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
-        """One number for each policy."""
-        data = log.transitions
-        return per_rally(data, [q_and_v(data, policy)[1][data.first].sum() for policy in policies])
+    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
+        """Sum of the values of the first states."""
+        return float(q_and_v(data, policy)[1][data.first].sum())
 
 
-class DoublyRobust:
+class DoublyRobust(_EachPolicy):
     """Fitted Q evaluation, corrected by importance sampling."""
 
-    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
-        """One number for each policy."""
-        data = log.transitions
-        return per_rally(data, [doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)).sum() for policy in policies])
+    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
+        """Sum of :func:`doubly_robust`."""
+        return float(doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)).sum())
 
 
-class WeightedDoublyRobust:
+class WeightedDoublyRobust(_EachPolicy):
     """The same with weights that add up to 1 at each stroke."""
 
-    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
-        """One number for each policy."""
-        data, found = log.transitions, []
-        for policy in policies:
-            found.append(self.total(partial_returns(data, ratios(data, policy), *q_and_v(data, policy))))
-        return per_rally(data, found)
-
-    def total(self, partial: F64) -> float:
-        """Rallies won, from :func:`partial_returns`."""
-        return float(partial[:, -1].sum())
+    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
+        """Sum of the whole returns of :func:`partial_returns`."""
+        return float(partial_returns(data, ratios(data, policy), *q_and_v(data, policy))[:, -1].sum())
 
 
-class Magic(WeightedDoublyRobust):
+class Magic(_EachPolicy):
     """A blend of weighted doubly robust estimation and fitted Q evaluation."""
 
-    def total(self, partial: F64) -> float:
-        """Rallies won, from :func:`partial_returns`."""
-        return blended(partial)
+    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
+        """:func:`blended` returns."""
+        return blended(partial_returns(data, ratios(data, policy), *q_and_v(data, policy)))
 
 
-class DensityRatio:
+class DensityRatio(_EachPolicy):
     """Ratio of the visits under the policy and under the behaviour, linear in indicators of cells."""
 
-    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
-        """One number for each policy."""
-        data, game = log.transitions, log.game
+    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
+        """Rewards, weighted by the ratio."""
+        game = data.game
         cell = pair_cells(game)[1]
         size = int(cell.max()) + 1
         states, index = np.unique(game.base(data.state), return_inverse=True)
         row, pair = game.pairs(states)
         struck = indicators(np.arange(len(data)), cell[data.pair % game.n_base_pairs], np.ones(len(data)), (len(data), size))
+        chosen = indicators(row, cell[pair], policy.block_probabilities(0)[pair], (len(states), size))[index]
         going = np.flatnonzero(~np.append(data.first[1:], True))
-        won = []
-        for policy in policies:
-            chosen = indicators(row, cell[pair], policy.block_probabilities(0)[pair], (len(states), size))[index]
-            flow = (struck.T @ struck - struck[going].T @ chosen[going + 1]).toarray().T + _RIDGE * np.eye(size)
-            ratio = np.linalg.solve(flow, np.asarray(chosen[np.flatnonzero(data.first)].sum(axis=0))[0])
-            won.append(float((struck @ ratio) @ data.reward))
-        return per_rally(data, won)
+        flow = (struck.T @ struck - struck[going].T @ chosen[going + 1]).toarray().T + _RIDGE * np.eye(size)
+        ratio = np.linalg.solve(flow, np.asarray(chosen[np.flatnonzero(data.first)].sum(axis=0))[0])
+        return float((struck @ ratio) @ data.reward)
 
 
 def indicators(row: Ints, column: Ints, values: F64, shape: tuple[int, int]) -> csr_matrix:

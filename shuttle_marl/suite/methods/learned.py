@@ -1,7 +1,8 @@
 """Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.analysis.tabular`), or with
 boosted trees (LightGBM, Ke et al., NeurIPS 2017) instead of shrunken means.
 
-The argument of a name, as in ``fitted-q:8``, is the number of pseudo-observations of the coarser cell, or what the class says.
+The argument of a name, as in ``fitted-q:8``, is the number of pseudo-observations of the coarser cell, or what the class says;
+:data:`shuttle_marl.suite.method.BASELINES` has those of names without one.
 Trees describe strokes by shot type, area, contact and technique of the stroke, of the incoming one and of the own last one, and
 by whether the striker is hurried; their argument is the number of trees. LightGBM is part of the extra ``train``.
 """
@@ -87,14 +88,11 @@ class FittedQ(_OwnStrokes):
         return greedy(data.game, fitted_q(data, best_of(data.game), shrink=float(self.argument)))
 
 
-@dataclasses.dataclass(frozen=True)
 class PessimisticQ(_OwnStrokes):
     """Fitted Q iteration with lower confidence bounds (VI-LCB, Rashidinejad et al. 2021, arXiv 2103.12021).
 
     ``argument`` over the square root of the observations is taken off the value of a stroke.
     """
-
-    argument: str = "0.1"
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the lower bounds."""
@@ -104,11 +102,8 @@ class PessimisticQ(_OwnStrokes):
         return greedy(game, bound)
 
 
-@dataclasses.dataclass(frozen=True)
 class AdvantageWeighted(_OwnStrokes):
     """The clone, weighted by its advantages (AWR, Peng et al. 2019, arXiv 1910.00177); the argument is the temperature."""
-
-    argument: str = "0.02"
 
     def fit(self, data: Transitions) -> PairPolicy:
         """The clone times the exponential of the Q-values of the clone."""
@@ -119,14 +114,11 @@ class AdvantageWeighted(_OwnStrokes):
         return PairPolicy(game=game, probability=weight / total)
 
 
-@dataclasses.dataclass(frozen=True)
 class ConstrainedQ(_OwnStrokes):
     """Discrete batch-constrained Q-learning (Fujimoto et al. 2019, arXiv 1910.01708).
 
     Only strokes are considered whose cloned probability is at least ``argument`` times that of the likeliest stroke.
     """
-
-    argument: str = "0.3"
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the fitted Q-values, within the support of the behaviour."""
@@ -138,6 +130,17 @@ class ConstrainedQ(_OwnStrokes):
         return greedy(game, fitted_q(data, best_of(game, allowed)), allowed)
 
 
+class ImplicitQ(_OwnStrokes):
+    """Implicit Q-learning by networks (Kostrikov et al. 2022, arXiv 2110.06169); the argument is the inverse temperature."""
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """The likeliest stroke of the policy."""
+        from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
+
+        config = q_learning.QConfig(beta=float(self.argument))
+        return greedy(data.game, q_learning.implicit_q(data, config, self.setting.seed))
+
+
 class Model(_Method):
     """Best response in an estimated model: outcomes of strokes and the opponent, both shrunk means."""
 
@@ -147,14 +150,11 @@ class Model(_Method):
         return respond(log, estimated_game(log, shrink=shrink), shrink)
 
 
-@dataclasses.dataclass(frozen=True)
 class PessimisticModel(_Method):
     """The same with a penalty for strokes that are rare in the log (MOReL, Kidambi et al. 2020, arXiv 2005.05951).
 
     ``argument`` over the square root of the observations is added to the probability of a fault.
     """
-
-    argument: str = "0.1"
 
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the pessimistic game."""
@@ -162,14 +162,11 @@ class PessimisticModel(_Method):
         return respond(log, estimated_game(log), SHRINK, penalty=penalty)
 
 
-@dataclasses.dataclass(frozen=True)
 class ModelEnsemble(_Method):
     """The same with a penalty for strokes on which models of resampled strokes differ (MOPO, Yu et al. 2020, arXiv 2005.13239).
 
     ``argument`` times the standard deviation of the probability of a fault is added to it.
     """
-
-    argument: str = "3"
 
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the pessimistic game."""
@@ -191,11 +188,8 @@ def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) 
     return TabulatedPolicy(game=log.game, cumulative=best_response(opponent, game=own, tolerance=_TOLERANCE).policy.cumulative)
 
 
-@dataclasses.dataclass(frozen=True)
 class BoostedModel(_Method):
     """Best response in an estimated game; outcomes by boosted trees, the opponent by shrunken counts."""
-
-    argument: str = "150"
 
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the estimated game."""
@@ -208,11 +202,8 @@ def boosted_game(log: Log, trees: int, seed: int) -> Game:
     return game_of(log.game, shares)
 
 
-@dataclasses.dataclass(frozen=True)
 class Shipped(_Method):
     """A policy of the shipped game, which reads no log: what is known before; the argument is its name."""
-
-    argument: str = "minimax"
 
     def fit(self, log: Log) -> TabulatedPolicy:
         """The same strokes in the rules of the log."""
@@ -220,11 +211,8 @@ class Shipped(_Method):
         return TabulatedPolicy(game=log.game, cumulative=tabulate(resolve(self.argument, shipped), shipped).cumulative)
 
 
-@dataclasses.dataclass(frozen=True)
 class BoostedQ(_OwnStrokes):
     """Fitted Q iteration with boosted trees (Ernst, Geurts & Wehenkel, JMLR 2005)."""
-
-    argument: str = "100"
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the fitted Q-values."""

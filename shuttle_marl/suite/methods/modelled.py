@@ -15,15 +15,14 @@ from shuttle_marl.exact import solve
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import play_rallies
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import minimax_policy
-from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import Log, play_log
+from shuttle_marl.suite.adapt import observed
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.method import find
-from shuttle_marl.suite.methods.adapters import chances, mean_positions, mixture_weights, respond, tilted_positions
+from shuttle_marl.suite.methods.adapters import chances, counted, mean_positions, mixture_weights, respond, struck
 from shuttle_marl.suite.methods.learned import boosted, boosted_game
 from shuttle_marl.suite.offline import LogSetting, fitted, in_game
 from shuttle_marl.suite.population import mixture
@@ -56,27 +55,19 @@ def restricted_mixture(setting: PlayerSetting, argument: str = str(WEIGHT)) -> T
 
 
 def _counted(setting: PlayerSetting, p: float, names: Sequence[str]) -> Trained:
-    game, opponent = setting.game, _opponent(setting)
-    types = tuple(tabulate(resolve(name, game), game) for name in names)
-    rallies = play_rallies(
-        game, (minimax_policy(game), opponent), max(1, min(setting.budget, _COUNTED) // _STROKES), seed=setting.seed
-    )
-    state, theirs = rallies.states(game), rallies.striker == 1
-    pair, chance = game.pair(state, rallies.stroke.astype(np.int32)).astype(np.int64)[theirs], chances(types)
-    weight = mixture_weights(chance[:, pair % game.n_base_pairs], np.ones(len(types)))[0]
-    probability = cloned(game, pair, shrink=8.0, prior=weight @ chance)
+    game, types = setting.game, tuple(map(setting.policy, names))
+    number = max(1, min(setting.budget, _COUNTED) // _STROKES)
+    seen = list(observed(game, (minimax_policy(game), setting.against), number, setting.seed))
+    weight = mixture_weights(chances(types)[:, struck(seen) % game.n_base_pairs], np.ones(len(types)))[0]
     places = mean_positions(game, dict(zip(types, weight.tolist(), strict=True)))
-    if places is not None:
-        assert rallies.waited is not None
-        places = tilted_positions(places, game, state[~theirs], rallies.waited[~theirs])
-    estimate = PairPolicy(game=game, probability=probability, positions=places)
-    used = len(state) if game.recovery is not None else int((~theirs).sum())
-    return Trained(player=respond(estimate, p), strokes=used)
+    prior = PairPolicy(game=game, probability=weight @ chances(types), positions=places)
+    used = sum(len(rally.own) if game.recovery is not None else int(rally.own.sum()) for rally in seen)
+    return Trained(player=respond(counted(prior, seen), p), strokes=used)
 
 
 def from_log(setting: PlayerSetting, argument: str) -> Trained:
     """A method of ``offline``, whose name is the argument, from a log of random play against the opponent."""
-    log, used = _random_log(setting, _opponent(setting))
+    log, used = _random_log(setting, setting.against)
     learner = LogSetting(game=log.game, model=setting.model, seed=setting.seed, folder=setting.folder)
     player = fitted(find("offline-v0", argument), log, learner, argument)
     return Trained(player=in_game(player, setting.game), strokes=used)
@@ -87,7 +78,7 @@ def solved_model(setting: PlayerSetting, argument: str) -> Trained:
 
     The model has no positions, so the solution does not mix.
     """
-    log, used = _random_log(setting, tabulate(resolve("random", setting.game), setting.game))
+    log, used = _random_log(setting, setting.policy("random"))
     game = estimated_game(log) if argument == "means" else boosted_game(log, 150, setting.seed)
     return Trained(player=in_game(solve(game, tolerance=1e-6).policy[0], setting.game), strokes=used)
 
@@ -97,8 +88,7 @@ def _random_log(setting: PlayerSetting, opponent: TabulatedPolicy) -> tuple[Log,
     game, both = setting.game, setting.opponent is None
     # A position, or a stroke of the other side, for each stroke.
     share = (2 if both or game.recovery is not None else 1) * (2 if both and game.recovery is not None else 1)
-    player = tabulate(resolve("random", game), game)
-    log = play_log((player, opponent), min(setting.budget, share * _FITTED) * 9 // (10 * share), setting.seed)
+    log = play_log((setting.policy("random"), opponent), min(setting.budget, share * _FITTED) * 9 // (10 * share), setting.seed)
     used = int(log.own.sum()) if share == 1 else len(log) * share // 2
     return dataclasses.replace(log, game=_plain(log.game)), used
 
@@ -112,12 +102,12 @@ def boosted_model(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
 
     The model has no positions, which it does not see: it waits as people do.
     """
-    game, opponent = setting.game, _opponent(setting)
+    game, random = setting.game, setting.policy("random")
     plain, hidden = _plain(game), game.recovery is not None
-    player, rows, used = tabulate(resolve("random", game), game), [], 0
+    player, rows, used = random, [], 0
     budget = min(setting.budget // (1 + hidden), _FITTED)
     for turn in range(2):
-        log = play_log((player, opponent), budget * 9 // 20 - _MARGIN, 2 * setting.seed + turn)
+        log = play_log((player, setting.against), budget * 9 // 20 - _MARGIN, 2 * setting.seed + turn)
         used += len(log) if hidden else int(log.own.sum())
         rows.append((log.pair, log.outcome, log.pair[~log.own]))
         pair, outcome, theirs = (np.concatenate(column) for column in zip(*rows, strict=True))
@@ -125,9 +115,5 @@ def boosted_model(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
         model = game_of(plain, shares)
         estimate = PairPolicy(game=model, probability=cloned(plain, theirs, shrink=SHRINK))
         found = TabulatedPolicy(game=game, cumulative=respond(estimate, float(argument)).cumulative)
-        player = mixture(game, [found, tabulate(resolve("random", game), game)], [1 - _EXPLORE, _EXPLORE])
+        player = mixture(game, [found, random], [1 - _EXPLORE, _EXPLORE])
     return Trained(player=found, strokes=used)
-
-
-def _opponent(setting: PlayerSetting) -> TabulatedPolicy:
-    return tabulate(resolve(setting.opponent or "bc", setting.game), setting.game)

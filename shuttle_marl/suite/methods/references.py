@@ -6,10 +6,10 @@ import numpy as np
 
 from shuttle_marl.exact import best_response as respond
 from shuttle_marl.exact import restricted_response
+from shuttle_marl.exact.lists import cells_of, lists
 from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
 from shuttle_marl.game.policy import TemperedPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
-from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.population import positions_of
@@ -34,7 +34,7 @@ def minimax() -> Trained:
 
 def minimax_deterministic(setting: PlayerSetting) -> Trained:
     """Perfect play that always makes its likeliest choice."""
-    return Trained(player=deterministic(tabulate(resolve("minimax", setting.game), setting.game)), strokes=0)
+    return Trained(player=deterministic(setting.policy("minimax")), strokes=0)
 
 
 def deterministic(policy: TabulatedPolicy) -> TabulatedPolicy:
@@ -52,14 +52,29 @@ def best_response(setting: PlayerSetting) -> Trained:
 
 def restricted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
     """The exact restricted response to the opponent, the upper bound of ``exploit``; the argument is the restriction."""
-    opponent = tabulate(resolve(setting.opponent or "bc", setting.game), setting.game)
-    return Trained(player=restricted_response(opponent, float(argument)).policy, strokes=0)
+    return Trained(player=restricted_response(setting.against, float(argument)).policy, strokes=0)
+
+
+def constant(setting: PlayerSetting) -> Trained:
+    """The best order of preference of the strokes for all states: how little of the state an opponent's weaknesses need."""
+    return _best_list(setting)
+
+
+def constant_by_incoming(setting: PlayerSetting) -> Trained:
+    """The best orders of preference for each incoming shot type and contact."""
+    return _best_list(setting, "incoming_shot", "contact")
+
+
+def _best_list(setting: PlayerSetting, *parts: str) -> Trained:
+    """The best list that reads some parts of the state (:mod:`shuttle_marl.exact.lists`)."""
+    *_, best = [setting.against, *lists(setting.against, cells_of(setting.game, *parts))]
+    return Trained(player=best, strokes=0)
 
 
 def fictitious_play(setting: PlayerSetting) -> Trained:
     """Fictitious play with exact best responses, averaged state by state (Sayin, Parise & Ozdaglar 2022, arXiv 2010.04223)."""
     game = setting.game
-    first = tabulate(resolve("bc", game), game)
+    first = setting.policy("bc")
     mean, places = first.pair_probabilities(), None if game.recovery is None else positions_of(first)
     for step in range(_STEPS):
         answer = respond(PairPolicy(game=game, probability=mean, positions=places), tolerance=1e-6).policy

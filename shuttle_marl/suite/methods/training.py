@@ -11,7 +11,6 @@ from shuttle_marl.base import runs
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.computed import best_response_policy
-from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.methods.references import deterministic
@@ -39,28 +38,31 @@ _ITERATIONS: Final = 12
 """Iterations of a run with a small budget."""
 
 
-def ppo(setting: PlayerSetting) -> Trained:
-    """PPO (Schulman et al. 2017, arXiv 1707.06347)."""
-    return _train("ppo", setting)
+def learner(setting: PlayerSetting, argument: str) -> Trained:
+    """A learning algorithm, the argument.
+
+    PPO (Schulman et al. 2017, arXiv 1707.06347), A2C (Mnih et al. 2016, arXiv 1602.01783), or SAC (Haarnoja et al. 2018, arXiv
+    1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207).
+    """
+    return _train(setting, argument)
 
 
 def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
     """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
     # Rallies that start in a state of the best response are of another length, so more strokes are kept back.
     planned = dataclasses.replace(setting, budget=setting.budget * 49 // 50) if argument == "restarts" else setting
-    return _train("ppo", planned, variant=argument)
+    return _train(planned, variant=argument)
 
 
 def ppo_blind(setting: PlayerSetting) -> Trained:
     """PPO in self-play, which does not look at the opponent."""
-    return _train("ppo", dataclasses.replace(setting, opponent=None))
+    return _train(dataclasses.replace(setting, opponent=None))
 
 
 def ppo_deterministic(setting: PlayerSetting) -> Trained:
     """PPO in self-play, whose agent always makes its likeliest choice."""
-    found = _train("ppo", setting)
-    player = deterministic(tabulate(found.player, setting.game))
-    return Trained(player=player, strokes=found.strokes)
+    found = _train(setting)
+    return dataclasses.replace(found, player=deterministic(tabulate(found.player, setting.game)), curve=())
 
 
 def ppo_restricted(setting: PlayerSetting) -> Trained:
@@ -69,30 +71,24 @@ def ppo_restricted(setting: PlayerSetting) -> Trained:
     Each of the phases trains a new agent against one more enemy; the last one is played (Johanson, Zinkevich & Bowling, NeurIPS
     2007, by iteration as in fictitious play).
     """
-    game, used, player = setting.game, 0, None
-    opponent = tabulate(resolve(setting.opponent or "bc", game), game)
-    enemies: list[TabulatedPolicy] = []
+    game, used, enemies = setting.game, 0, list[TabulatedPolicy]()
+    opponent: str | TabulatedPolicy | None = setting.opponent
     for phase in range(_PHASES):
-        if player is not None:
-            enemies.append(best_response_policy(player))
-            shares = [(1 - WEIGHT) / len(enemies)] * len(enemies)
-            mixture(game, [opponent, *enemies], [WEIGHT, *shares]).save(setting.folder / _MIXED)
-        name = setting.opponent if player is None else f"table:{setting.folder / _MIXED}"
-        folder = setting.folder / str(phase)
-        found = _train("ppo", dataclasses.replace(setting, opponent=name, budget=setting.budget // _PHASES, folder=folder))
-        used, player = used + (found.strokes or 0), tabulate(found.player, game)
+        player, strokes = _part(setting, str(phase), opponent, setting.budget // _PHASES)
+        used += strokes
+        enemies.append(best_response_policy(player))
+        shares = [(1 - WEIGHT) / len(enemies)] * len(enemies)
+        opponent = mixture(game, [setting.against, *enemies], [WEIGHT, *shares])
     return Trained(player=player, strokes=used)
 
 
 def ppo_mixed(setting: PlayerSetting) -> Trained:
     """PPO against the opponent and PPO in self-play, one of which is drawn at every choice."""
     budget = setting.budget * 9 // 20  # the ends of rallies weigh more in short runs
-    parts = [
-        _train("ppo", dataclasses.replace(setting, opponent=name, budget=budget, folder=setting.folder / part))
-        for part, name in (("against", setting.opponent), ("blind", None))
-    ]
-    player = mixture(setting.game, [tabulate(part.player, setting.game) for part in parts], [WEIGHT, 1 - WEIGHT])
-    return Trained(player=player, strokes=sum(part.strokes or 0 for part in parts))
+    (against, first), (blind, second) = (
+        _part(setting, name, opponent, budget) for name, opponent in (("against", setting.opponent), ("blind", None))
+    )
+    return Trained(player=mixture(setting.game, [against, blind], [WEIGHT, 1 - WEIGHT]), strokes=first + second)
 
 
 def fictitious_self_play(setting: PlayerSetting) -> Trained:
@@ -100,30 +96,12 @@ def fictitious_self_play(setting: PlayerSetting) -> Trained:
 
     The mean is taken choice by choice, and its strokes count as well.
     """
-    game, used = setting.game, 0
-    mean = tabulate(resolve("random", game), game)
+    mean, used = setting.policy("random"), 0
     for turn in range(_TURNS):
-        mean.save(setting.folder / _MIXED)
-        part = dataclasses.replace(
-            setting,
-            opponent=f"table:{setting.folder / _MIXED}",
-            budget=setting.budget // (2 * _TURNS),
-            folder=setting.folder / str(turn),
-        )
-        found = _train("ppo", part)
-        used += 2 * (found.strokes or 0)
-        mean = mixture(game, [mean, tabulate(found.player, game)], [turn / (turn + 1), 1 / (turn + 1)])
+        player, strokes = _part(setting, str(turn), mean, setting.budget // (2 * _TURNS))
+        used += 2 * strokes
+        mean = mixture(setting.game, [mean, player], [turn / (turn + 1), 1 / (turn + 1)])
     return Trained(player=mean, strokes=used)
-
-
-def a2c(setting: PlayerSetting) -> Trained:
-    """A2C (Mnih et al. 2016, arXiv 1602.01783)."""
-    return _train("a2c", setting)
-
-
-def sac(setting: PlayerSetting) -> Trained:
-    """SAC (Haarnoja et al. 2018, arXiv 1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207)."""
-    return _train("sac", setting)
 
 
 def psro(setting: PlayerSetting) -> Trained:
@@ -149,17 +127,24 @@ def _league(setting: PlayerSetting, config: LeagueTrainingConfig) -> Trained:
     return Trained(player=f"table:{done.folder / MAIN}", strokes=done.figures["strokes"])
 
 
-def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
+def _part(setting: PlayerSetting, name: str, opponent: str | TabulatedPolicy | None, budget: int) -> tuple[TabulatedPolicy, int]:
+    """An agent of PPO that is a part of a method, and the strokes that it used; ``opponent`` as in a setting, or a table."""
+    if isinstance(opponent, TabulatedPolicy):
+        opponent.save(setting.folder / _MIXED)
+        opponent = f"table:{setting.folder / _MIXED}"
+    found = _train(dataclasses.replace(setting, opponent=opponent, budget=budget, folder=setting.folder / name))
+    return tabulate(found.player, setting.game), found.strokes or 0
+
+
+def _train(setting: PlayerSetting, algorithm: str = "ppo", **options: Any) -> Trained:
     from shuttle_marl.training import train  # noqa: PLC0415  torch
     from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
 
     if load_game(setting.model).hash != setting.game.hash:
         raise SuiteError(f"{algorithm} trains in the game of a model, and this game is drawn")
-    default = CONFIGS[algorithm]
-    opponent = "self" if setting.opponent is None else setting.opponent
-    folder = setting.folder / algorithm
+    default, folder = CONFIGS[algorithm], setting.folder / algorithm
     config = default(
-        opponent=(opponent,),
+        opponent=(setting.opponent or "self",),
         strokes=setting.budget,
         batch=min(default().batch, max(256, setting.budget // _ITERATIONS)),
         seed=setting.seed,
@@ -175,8 +160,7 @@ def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
     while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
         config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
     done = train(config)
-    lines = (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()
-    points = [json.loads(line) for line in lines]
+    points = [json.loads(line) for line in (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()]
     figure = "normalised_score" if setting.opponent is not None else "exploitability"
     curve = tuple((int(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
     return Trained(player=done.policy, strokes=done.strokes, curve=curve)
