@@ -25,11 +25,11 @@ _SHOWN: Final = 4
 
 def _boards(name: str) -> list[Board]:
     """Boards of a task; empty as long as there are no results."""
-    return [board for board in boards(saved("experiments", "suite")["rows"]) if board["task"] == name]
+    return [board for board in boards(saved("experiments", "suite")["rows"]) if board["task"].name == name]
 
 
 def _table(board: Board) -> str:
-    metric, columns = board["metric"], board["columns"][:_SHOWN]
+    task, metric, columns = board["task"], board["task"].metric, board["columns"][:_SHOWN]
     rows = []
     for row in board["rows"]:
         scores = (number(row["scores"][name]["value"]) if name in row["scores"] else "" for name in columns)
@@ -41,7 +41,7 @@ def _table(board: Board) -> str:
     table = markdown(headings, rows, left=("access", "rank", "method"))
     gap = "" if board["gap"] is None else f", open gap {number(board['gap'])}"
     best = "" if board["best"] is None else f" Best: `{called(board['best'])}`{gap}."
-    return f"**{board['title']}** (`{metric}` in {board['unit']}; 0: {board['zero']})\n\n{table}\n\nSelf-reported.{best}"
+    return f"**{board['title']}** (`{metric}` in {task.unit}; 0: {task.zero})\n\n{table}\n\nSelf-reported.{best}"
 
 
 def task_boards(kind: str) -> str:
@@ -84,13 +84,13 @@ def depth() -> str:
     """What simple rules and ablations reach beside the best method, in the range in which a task means something."""
     lines = []
     for board in boards(saved("experiments", "suite")["rows"]):
-        if board["split"] == "test" and not TASKS[board["task"]].entrance:
+        if board["split"] == "test" and not board["task"].entrance:
             lines += [(f"`{board['title'].replace(', test', '')}`", *figure) for figure in _depth(board)]
     return markdown(("board", "figure", "points or share", "useful", "holds"), lines, left=("board", "figure", "useful"))
 
 
 def _depth(board: Board) -> Iterator[tuple[str, str, str, str]]:
-    rows, kind = {row["method"]: row for row in board["rows"]}, kind_of(board["task"])
+    rows, kind = {row["method"]: row for row in board["rows"]}, kind_of(board["task"].name)
     if kind == "exploit":
         lists = [rows[name] for name in ("constant", "constant-by-incoming") if name in rows]
         if shares := [each["gain"] / each["best"] for row in lists for each in row["strata"].values()]:
@@ -99,9 +99,9 @@ def _depth(board: Board) -> Iterator[tuple[str, str, str, str]]:
     if kind == "equilibrium" and (row := rows.get("minimax-deterministic")):
         yield "exploitability of deterministic perfect play", number(row["score"]), "at least 2", _yes(row["score"] >= 2)
     for names, what in _SIMPLE.get(kind, ()):
-        if board["task"] == "offline-v0" and board["budget"] < _LOG:
+        if board["task"].name == "offline-v0" and board["budget"] < _LOG:
             continue
-        sign = 1 if TASKS[board["task"]].higher_is_better else -1
+        sign = 1 if board["task"].higher_is_better else -1
         others = [sign * row["score"] for name, row in rows.items() if row["kind"] == "method" and name not in names]
         simple = [(sign * row["score"], name) for name, row in rows.items() if name in names]
         if others and simple:

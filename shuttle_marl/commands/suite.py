@@ -56,8 +56,8 @@ def list_tasks(*, json_output: Json = False) -> None:
 
 
 def _described(task: "suite.Task") -> dict[str, Any]:
-    parts = {name: getattr(task, name) for name in ("protocol", "access", "entrance", "metric", "unit", "zero")}
-    return {"task": task.name, "about": " ".join((task.__doc__ or "").split()), **parts, "hidden": list(task.hidden)}
+    parts = {name: getattr(task, name) for name in ("about", "protocol", "access", "entrance", "metric", "unit", "zero")}
+    return {"task": task.name, **parts, "hidden": list(task.hidden)}
 
 
 def show(

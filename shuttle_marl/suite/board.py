@@ -33,13 +33,7 @@ def render(rows: Sequence[Row], kind: Literal["md", "html"]) -> str:
     )
     environment.filters["text"] = printable if kind == "html" else escaped
     environment.filters["name"] = shown if kind == "html" else code
-    environment.filters |= {
-        "number": number,
-        "interval": with_interval,
-        "stated": _stated,
-        "called": called,
-        "standing": standing,
-    }
+    environment.filters |= {each.__name__: each for each in (number, with_interval, stated, called, standing)}
     return environment.get_template(f"board.{kind}").render(boards=boards(rows)) + "\n"
 
 
@@ -148,14 +142,10 @@ class Board(TypedDict):
     ``best`` is the first method of the first class and least access, ``gap`` its distance to the optimum.
     """
 
-    task: str
+    task: Task
     split: Split
     budget: int
     title: str
-    about: str
-    metric: str
-    unit: str
-    zero: str
     optimum: float | None
     best: Row | None
     gap: float | None
@@ -191,14 +181,10 @@ def _board(task: Task, rows: list[Row], title: str) -> Board:
     if optimum is None and best is not None and "best" in best["scores"]:
         optimum = best["scores"]["best"]["value"]
     return {
-        "task": task.name,
+        "task": task,
         "split": rows[0]["split"],
         "budget": rows[0]["budget"] or 0,
         "title": title,
-        "about": " ".join((task.__doc__ or "").split()),
-        "metric": task.metric,
-        "unit": task.unit,
-        "zero": task.zero,
         "optimum": optimum,
         "best": best,
         "gap": abs(optimum - best["score"]) if best and optimum is not None else None,
@@ -212,7 +198,7 @@ def _class(row: Row) -> tuple[bool, int]:
     return not row.get("reran_by"), ACCESS.index(row["access"])
 
 
-def _stated(strokes: int | str | None) -> str:
+def stated(strokes: int | str | None) -> str:
     """Strokes used for tuning, as the author states them."""
     return "not stated" if strokes is None else f"{strokes:,}" if isinstance(strokes, int) else shown(strokes)
 

@@ -32,7 +32,7 @@ from shuttle_marl.suite.offline import OPPONENT, Evaluate, LogTask, Offline, log
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import checked_beacon, rng_of
 from shuttle_marl.suite.store import CARD, Card, RunConfig, write_card
-from shuttle_marl.suite.task import Arena, Task
+from shuttle_marl.suite.task import Arena, Case, Task
 from shuttle_marl.suite.text import Text, json_lines, positions
 
 TASKS: Final[dict[str, Task]] = {
@@ -83,8 +83,8 @@ def arena_of(
     return Arena(game=game, model=name, base=base, split=split, quick=quick, budget=budget, beacon=beacon)
 
 
-def arena_of_run(task: Task, config: RunConfig, model: str | None = None, *, beacon: str | None = None) -> Arena:
-    """The game and the split of a run whose folder may be a stranger's.
+def task_of_run(config: RunConfig, model: str | None = None, beacon: str | None = None) -> tuple[Task, Arena, list[Case]]:
+    """Task, game and cases of a run whose folder may be a stranger's.
 
     Args:
         model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
@@ -92,11 +92,16 @@ def arena_of_run(task: Task, config: RunConfig, model: str | None = None, *, bea
         beacon: randomness of the beacon of a round.
 
     Raises:
-        SuiteError: the configuration names a model that is not shipped.
+        SuiteError: the configuration names a model that is not shipped, or cases of different budgets, which are never pooled.
     """
+    task = find_task(config.task)
     if model is None and not is_shipped(config.game.model):
         raise SuiteError(f"the run names the model {printable(config.game.model)!r}, which is not shipped; name it with --game")
-    return arena_of(task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, beacon=beacon)
+    arena = arena_of(task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, beacon=beacon)
+    cases = task.cases(arena)
+    if config.budget is None and len({case.budget for case in cases}) > 1:
+        raise SuiteError("the run names no budget; budgets are never pooled")
+    return task, arena, cases
 
 
 Language = Literal["python", "perl", "apart"]

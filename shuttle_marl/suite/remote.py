@@ -5,6 +5,7 @@ unit starts a new process. This process plays the game, counts the strokes, and 
 """
 
 import dataclasses
+import types
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +15,7 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.base.programs import Program
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game.observation import observations
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import apart
@@ -23,7 +24,7 @@ from shuttle_marl.suite.boundary import CODE, Boundary
 from shuttle_marl.suite.exploit import OPPONENT, PlayerSetting, Trained
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import luck
-from shuttle_marl.suite.task import Setting
+from shuttle_marl.suite.task import Setting, table_of
 
 _MOST_RALLIES: Final = 1 << 16
 _SECONDS: Final = 6 * 3600.0
@@ -56,7 +57,8 @@ class Session:
     """A method in a process of its own; :attr:`used` counts the strokes of the learner."""
 
     def __init__(self, method: RemoteMethod, setting: Setting) -> None:
-        self._setting, self.game, self._beacon, self.used, self._started = setting, setting.game, method.beacon, 0, 0
+        self._name, self._setting, self.game, self._beacon = method.name, setting, setting.game, method.beacon
+        self.used = self._started = 0
         self._opponents: list[TabulatedPolicy] = []
         if isinstance(setting, PlayerSetting) and setting.opponent is not None:
             self._opponents = [resolve(setting.opponent, self.game)]  # type: ignore[list-item]
@@ -145,29 +147,17 @@ class Session:
             SuiteError, PolicyError: it is none.
         """
         answer, game = self._ask(**request), self.game
-        row, pair = game.pairs(np.arange(game.n_states))
         if (strokes := answer.get("stroke", np.zeros(0))).shape == (game.n_states,):
-            chance = (strokes[row] == game.pair_stroke[pair]).astype(np.float64)
-        elif (given := answer.get("probability", np.zeros(0))).shape == (game.n_states, game.n_strokes):
-            chance = given[row, game.pair_stroke[pair]].astype(np.float64)
-        else:
+            chance = (strokes[:, None] == np.arange(game.n_strokes)).astype(np.float64)
+        elif (chance := answer.get("probability", np.zeros(0))).shape != (game.n_states, game.n_strokes):
             raise SuiteError(
                 "a method of a round returns an object with act(observation, mask) or probabilities(observation, mask), not a "
                 f"{next(iter(answer))}"
             )
-        if not (chance >= 0).all():
-            raise SuiteError("the method returned probabilities below 0, or none")
-        policy = from_pair_probabilities(game, chance)
-        return policy if "position" not in answer else self._waiting(policy, np.asarray(answer["position"], np.float64))
-
-    def _waiting(self, policy: TabulatedPolicy, chance: Any) -> TabulatedPolicy:
-        game, states = policy.game, np.arange(policy.game.n_states)
-        feasible = game.waiting.mask(game.base(states))
-        if chance.shape != feasible.shape or not (chance >= 0).all() or (chance[~feasible] > 0).any():
-            raise SuiteError("the method returned probabilities of positions that are not feasible, below 0, or of a wrong shape")
-        if not np.allclose(chance.sum(axis=1), 1, rtol=0, atol=1e-6):
-            raise SuiteError("the method returned probabilities of positions that do not add up to 1 in every state")
-        return dataclasses.replace(policy, waits=cumulative_positions(chance))
+        policy = types.SimpleNamespace(probabilities=lambda states: chance[states.state])
+        if "position" in answer:
+            policy.positions = lambda states: answer["position"][states.state]
+        return table_of(policy, game, self._name)
 
     def _arrays(self, data: Any) -> dict[str, Any]:
         """Columns of strokes; the stroke stands for the pair, which only the tables number."""

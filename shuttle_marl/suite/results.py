@@ -12,9 +12,9 @@ from shuttle_marl.base.intervals import combined, estimate
 from shuttle_marl.suite import store
 from shuttle_marl.suite.method import baseline_of
 from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
-from shuttle_marl.suite.registry import arena_of_run, find_task
+from shuttle_marl.suite.registry import find_task, task_of_run
 from shuttle_marl.suite.store import Entry
-from shuttle_marl.suite.task import Arena, Case, Task
+from shuttle_marl.suite.task import Case, Task
 
 Units = dict[str, dict[str, list[float]]]
 """Figures by stratum, case and seed."""
@@ -92,9 +92,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         SuiteError: a unit is missing or damaged.
     """
     config, card = store.read_config(folder), store.read_card(folder)
-    task = find_task(config.task)
-    arena = arena_of_run(task, config, game, beacon=beacon)
-    cases = cases_of(task, arena, config)
+    task, arena, cases = task_of_run(config, game, beacon)
     entries = store.read_entries(folder, cases, config.seeds)
     missing = len(cases) * config.seeds - len(entries)
     if missing:
@@ -192,18 +190,6 @@ def _remarks(task: Task, config: store.RunConfig, card: store.Card, units: Seque
     used = max(entry.strokes or 0 for entry in units)
     smaller = [budget for budget in task.budgets if used <= budget < (config.budget or 0)]
     return found + [f"fits the budget of {budget:,} strokes" for budget in smaller[:1]]
-
-
-def cases_of(task: Task, arena: Arena, config: store.RunConfig) -> list[Case]:
-    """Cases of a run.
-
-    Raises:
-        SuiteError: they have different budgets, which are never pooled.
-    """
-    cases = task.cases(arena)
-    if config.budget is None and len({case.budget for case in cases}) > 1:
-        raise SuiteError("the run names no budget; budgets are never pooled")
-    return cases
 
 
 def units_of(cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], name: str, metric: str = "") -> Units:

@@ -17,7 +17,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.suite import store
 from shuttle_marl.suite.method import Method, baseline_of, find, sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
-from shuttle_marl.suite.registry import arena_of, arena_of_run, find_task
+from shuttle_marl.suite.registry import arena_of, find_task, task_of_run
 from shuttle_marl.suite.results import summarise
 from shuttle_marl.suite.store import Card, Entry, RunConfig
 
@@ -130,9 +130,9 @@ def play_unit(folder: Path, config: RunConfig, beacon: str | None, method: Metho
     Args:
         method: what plays; None: the method that the configuration names.
     """
-    (number, seed), task = unit, find_task(config.task)
-    arena = arena_of_run(task, config, config.game.model, beacon=beacon)
-    case = task.cases(arena)[number]
+    number, seed = unit
+    task, arena, cases = task_of_run(config, config.game.model, beacon)
+    case = cases[number]
     fingerprint = task.fingerprint(arena, case, seed)
     begun = time.monotonic()
     work = folder / "work" / f"{fingerprint[:16]}-{seed}"

@@ -157,6 +157,11 @@ class Task(abc.ABC):
     optimum: ClassVar[float | None] = None
     """Score of perfect play; None: the score ``best`` of a unit, if there is one."""
 
+    @property
+    def about(self) -> str:
+        """The docstring in one line."""
+        return " ".join((self.__doc__ or "").split())
+
     def cases(self, arena: Arena) -> list[Case]:
         """Cases of the split, or those of one budget.
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.suite import store
 from shuttle_marl.suite.options import NOTHING_GIVEN, SuiteError, VerifyOptions
-from shuttle_marl.suite.registry import arena_of_run, find_task
-from shuttle_marl.suite.results import Row, cases_of, summarise
+from shuttle_marl.suite.registry import task_of_run
+from shuttle_marl.suite.results import Row, summarise
 
 TOLERANCE: Final = 1e-7
 """Largest difference between a recomputed score and the stored one, in the unit of the score."""
@@ -53,9 +53,7 @@ def verify_run(
         SuiteError: the folder holds no run.
     """
     config = store.read_config(folder)
-    task = find_task(config.task)
-    arena = arena_of_run(task, config, given.game, beacon=given.beacon)
-    cases = cases_of(task, arena, config)
+    task, arena, cases = task_of_run(config, given.game, given.beacon)
     units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
     summary, refused = None, []
 

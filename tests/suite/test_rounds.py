@@ -212,7 +212,7 @@ def load(name: str) -> Any:
     ("method", "reason"),
     [
         ("named", "returns an object with act"),
-        ("wrong", "positions that are not feasible"),
+        ("wrong", "plays the illegal position"),
         ("imports", "No module named 'shuttle_marl'"),
         ("opens", "No such file"),
         ("through_a_folder", "No such file"),
