@@ -100,15 +100,15 @@ def show(
     cli.console().print(cli.facts({**rows, f"{len(cases)} cases": ", ".join(fields["cases"])}))
 
 
-def run(options: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = False) -> None:
+def run(config: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = False) -> None:
     """Run a method on a task, and write a folder that can be submitted.
 
     Args:
-        options: settings of the run.
+        config: settings of the run.
         json_output: print JSON.
     """
-    folder = suite.run_method(options, cli.console(stderr=True))
-    _print_summary(folder, options.beacon, options.game, json_output=json_output)
+    folder = suite.run_method(config, cli.console(stderr=True))
+    _print_summary(folder, config.beacon, config.game, json_output=json_output)
 
 
 def verify(folder: Folder, *, given: tyro.conf.OmitArgPrefixes[VerifyOptions] = NOTHING_GIVEN, json_output: Json = False) -> None:
@@ -119,7 +119,7 @@ def verify(folder: Folder, *, given: tyro.conf.OmitArgPrefixes[VerifyOptions] = 
         given: what the verification reads besides the folder.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415  numba
+    from shuttle_marl.suite.results import NOT_VERIFIED, verify_run  # noqa: PLC0415  numba
 
     found = verify_run(folder, given, progress=_progress)
     remarks = [] if found.summary is None else found.summary["remarks"]

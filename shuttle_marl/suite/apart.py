@@ -110,11 +110,10 @@ def answer_of(result: Any, setting: Setting) -> dict[str, Any]:
         return {"nothing": 0}
     if isinstance(result, str):
         return {"text": result}
-    found: dict[str, Any] = {"values": 0}
     if callable(getattr(result, "act", None)):
         legal = setting.mask.any(axis=1)
         rows = zip(setting.observation, setting.mask, legal, strict=True)
-        found = {"stroke": np.array([int(result.act(seen, mask)) if some else -1 for seen, mask, some in rows])}
+        found: dict[str, Any] = {"stroke": np.array([int(result.act(seen, mask)) if some else -1 for seen, mask, some in rows])}
     elif callable(getattr(result, "probabilities", None)):
         found = {"probability": np.asarray(result.probabilities(setting.observation, setting.mask), dtype=np.float32)}
     else:

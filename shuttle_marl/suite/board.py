@@ -17,9 +17,8 @@ from shuttle_marl.pages import escaped
 from shuttle_marl.suite import store
 from shuttle_marl.suite.options import ACCESS, NOTHING_GIVEN, Split, SuiteError, VerifyOptions
 from shuttle_marl.suite.registry import TASKS
-from shuttle_marl.suite.results import Bounds, Row, summarise
+from shuttle_marl.suite.results import TOLERANCE, Bounds, Row, summarise, verify_run
 from shuttle_marl.suite.task import Task
-from shuttle_marl.suite.verify import TOLERANCE, verify_run
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _LONGEST: Final = 60

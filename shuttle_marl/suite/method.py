@@ -128,7 +128,7 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "ppo": Baseline("chat:Policy", argument="ppo"),
         "ppo-self-play": Baseline("chat:Policy", argument="ppo:self-play"),
         "policy": Baseline("chat:Policy", "tables", "reference"),
-        "chat": Baseline("chat:chat"),
+        "chat": Baseline("chat:Chat"),
     },
 }
 """Baselines by kind of task."""

@@ -88,8 +88,9 @@ def generate(arena: Arena, name: str, strokes: int, seed: int) -> Log:
 
 
 def log_of_unit(arena: Arena, case: Case, seed: int) -> Log:
-    """The log of a unit."""
-    return generate(arena, case.options["behaviour"], case.budget, seed)
+    """The log of a unit; in ``evaluate`` that on which its policies were trained, or a fresh one."""
+    fresh = _FRESH if case.options.get("log") == "fresh" else 0
+    return generate(arena, case.options["behaviour"], case.budget, seed + fresh)
 
 
 class Offline(LogTask):
@@ -182,12 +183,9 @@ class Evaluate(LogTask):
             for which in ("same", "fresh")
         ]
 
-    def _log(self, arena: Arena, case: Case, seed: int) -> Log:
-        return log_of_unit(arena, case, seed + (_FRESH if case.options["log"] == "fresh" else 0))
-
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:
         """Ask the method for its estimates."""
-        log = self._log(arena, case, seed)
+        log = log_of_unit(arena, case, seed)
         policies = targets(arena, case, seed)
         setting = LogSetting(game=log.game, model=arena.model, seed=seed, folder=folder)
         estimator = made(method, setting, self.name, "estimate")
@@ -198,15 +196,11 @@ class Evaluate(LogTask):
             values = np.asarray(found, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise SuiteError(f"the method of {self.name}: the estimates are no list of numbers ({error})") from error
-        if values.shape != (len(policies),):
-            raise SuiteError(f"the method of {self.name}: expected {len(policies)} estimates, got shape {values.shape}")
-        if not np.isfinite(values).all():
-            raise SuiteError(f"the method of {self.name}: {np.count_nonzero(~np.isfinite(values))} estimates are not finite")
         return Outcome(answers={"estimates": np.clip(values, 0, 1).tolist()})
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
         """The log and the policies."""
-        return (self._log(arena, case, seed).hash, *(policy.hash for policy in targets(arena, case, seed).values()))
+        return (log_of_unit(arena, case, seed).hash, *(policy.hash for policy in targets(arena, case, seed).values()))
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:
         """Error, bias, rank correlation and regret; bias also of the trained policies alone."""
@@ -216,7 +210,7 @@ class Evaluate(LogTask):
         except msgspec.ValidationError as error:
             raise SuiteError(f"the estimates are no numbers from 0 to 1 ({error})") from error
         if len(estimated) != len(policies):
-            raise SuiteError(f"expected {len(policies)} estimates")
+            raise SuiteError(f"expected {len(policies)} estimates, got {len(estimated)}")
         odds = pair_odds([(policy, arena.policy(OPPONENT)) for policy in policies.values()])
         return errors(estimated, np.array([each.rally for each in odds]), [name in TRAINED for name in policies])
 

@@ -1,30 +1,15 @@
-"""The tasks by name, and files around them: templates of submissions, and data of cases.
-
-Data of logs may be Minari data sets (extra ``minari``): the single-agent view, one episode for each rally with an own stroke.
-Observations are those of ``shuttle_marl/Rally-v0``, with the mask of legal strokes. A reward is 1 for the last own stroke of a
-rally that was won. Infos hold the state of the game and the probability of the stroke under the behaviour policy. The
-observation after the last stroke is zero, because the rally is over.
-"""
+"""The tasks by name, and files around them: templates of submissions, and data of cases."""
 
 import functools
-import os
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, Literal
-from unittest import mock
+from typing import Final, Literal
 
-import gymnasium
-import numpy as np
-
-from shuttle_marl.base.errors import ShuttleError, command, did_you_mean, printable
-from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.errors import command, did_you_mean, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import write_parquet
-from shuttle_marl.game.observation import observations
 from shuttle_marl.game.shipped import drawn_game, is_shipped, resolve_game
 from shuttle_marl.game.tables import RECOVERY
-from shuttle_marl.recording.logs import Transitions
+from shuttle_marl.recording.minari_files import write_minari
 from shuttle_marl.suite.adapt import Adapt, AdaptEntrance
 from shuttle_marl.suite.exploit import Equilibrium, EquilibriumEntrance, Exploit, ExploitEntrance
 from shuttle_marl.suite.method import kind_of
@@ -57,13 +42,7 @@ def find_task(name: str) -> Task:
 
 @functools.lru_cache(maxsize=4)
 def arena_of(
-    task: Task,
-    model: str,
-    split: Split,
-    *,
-    quick: bool = False,
-    budget: int | None = None,
-    beacon: str | None = None,
+    task: Task, model: str, split: Split, *, quick: bool = False, budget: int | None = None, beacon: str | None = None
 ) -> Arena:
     """The game and the split of a task.
 
@@ -116,56 +95,6 @@ _PYTHON: Final = {
 }
 """Template and method of each kind of task."""
 _PERL: Final = ("exploit", "equilibrium")
-
-
-ENVIRONMENT: Final = "shuttle_marl:shuttle_marl/Rally-v0"
-
-
-def write_minari(data: Transitions, name: str, folder: Path, model: str, opponent: str) -> None:
-    """Write a data set.
-
-    Args:
-        name: id of the data set, such as ``shuttle_marl/offline-bc-v0``.
-        folder: of the data sets, as in the environment variable ``MINARI_DATASETS_PATH``.
-        model, opponent: names of the game and of the opponent, for the environment of the data set.
-
-    Raises:
-        ShuttleError: Minari is not installed, or the data set exists.
-    """
-    try:
-        import minari  # noqa: PLC0415  an extra
-    except ModuleNotFoundError as error:
-        raise ShuttleError(f"Minari is not installed; {install_hint('minari')}") from error
-    env = gymnasium.make(ENVIRONMENT, opponent=opponent, game=model)
-    with warnings.catch_warnings(), mock.patch.dict(os.environ, {"MINARI_DATASETS_PATH": str(folder.resolve())}):
-        warnings.simplefilter("ignore", UserWarning)  # optional metadata are missing
-        try:
-            minari.create_dataset_from_buffers(name, list(episodes(data)), env=env)
-        except ValueError as error:
-            raise ShuttleError(f"{folder}: {error}") from error
-
-
-def episodes(data: Transitions) -> Iterator[Any]:
-    """Each rally as an episode."""
-    from minari.data_collector import EpisodeBuffer  # noqa: PLC0415  an extra
-
-    seen, mask = observations(data.game, data.state), data.game.mask(data.state).astype(np.int8)
-    for rows in np.split(np.arange(len(data)), np.flatnonzero(data.first)[1:]):
-        last = rows == rows[-1]
-        yield EpisodeBuffer(
-            observations={
-                "observation": np.pad(seen[rows], ((0, 1), (0, 0))),
-                "action_mask": np.pad(mask[rows], ((0, 1), (0, 0))),
-            },
-            actions=data.stroke[rows].astype(np.int64),
-            rewards=data.reward[rows],
-            terminations=last,
-            truncations=np.zeros_like(last),
-            infos={
-                "state": np.append(data.state[rows], -1)[:, None],
-                "probability": np.append(data.probability[rows], np.float32(np.nan))[:, None],
-            },
-        )
 
 
 def new_submission(task: str, out: Path, language: Language = "python") -> str:
@@ -225,7 +154,13 @@ def write_data(
     for case in found.cases(arena):
         for seed in range(seeds or found.seeds):
             log = log_of_unit(arena, case, seed)
-            name = f"{split}-{case.options['behaviour']}-{case.budget}".replace(":", "-").replace("*", "x").replace("+", "-")
+            words = (
+                split,
+                case.options["behaviour"],
+                str(case.budget),
+                *(["fresh"] if case.options.get("log") == "fresh" else []),
+            )
+            name = "-".join(words).replace(":", "-").replace("*", "x").replace("+", "-")
             if minari:
                 name = f"shuttle_marl/{name}-v{seed}"
                 write_minari(log.transitions, name, out, arena.model, OPPONENT)

@@ -142,7 +142,7 @@ def play_unit(folder: Path, config: RunConfig, beacon: str | None, method: Metho
     except ShuttleError as error:
         raise SuiteError(f"{config.method}, case {case.name}, seed {seed}: {error}") from error
     seconds = time.monotonic() - begun
-    entry = store.checked(Entry(
+    entry = store.within_budget(store.checked(Entry(
         case=case.name,
         seed=seed,
         fingerprint=fingerprint,
@@ -153,7 +153,7 @@ def play_unit(folder: Path, config: RunConfig, beacon: str | None, method: Metho
         seconds=seconds,
         strokes=outcome.strokes,
         curve=tuple(outcome.curve),
-    ))  # fmt: skip
+    )), case)  # fmt: skip
     if not any(work.iterdir()):
         work.rmdir()
     return store.entry_path(folder, number, seed), entry, {p.hash: p.packed() for p in outcome.policies.values()}

@@ -185,8 +185,17 @@ def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:
     entry = read_entry(path)
     if (entry.case, entry.seed) != (case.name, seed):
         raise SuiteError(f"{path}: is of case {entry.case!r} and seed {entry.seed}; expected {case.name!r} and {seed}")
-    if case.budget and max(entry.strokes or 0, *(used for used, _ in entry.curve), 0) > case.budget:
-        raise SuiteError(f"{path}: has more strokes than the budget of {case.budget:,}")
+    return within_budget(entry, case)
+
+
+def within_budget(entry: Entry, case: Case) -> Entry:
+    """The entry, if it used no more than the budget of its case.
+
+    Raises:
+        SuiteError: it used more.
+    """
+    if case.budget and (most := max(entry.strokes or 0, *(used for used, _ in entry.curve), 0)) > case.budget:
+        raise SuiteError(f"{case.name}: used {most:,} strokes, more than the budget of {case.budget:,}")
     return entry
 
 

@@ -16,7 +16,7 @@ from shuttle_marl.analysis.worth import Worth
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.programs import Program
-from shuttle_marl.env.words import Position, position, prompt, read_answer
+from shuttle_marl.env.words import Position, position
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
 from shuttle_marl.game.tables import Game
@@ -29,7 +29,7 @@ POSITIONS: Final = 500
 _QUICK: Final = 20
 _CANDIDATES: Final = 40_000
 """Commonest states of bc from which positions are chosen."""
-_SECONDS: Final = 120.0
+SECONDS: Final = 120.0
 """Time limit of programs for an answer [s]."""
 _HARD: Final = 0.02
 """Loss of both constant lists in a position, as a probability of winning the rally."""
@@ -143,27 +143,6 @@ def positions(arena: Arena) -> list[Position]:
     return [position(arena.game, state, number) for number, state in enumerate(chosen_states(arena).tolist())]
 
 
-class ChatProgram:
-    """Any chat model through a command: it reads a prompt from standard input and writes an answer, ``chat:COMMAND``.
-
-    Args:
-        command: program and arguments in shell syntax; no shell is started.
-    """
-
-    def __init__(self, command: str) -> None:
-        self._command = command
-
-    def answer(self, place: Position) -> str | None:
-        """The stroke that the model names; None if it names none.
-
-        Raises:
-            ProgramError: the command cannot be started, fails, or exceeds the time limit.
-        """
-        program = Program(self._command, _SECONDS)
-        program.write(prompt(place).encode())
-        return read_answer(program.read_rest().decode(errors="replace"), place["legal"])
-
-
 class LineProgram:
     """A program that reads each position as a line of JSON and answers with one line, the name of a stroke.
 
@@ -172,7 +151,7 @@ class LineProgram:
     """
 
     def __init__(self, command: str) -> None:
-        self._program = Program(command, _SECONDS)
+        self._program = Program(command, SECONDS)
 
     def answer(self, place: Position) -> str:
         """Its answer."""

@@ -4,9 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from shuttle_marl.suite.options import SuiteRun, VerifyOptions
-from shuttle_marl.suite.results import Row, summarise
+from shuttle_marl.suite.results import Row, Verification, summarise, verify_run
 from shuttle_marl.suite.run import run_method
-from shuttle_marl.suite.verify import Verification, verify_run
 from tests.reduced import reduced_model
 
 

@@ -71,13 +71,13 @@ def append_to_a_policy(folder: Path) -> None:
 
 
 REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
-    "strokes above the budget": (lambda f: entry(f, strokes=9_000_000), "more strokes than the budget of 1,000,000"),
+    "strokes above the budget": (lambda f: entry(f, strokes=9_000_000), "more than the budget of 1,000,000"),
     "negative strokes": (lambda f: entry(f, strokes=-1), "strokes"),
     "strokes of a fraction": (lambda f: entry(f, strokes=0.5), "strokes"),
     "negative seconds": (lambda f: entry(f, seconds=-1.0), "seconds"),
     "endless seconds": (lambda f: entry(f, seconds=float("inf")), "seconds"),
     "NaN in a curve": (lambda f: entry(f, curve=[[1000, float("nan")]]), "curve"),
-    "a curve beyond the budget": (lambda f: entry(f, curve=[[9_000_000, 0.1]]), "more strokes than the budget"),
+    "a curve beyond the budget": (lambda f: entry(f, curve=[[9_000_000, 0.1]]), "more than the budget"),
     "a huge number in a curve": (lambda f: entry(f, curve=[[1000, 10**400]]), "out of range"),
     "NaN as a score": (lambda f: entry(f, scores={"exploitability": float("nan"), "won": 0.5}), "scores"),
     "5,000 scores": (lambda f: entry(f, scores=scores(5000)), "length <= 16"),

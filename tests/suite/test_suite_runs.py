@@ -24,8 +24,7 @@ from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.method import sources
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS
-from shuttle_marl.suite.results import Row, difference, summarise
-from shuttle_marl.suite.verify import verify_run
+from shuttle_marl.suite.results import Row, difference, summarise, verify_run
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified
 

@@ -15,10 +15,11 @@ from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.env.words import OVER, WAIT, TextRallyEnv, described, position, prompt, read_answer, text_env
 from shuttle_marl.game.observation import states_of
 from shuttle_marl.suite import store
+from shuttle_marl.suite.methods.chat import Chat
 from shuttle_marl.suite.offline import generate
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task, new_submission, write_data
-from shuttle_marl.suite.text import ChatProgram, chosen_states, positions, regrets
+from shuttle_marl.suite.text import chosen_states, positions, regrets
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite import small
@@ -76,11 +77,12 @@ def test_answers_of_chat_models_are_read() -> None:
     legal = ["smash:a", "clear:b"]
     assert read_answer("I considered smash:a, but clear:b is better.", legal) == "clear:b"
     assert read_answer("no idea", legal) is None
-    echo = ChatProgram(f"{sys.executable} -c \"import sys; print(sys.stdin.read().split('strokes: ')[1].split(', ')[0])\"")
+    setting: Any = None
+    echo = Chat(setting, f"{sys.executable} -c \"import sys; print(sys.stdin.read().split('strokes: ')[1].split(', ')[0])\"")
     place = position(GAME, 0)
     assert echo.answer(place) == place["legal"][0]
     with pytest.raises(ProgramError, match="/no/such/program"):
-        ChatProgram("/no/such/program").answer(place)
+        Chat(setting, "/no/such/program").answer(place)
 
 
 def test_a_program_answers_positions(tmp_path: Path) -> None:
@@ -140,6 +142,8 @@ def test_data_are_written_with_their_hashes(tmp_path: Path) -> None:
     arena = arena_of(find_task("offline-v0"), reduced_model(), "dev", quick=True)
     given = find_task("offline-v0").given(arena, find_task("offline-v0").cases(arena)[0], 0)
     assert digest in given
+    logs = write_data("evaluate-v0", tmp_path, "dev", reduced_model(), 1, quick=True)
+    assert len({*logs.values()}) == len(logs) == 2
     lines = write_data("text-v0", tmp_path, "dev", reduced_model(), None, quick=True)
     assert list(lines) == ["positions.jsonl"]
     assert json.loads((tmp_path / "positions.jsonl").read_text().splitlines()[0])["legal"]

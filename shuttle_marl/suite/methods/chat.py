@@ -4,11 +4,12 @@ import random
 
 import numpy as np
 
-from shuttle_marl.env.words import Position
+from shuttle_marl.base.programs import Program
+from shuttle_marl.env.words import Position, prompt, read_answer
 from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.text import ChatProgram, TextSetting
+from shuttle_marl.suite.text import SECONDS, TextSetting
 
 
 class RandomLegal:
@@ -35,8 +36,23 @@ class Policy:
         return self._game.catalogue.names[int(chance.argmax())]
 
 
-def chat(setting: TextSetting, argument: str = "") -> ChatProgram:  # noqa: ARG001
-    """Any chat model: a command that reads a prompt and writes an answer."""
-    if not argument:
-        raise SuiteError("expected chat:COMMAND, a command that reads a prompt and writes an answer")
-    return ChatProgram(argument)
+class Chat:
+    """Any chat model: the argument is a command that reads a prompt from standard input and writes an answer.
+
+    It is a program and its arguments in shell syntax; no shell is started.
+    """
+
+    def __init__(self, setting: TextSetting, argument: str = "") -> None:  # noqa: ARG002
+        if not argument:
+            raise SuiteError("expected chat:COMMAND, a command that reads a prompt and writes an answer")
+        self._command = argument
+
+    def answer(self, position: Position) -> str | None:
+        """The stroke that the model names; None if it names none.
+
+        Raises:
+            ProgramError: the command cannot be started, fails, or exceeds the time limit.
+        """
+        program = Program(self._command, SECONDS)
+        program.write(prompt(position).encode())
+        return read_answer(program.read_rest().decode(errors="replace"), position["legal"])
