@@ -8,6 +8,7 @@ boundary around this process (:mod:`.boundary`), not this file.
 
 import contextlib
 import ctypes
+import functools
 import importlib
 import inspect
 import io
@@ -142,6 +143,11 @@ def main(name: str, folder: str, work: str) -> None:
             raise RuntimeError(str(reply["error"]))
         return reply
 
+    def policy(number: int) -> Any:
+        """Has ``[B, n]`` probabilities of the strokes in ``[B]`` states."""
+        asked = functools.partial(ask, policy=number)
+        return types.SimpleNamespace(probabilities=lambda states: asked(state=np.asarray(states))["probability"])
+
     try:
         setting = Setting(ask, receive(requests), Path(work))
         module, _, attribute = name.partition(":")
@@ -154,13 +160,7 @@ def main(name: str, folder: str, work: str) -> None:
             elif call == "policy_for_next_rally":
                 result = made.policy_for_next_rally()
             else:
-                # ``[B, n]`` probabilities of the strokes in ``[B]`` states are asked for.
-                policies = [
-                    types.SimpleNamespace(
-                        probabilities=lambda states, i=i: ask(policy=i, state=np.asarray(states))["probability"]
-                    )
-                    for i in range(int(fields.pop("policies", 0)))
-                ]
+                policies = [policy(number) for number in range(int(fields.pop("policies", 0)))]
                 data = types.SimpleNamespace(**fields)
                 result = getattr(made, call)(*((data, policies) if policies else (data,)))
             send(answers, **answer_of(result, setting))

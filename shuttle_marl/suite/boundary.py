@@ -140,7 +140,5 @@ def find_boundary(code: Path, image: str | None = None) -> Boundary:
                 return boundary
             seen = f"inside, one sees {done.stdout.strip()}" if done.returncode == 0 else done.stderr.strip()[-300:]
             reasons.append(f"{boundary.name}: {seen}")
-    missing = (
-        "neither podman nor docker" if image is not None else "no unshare and setpriv of util-linux; --image names a container"
-    )
+    missing = "neither podman nor docker" if image is not None else "no unshare and setpriv, and --image names no container"
     raise SuiteError(f"code cannot be rerun here: {'; '.join(reasons) or missing}")

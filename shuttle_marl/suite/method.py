@@ -27,7 +27,7 @@ class Baseline:
     """A method of this package.
 
     Attributes:
-        path: ``MODULE:ATTRIBUTE`` within this package.
+        path: ``MODULE:NAME``: the class or function of that name of a module of :mod:`.methods`, as ``adapters:tilts``.
         kind: references do not depend on the seed, so one is enough.
         argument: of the method, if its name has none.
     """
@@ -38,97 +38,76 @@ class Baseline:
     argument: str | None = None
 
 
-_KNOWN: Final = {name: Baseline(f"references:{name}", "tables", "reference") for name in ("bc", "minimax")}
+def _all(module: str, *names: str, access: Access = "samples", kind: Kind = "method") -> dict[str, Baseline]:
+    """Baselines that stand in a module under their names."""
+    return {name: Baseline(f"{module}:{name}", access, kind) for name in names}
+
+
 _LEARNERS: Final = {name: Baseline("training:learner", argument=name) for name in ("ppo", "a2c", "sac")}
-_RANDOM: Final = Baseline("references:random", "samples", "reference")
+_KNOWN: Final = _all("references", "bc", "minimax", access="tables", kind="reference")
+_RANDOM: Final = _all("references", "random", kind="reference")
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         **_LEARNERS,
-        "ppo-self-play": Baseline("training:ppo_blind"),
-        "ppo-restricted": Baseline("training:ppo_restricted", "tables"),
-        "ppo-mixed": Baseline("training:ppo_mixed"),
-        "restricted-counts": Baseline("modelled:restricted_counts", "tables"),
-        "restricted-mixture": Baseline("modelled:restricted_mixture", "tables"),
-        "best-response-counts": Baseline("modelled:restricted_counts", "tables", argument="1"),
-        **{name: Baseline("modelled:from_log", argument=name) for name in ("fitted-q", "fitted-q-boosted", "model")},
-        "model-boosted": Baseline("modelled:boosted_model"),
-        "constant": Baseline("references:constant", "opponent", "reference"),
-        "constant-by-incoming": Baseline("references:constant_by_incoming", "opponent", "reference"),
+        **_all("training", "ppo-self-play", "ppo-mixed"),
+        **_all("training", "ppo-restricted", access="tables"),
+        **_all("modelled", "restricted-counts", "restricted-mixture", access="tables"),
+        "best-response-counts": Baseline("modelled:restricted-counts", "tables", argument="1"),
+        **{name: Baseline("modelled:from-log", argument=name) for name in ("fitted-q", "fitted-q-boosted", "model")},
+        **_all("modelled", "model-boosted"),
+        **_all("references", "constant", "constant-by-incoming", access="opponent", kind="reference"),
         **_KNOWN,
-        "best-response": Baseline("references:best_response", "opponent", "reference"),
-        "restricted": Baseline("references:restricted", "opponent", "reference"),
-        "random": _RANDOM,
+        **_all("references", "best-response", "restricted", access="opponent", kind="reference"),
+        **_RANDOM,
     },
     "equilibrium": {
         **_LEARNERS,
-        "ppo-deterministic": Baseline("training:ppo_deterministic"),
-        **{f"ppo-{name}": Baseline("training:ppo_variant", "tables", argument=name) for name in ("best-response", "restarts")},
-        **{f"ppo-{name}": Baseline("training:ppo_variant", argument=name) for name in ("pool", "magnet", "nash")},
-        "fictitious-self-play": Baseline("training:fictitious_self_play"),
-        "psro": Baseline("training:psro", "tables"),
-        "model": Baseline("modelled:solved_model", argument="means"),
-        "model-boosted": Baseline("modelled:solved_model", argument="trees"),
-        "psro-exact": Baseline("training:psro_exact", "tables", "reference"),
-        "fictitious-play": Baseline("references:fictitious_play", "tables", "reference"),
-        "minimax-deterministic": Baseline("references:minimax_deterministic", "tables", "reference"),
+        **_all("training", "ppo-deterministic", "fictitious-self-play"),
+        **_all("training", "psro", access="tables"),
+        **{f"ppo-{name}": Baseline("training:ppo-variant", "tables", argument=name) for name in ("best-response", "restarts")},
+        **{f"ppo-{name}": Baseline("training:ppo-variant", argument=name) for name in ("pool", "magnet", "nash")},
+        "model": Baseline("modelled:solved-model", argument="means"),
+        "model-boosted": Baseline("modelled:solved-model", argument="trees"),
+        **_all("training", "psro-exact", access="tables", kind="reference"),
+        **_all("references", "fictitious-play", "minimax-deterministic", access="tables", kind="reference"),
         **_KNOWN,
-        "random": _RANDOM,
+        **_RANDOM,
     },
     "adapt": {
-        "minimax": Baseline("adapters:Minimax", "tables", "reference"),
-        "best-response-bc": Baseline("adapters:RestrictedNash", "tables", "reference"),
-        "restricted-nash": Baseline("adapters:RestrictedNash", "tables", "reference"),
-        "bandit": Baseline("adapters:Bandit", "tables"),
-        "bayes": Baseline("adapters:Bayes", "tables"),
-        "thompson": Baseline("adapters:Thompson", "tables"),
-        "posterior-mean": Baseline("adapters:PosteriorMean", "tables"),
-        "likeliest": Baseline("adapters:Likeliest", "tables"),
-        "counts": Baseline("adapters:Counts", "tables"),
-        "counts-recent": Baseline("adapters:RecentCounts", "tables"),
-        "counts-typed": Baseline("adapters:TypedCounts", "tables"),
-        "tilts": Baseline("adapters:Tilts", "tables"),
-        "mixture": Baseline("adapters:Mixture", "tables"),
+        **_all("adapters", "minimax", "restricted-nash", access="tables", kind="reference"),
+        "best-response-bc": Baseline("adapters:restricted-nash", "tables", "reference"),
+        **_all("adapters", "bandit", "bayes", "thompson", "posterior-mean", "likeliest", access="tables"),
+        **_all("adapters", "counts", "counts-recent", "counts-typed", "tilts", "mixture", access="tables"),
         **{
             f"mixture-without-{part}": Baseline("adapters:ablated", "tables", "ablation", part)
             for part in ("levels", "weights", "places", "change")
         },
     },
     "offline": {
-        "clone": Baseline("learned:Clone"),
-        "clone-won": Baseline("learned:CloneWon"),
-        "one-step": Baseline("learned:OneStep"),
-        "advantage-weighted": Baseline("learned:AdvantageWeighted", argument="0.02"),
-        "fitted-q": Baseline("learned:FittedQ"),
-        "fitted-q-pessimistic": Baseline("learned:PessimisticQ", argument="0.1"),
-        "bcq": Baseline("learned:ConstrainedQ", argument="0.3"),
-        "iql": Baseline("learned:ImplicitQ", argument="10"),
-        "model": Baseline("learned:Model"),
-        "model-pessimistic": Baseline("learned:PessimisticModel", argument="0.1"),
-        "model-ensemble": Baseline("learned:ModelEnsemble", argument="3"),
-        "fitted-q-boosted": Baseline("learned:BoostedQ", argument="100"),
-        "model-boosted": Baseline("learned:BoostedModel", argument="150"),
-        "shipped-minimax": Baseline("learned:Shipped", "tables", "reference", "minimax"),
-        "shipped-best-response": Baseline("learned:Shipped", "tables", "reference", "best-response:human:0.05"),
+        **_all("learned", "clone", "clone-won", "one-step", "fitted-q", "model"),
+        "advantage-weighted": Baseline("learned:advantage-weighted", argument="0.02"),
+        "fitted-q-pessimistic": Baseline("learned:fitted-q-pessimistic", argument="0.1"),
+        "bcq": Baseline("learned:bcq", argument="0.3"),
+        "iql": Baseline("learned:iql", argument="10"),
+        "model-pessimistic": Baseline("learned:model-pessimistic", argument="0.1"),
+        "model-ensemble": Baseline("learned:model-ensemble", argument="3"),
+        "fitted-q-boosted": Baseline("learned:fitted-q-boosted", argument="100"),
+        "model-boosted": Baseline("learned:model-boosted", argument="150"),
+        "shipped-minimax": Baseline("learned:shipped", "tables", "reference", "minimax"),
+        "shipped-best-response": Baseline("learned:shipped", "tables", "reference", "best-response:human:0.05"),
     },
     "evaluate": {
-        "behaviour": Baseline("estimators:Behaviour", kind="reference"),
-        "importance-sampling": Baseline("estimators:ImportanceSampling"),
-        "weighted-importance-sampling": Baseline("estimators:WeightedImportanceSampling"),
-        "truncated-importance-sampling": Baseline("estimators:TruncatedImportanceSampling"),
-        "doubly-robust": Baseline("estimators:DoublyRobust"),
-        "weighted-doubly-robust": Baseline("estimators:WeightedDoublyRobust"),
-        "magic": Baseline("estimators:Magic"),
-        "dice": Baseline("estimators:DensityRatio"),
-        "fitted-q-evaluation": Baseline("estimators:FittedQEvaluation"),
-        "model": Baseline("estimators:ModelBased"),
-        "model-boosted": Baseline("estimators:BoostedModel"),
+        **_all("estimators", "behaviour", kind="reference"),
+        **_all("estimators", "importance-sampling", "weighted-importance-sampling", "truncated-importance-sampling"),
+        **_all("estimators", "doubly-robust", "weighted-doubly-robust", "magic", "dice", "fitted-q-evaluation"),
+        **_all("estimators", "model", "model-boosted"),
     },
     "text": {
-        "random": Baseline("chat:RandomLegal", "samples", "reference"),
-        "ppo": Baseline("chat:Policy", argument="ppo"),
-        "ppo-self-play": Baseline("chat:Policy", argument="ppo:self-play"),
-        "policy": Baseline("chat:Policy", "tables", "reference"),
-        "chat": Baseline("chat:Chat"),
+        **_all("chat", "random", kind="reference"),
+        "ppo": Baseline("chat:policy", argument="ppo"),
+        "ppo-self-play": Baseline("chat:policy", argument="ppo:self-play"),
+        **_all("chat", "policy", access="tables", kind="reference"),
+        **_all("chat", "chat"),
     },
 }
 """Baselines by kind of task."""
@@ -162,8 +141,9 @@ def find(task: str, name: str) -> Method:
     known = BASELINES[kind_of(task)]
     key, colon, argument = name.partition(":")
     if key in known:
-        module, _, attribute = known[key].path.partition(":")
-        method: Method = getattr(importlib.import_module(f"shuttle_marl.suite.methods.{module}"), attribute)
+        module, _, own = known[key].path.partition(":")
+        members = vars(importlib.import_module(f"shuttle_marl.suite.methods.{module}"))
+        method: Method = members.get(own.title().replace("-", "")) or members[own.replace("-", "_")]
         chosen = argument if colon else known[key].argument
         return method if chosen is None else functools.partial(method, argument=chosen)
     if key == "program" and argument and kind_of(task) in PROGRAMS:

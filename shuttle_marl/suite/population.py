@@ -89,13 +89,12 @@ def known(arena: Arena) -> dict[str, TabulatedPolicy]:
 
 def opponent(arena: Arena, family: str, number: int) -> Opponent:
     """An opponent of the split."""
+    rng = _rng(arena, family, number)
     if family == "learner":
-        rng = _rng(arena, family, number)
         # Numbers from 1000 on are of no other opponent.
         return Opponent((_policy(arena, "mixture", 1500 + number),), learns=float(rng.uniform(0.3, 0.7)))
     if family != "switcher":
         return Opponent((_policy(arena, family, number),))
-    rng = _rng(arena, family, number)
     kinds = [name for name in families(arena.game) if name not in ("switcher", "learner")]
     pieces = tuple(_policy(arena, kinds[kind], 1000 + number) for kind in rng.choice(len(kinds), 2, replace=False))
     return Opponent(pieces, (0, int(rng.integers(100, 401))))
@@ -108,9 +107,8 @@ def _policy(arena: Arena, family: str, number: int) -> TabulatedPolicy:
     if family == "synthetic":
         return tilted(arena, _shift(arena, rng))
     if family == "waiting":
-        return waiting(
-            arena.policy(f"bc:{players[number % len(players)]}"), rng.normal(scale=rng.uniform(1.5, 2.5), size=(14, 9))
-        )
+        shift = rng.normal(scale=rng.uniform(1.5, 2.5), size=(14, 9))
+        return waiting(arena.policy(f"bc:{players[number % len(players)]}"), shift)
     if family == "human":
         return arena.policy(f"human:{np.exp(rng.uniform(np.log(0.03), np.log(0.15))):.4f}:{players[rng.integers(len(players))]}")
     if family == "counter":
@@ -190,9 +188,8 @@ def _shift(arena: Arena, rng: np.random.Generator) -> F64:
     incoming, contact = game.incoming(state), game.contact(state)
     if arena.split == "dev":
         came = np.append(catalogue.area, catalogue.area.max() + 1)[incoming]
-        return np.asarray(
-            sigma * (rng.normal(size=(10, 2, 9))[came, contact, area] + rng.normal(size=(2, 13))[contact, shot]) / 2**0.5
-        )
+        areas, shots = rng.normal(size=(10, 2, 9)), rng.normal(size=(2, 13))
+        return np.asarray(sigma * (areas[came, contact, area] + shots[contact, shot]) / 2**0.5)
     came = np.append(catalogue.shot, catalogue.shot.max() + 1)[incoming]
     style, places = rng.normal(size=(14, 2, 13, 3)), rng.normal(size=(13, 3, 9))
     return np.asarray(sigma * (style[came, contact, shot, technique] + places[shot, technique, area]) / 2**0.5)

@@ -154,13 +154,10 @@ def write_data(
     for case in found.cases(arena):
         for seed in range(seeds or found.seeds):
             log = log_of_unit(arena, case, seed)
-            words = (
-                split,
-                case.options["behaviour"],
-                str(case.budget),
-                *(["fresh"] if case.options.get("log") == "fresh" else []),
+            fresh = "-fresh" if case.options.get("log") == "fresh" else ""
+            name = (
+                f"{split}-{case.options['behaviour']}-{case.budget}{fresh}".replace(":", "-").replace("*", "x").replace("+", "-")
             )
-            name = "-".join(words).replace(":", "-").replace("*", "x").replace("+", "-")
             if minari:
                 name = f"shuttle_marl/{name}-v{seed}"
                 write_minari(log.transitions, name, out, arena.model, OPPONENT)

@@ -111,10 +111,9 @@ class Session:
         self._started, seed = started, luck("round", self._beacon, self._setting.seed, started)
         if self._opponents:
             against = self._opponents[opponent]
-            self._batch: RallyBatch | RallyVectorEnv = RallyVectorEnv(
-                number, opponent=against, game=self.game, mask="none", info="none"
-            )
-            self._batch.reset(seed=seed)
+            env = RallyVectorEnv(number, opponent=against, game=self.game, mask="none", info="none")
+            env.reset(seed=seed)
+            self._batch: RallyBatch | RallyVectorEnv = env
         else:
             self._batch = RallyBatch(self.game, number, seed=seed)
         return self._seen()
@@ -150,10 +149,7 @@ class Session:
         if (strokes := answer.get("stroke", np.zeros(0))).shape == (game.n_states,):
             chance = (strokes[:, None] == np.arange(game.n_strokes)).astype(np.float64)
         elif (chance := answer.get("probability", np.zeros(0))).shape != (game.n_states, game.n_strokes):
-            raise SuiteError(
-                "a method of a round returns an object with act(observation, mask) or probabilities(observation, mask), not a "
-                f"{next(iter(answer))}"
-            )
+            raise SuiteError(f"the method returned a {next(iter(answer))}; expected an object with act or probabilities")
         policy = types.SimpleNamespace(probabilities=lambda states: chance[states.state])
         if "position" in answer:
             policy.positions = lambda states: answer["position"][states.state]

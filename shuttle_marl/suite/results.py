@@ -103,9 +103,13 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
     """
     config, card = store.read_config(folder), store.read_card(folder)
     task, arena, cases = task_of_run(config, game, beacon)
-    entries = store.read_entries(folder, cases, config.seeds)
-    missing = len(cases) * config.seeds - len(entries)
-    if missing:
+    entries = {
+        (case.name, seed): store.read_unit(folder, number, case, seed)
+        for number, case in enumerate(cases)
+        for seed in range(config.seeds)
+        if store.entry_path(folder, number, seed).exists()
+    }
+    if missing := len(cases) * config.seeds - len(entries):
         raise SuiteError(f"{folder}: {missing} of {len(cases) * config.seeds} units are missing; --resume plays them")
     units = list(entries.values())
     names, parts = units[0].scores.keys(), units[0].parts.keys()
@@ -121,11 +125,15 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
     if different < config.seeds:  # copies are no sample
         scores = {name: {"value": each["value"], "low": None, "high": None} for name, each in scores.items()}
     main, remarks = scores[task.metric], _remarks(task, config, card, units, different)
+    # Methods of this package declare what they read, those of others on their card, or all there is.
+    baseline = baseline_of(task.name, config.method) if config.commitment is None else None
+    authors = card.authors or ("anonymous" if baseline is None else "")
+    said = baseline.access if baseline is not None else card.access or ACCESS[-1]
     by_unit = units_of(counting, entries, task.metric, task.metric)
     middles = [middle for parts in by_unit.values() for middle in _middles(parts)]
     return {
         "task": task.name,
-        "author": author_of(config, card),
+        "author": authors if isinstance(authors, str) else ", ".join(authors),
         "method": config.method,
         "cases": content_hash("".join(entries[case.name, 0].fingerprint for case in cases).encode()),
         "split": config.split,
@@ -134,7 +142,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "seeds": config.seeds,
         "game": arena.base,
         "kind": card.kind,
-        "access": access_of(task, config, card),
+        "access": said if config.commitment is None else "samples",
         "commitment": config.commitment,
         "tuning_strokes": card.tuning_strokes,
         "metric": task.metric,
@@ -156,22 +164,6 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "outputs": content_hash(repr(sorted(map(_output, units))).encode()),
         "remarks": remarks,
     }
-
-
-def author_of(config: store.RunConfig, card: store.Card) -> str:
-    """Author of a run, from its card; empty for a method of this package."""
-    if config.commitment is None and baseline_of(config.task, config.method) is not None and card.authors is None:
-        return ""
-    authors = card.authors or "anonymous"
-    return authors if isinstance(authors, str) else ", ".join(authors)
-
-
-def access_of(task: Task, config: store.RunConfig, card: store.Card) -> Access:
-    """What a method says that it reads: methods of this package declare it, those of others on their card, or all there is."""
-    if config.commitment is not None:
-        return "samples"
-    baseline = baseline_of(task.name, config.method)
-    return baseline.access if baseline is not None else card.access or ACCESS[-1]
 
 
 def _output(entry: Entry) -> str:

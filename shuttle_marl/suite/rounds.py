@@ -36,6 +36,7 @@ _PERIOD: Final = 3
 _NAME: Final = "^[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}$"
 """Names of authors: letters that look like no others."""
 _METHOD: Final = r"^[A-Za-z_][A-Za-z0-9_.]{0,79}:[A-Za-z_][A-Za-z0-9_.]{0,79}$"
+_TIME: Final = "%Y-%m-%d %H:%M:%S"
 _FILES: Final = 1000
 _BYTES: Final = 1 << 30
 _LOOKS: Final = str.maketrans("01i5", "olls")
@@ -144,7 +145,7 @@ def draw_round(commitments: Sequence[Path], *, beacon: int, randomness: str, now
         SuiteError: the beacon has not appeared yet, a commitment was made after it, or two are of one author.
     """
     if (drawn := time_of(beacon)) > (now or dt.datetime.now(dt.UTC)):
-        raise SuiteError(f"round {beacon} of the beacon appears at {drawn:%Y-%m-%d %H:%M:%S} UTC")
+        raise SuiteError(f"round {beacon} of the beacon appears at {drawn:{_TIME}} UTC")
     found = sorted((store.read(path, Commitment, sealed=True) for path in commitments), key=lambda each: each.date)
     return _checked(Round(beacon=beacon, randomness=checked_beacon(randomness), commitments=found))
 
@@ -155,9 +156,7 @@ def _checked(found: Round) -> Round:
     for each in found.commitments:
         find_task(each.task)
         if each.date >= drawn:
-            raise SuiteError(
-                f"{each.author}: committed at {each.date:%Y-%m-%d %H:%M:%S}, not before the beacon of {drawn:%Y-%m-%d %H:%M:%S}"
-            )
+            raise SuiteError(f"{each.author}: committed at {each.date:{_TIME}}, not before the beacon of {drawn:{_TIME}}")
         if (first := seen.setdefault((each.task, _plain(each.author)), each)) is not each:
             raise SuiteError(f"{each.author}: has the name of {first.author}, who committed first; one entry of an author")
     return found
@@ -189,10 +188,7 @@ def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, c
         raise SuiteError(f"{path}: its randomness is not that of round {found.beacon} of the beacon, see {BEACON}/{found.beacon}")
     entry = found.entry(asked.task, asked.author)
     if commit(folder, task=entry.task, method=entry.method, author=entry.author).hash != entry.hash:
-        raise SuiteError(
-            f"{folder}: is not the code of the commitment of {entry.date:%Y-%m-%d %H:%M:%S} UTC; "
-            "a file was changed, added or left out"
-        )
+        raise SuiteError(f"{folder}: is not the code of the commitment of {entry.date:{_TIME}} UTC; a file differs")
     with tempfile.TemporaryDirectory() as place:
         code = Path(place) / "code"
         for name in _files(folder):

@@ -106,10 +106,8 @@ def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str
     before: dict[str, str] = runs.read_json(path, dict[str, Any]).get("sources", {}) if path.exists() else {}
     changed = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
     if changed and more:
-        raise SuiteError(
-            f"{folder}: {', '.join(changed)} changed after the run was started, and results of two versions of a method are "
-            "never mixed; restore what it was, or start the run again with --overwrite or another --out"
-        )
+        advice = "versions are never mixed: restore it, or start again with --overwrite or another --out"
+        raise SuiteError(f"{folder}: {', '.join(changed)} changed after the run was started; {advice}")
     return before
 
 

@@ -209,17 +209,3 @@ def checked(entry: Entry) -> Entry:
         return msgspec.convert(dataclasses.asdict(entry), Entry)
     except msgspec.ValidationError as error:
         raise SuiteError(f"the method returned something that cannot be stored: {error}") from error
-
-
-def read_entries(folder: Path, cases: Sequence[Case], seeds: int) -> dict[tuple[str, int], Entry]:
-    """Units of a run by case and seed; missing ones are left out.
-
-    Raises:
-        SuiteError: see :func:`read_unit`.
-    """
-    return {
-        (case.name, seed): read_unit(folder, number, case, seed)
-        for number, case in enumerate(cases)
-        for seed in range(seeds)
-        if entry_path(folder, number, seed).exists()
-    }

@@ -247,10 +247,7 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
     if callable(getattr(player, "probabilities", None)):
         called = player if isinstance(player, TabulatedPolicy | GamePolicy) else GamePolicy(player, game, name)
         return tabulate(called, game)
-    raise SuiteError(
-        f"the method of {name} returned a {type(player).__name__}; "
-        "expected a policy, the name of one, or an object with act or table"
-    )
+    raise SuiteError(f"the method of {name} returned a {type(player).__name__}; expected a policy, its name, or act or table")
 
 
 def _acted(act: Callable[[Any, Any], Any], game: Game, states: States) -> F64:

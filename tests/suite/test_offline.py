@@ -26,9 +26,9 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.logs import Log, blank, log_of
 from shuttle_marl.suite.method import BASELINES, find
 from shuttle_marl.suite.methods.estimators import (
-    DensityRatio,
+    Dice,
     ImportanceSampling,
-    ModelBased,
+    Model,
     WeightedImportanceSampling,
     blended,
     doubly_robust,
@@ -123,7 +123,7 @@ def test_density_ratios_recover_the_value_of_the_behaviour() -> None:
     log = generate(arena, "bc", 20_000, seed=1)
     own, other = (in_game(arena.policy(name), log.game) for name in ("bc", "bc@0.7"))
     true = [evaluate(arena.policy(name), arena.policy(OPPONENT)).odds().rally for name in ("bc", "bc@0.7")]
-    assert DensityRatio().estimate(log, [own, other]) == pytest.approx(true, abs=0.04)
+    assert Dice().estimate(log, [own, other]) == pytest.approx(true, abs=0.04)
 
 
 def test_counts_computed_by_hand() -> None:
@@ -167,7 +167,7 @@ def test_a_large_log_recovers_the_game() -> None:
     log = generate(arena, "bc@1.5", 300_000, seed=1)
     target, opponent = arena.policy("bc@0.7"), arena.policy(OPPONENT)
     true = evaluate(target, opponent).odds().rally
-    assert ModelBased().estimate(log, [in_game(target, log.game)]) == pytest.approx([true], abs=0.01)
+    assert Model().estimate(log, [in_game(target, log.game)]) == pytest.approx([true], abs=0.01)
     _, v = q_and_v(log.transitions, in_game(target, log.game))
     data = log.transitions
     assert (v[data.first].sum() + data.idle_wins) / data.n_rallies == pytest.approx(true, abs=0.02)

@@ -211,7 +211,7 @@ def load(name: str) -> Any:
 @pytest.mark.parametrize(
     ("method", "reason"),
     [
-        ("named", "returns an object with act"),
+        ("named", "expected an object with act"),
         ("wrong", "plays the illegal position"),
         ("imports", "No module named 'shuttle_marl'"),
         ("opens", "No such file"),

@@ -31,6 +31,8 @@ FORGET = 0.01
 """Fraction of the posterior that returns to the prior after every rally (fixed share, Herbster & Warmuth 1998)."""
 _FLOOR = 1e-4
 """Least probability of a stroke or a position in a likelihood."""
+_RARE: Final = 1e-3
+"""Posterior probability below which a known type is left out of the mean."""
 _SHRINK: Final = 6.0
 """Pseudo-observations of a position after each shot type."""
 _SHRINK_STROKES: Final = 8.0
@@ -143,8 +145,11 @@ class PosteriorMean(Population):
     p = 1.0
 
     def estimate(self) -> StatePolicy:
-        """The mean of the known types that matter."""
-        return mean_policy(self.game, dict(zip(self.types, self.posterior, strict=True)))
+        """The mean of the known types that matter, choice by choice, as they strike at effort 0."""
+        kept = {policy: weight for policy, weight in zip(self.types, self.posterior, strict=True) if weight >= _RARE}
+        total = sum(kept.values())
+        parts = [weight / total * policy.block_probabilities(0) for policy, weight in kept.items()]
+        return PairPolicy(game=self.game, probability=np.sum(parts, axis=0), positions=mean_positions(self.game, kept))
 
 
 class Likeliest(Population):
@@ -155,7 +160,7 @@ class Likeliest(Population):
         return self.types[int(self.log_posterior.argmax())]
 
 
-class TypedCounts(PosteriorMean):
+class CountsTyped(PosteriorMean):
     """Response to shrunken counts of the opponent's choices around the mean of the posterior."""
 
     p = WEIGHT
@@ -194,7 +199,7 @@ class Counts(Adapter):
         return counted(self.bc, self.seen)
 
 
-class RecentCounts(Adapter):
+class CountsRecent(Adapter):
     """The same of the last rallies alone, for opponents that change."""
 
     def estimate(self) -> StatePolicy:
@@ -270,14 +275,6 @@ def respond(opponent: StatePolicy, p: float) -> TabulatedPolicy:
     if p == 1:
         return best_response(opponent, tolerance=TOLERANCE).policy
     return restricted_response(opponent, p, tolerance=TOLERANCE).policy
-
-
-def mean_policy(game: Game, weights: Mapping[TabulatedPolicy, float], *, least: float = 1e-3) -> PairPolicy:
-    """Mean of policies, choice by choice, as they strike at effort 0; weights below ``least`` are left out."""
-    kept = {policy: weight for policy, weight in weights.items() if weight >= least}
-    total = sum(kept.values())
-    parts = [weight / total * policy.block_probabilities(0) for policy, weight in kept.items()]
-    return PairPolicy(game=game, probability=np.sum(parts, axis=0), positions=mean_positions(game, kept))
 
 
 def mean_positions(game: Game, weights: Mapping[TabulatedPolicy, float]) -> F64 | None:

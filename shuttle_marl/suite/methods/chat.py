@@ -12,7 +12,7 @@ from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.text import SECONDS, TextSetting
 
 
-class RandomLegal:
+class Random:
     """A random legal stroke."""
 
     def __init__(self, setting: TextSetting) -> None:

@@ -26,7 +26,7 @@ from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
 from shuttle_marl.analysis.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q, pair_cells
-from shuttle_marl.base.arrays import F64, Ints
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tables import Game
@@ -133,7 +133,7 @@ class Magic(_EachPolicy):
         return blended(partial_returns(data, ratios(data, policy), *q_and_v(data, policy)))
 
 
-class DensityRatio(_EachPolicy):
+class Dice(_EachPolicy):
     """Ratio of the visits under the policy and under the behaviour, linear in indicators of cells."""
 
     def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
@@ -143,20 +143,16 @@ class DensityRatio(_EachPolicy):
         size = int(cell.max()) + 1
         states, index = np.unique(game.base(data.state), return_inverse=True)
         row, pair = game.pairs(states)
-        struck = indicators(np.arange(len(data)), cell[data.pair % game.n_base_pairs], np.ones(len(data)), (len(data), size))
-        chosen = indicators(row, cell[pair], policy.block_probabilities(0)[pair], (len(states), size))[index]
+        own = cell[data.pair % game.n_base_pairs]
+        struck = csr_matrix((np.ones(len(data)), (np.arange(len(data)), own)), (len(data), size))
+        chosen = csr_matrix((policy.block_probabilities(0)[pair], (row, cell[pair])), (len(states), size))[index]
         going = np.flatnonzero(~np.append(data.first[1:], True))
         flow = (struck.T @ struck - struck[going].T @ chosen[going + 1]).toarray().T + _RIDGE * np.eye(size)
         ratio = np.linalg.solve(flow, np.asarray(chosen[np.flatnonzero(data.first)].sum(axis=0))[0])
         return float((struck @ ratio) @ data.reward)
 
 
-def indicators(row: Ints, column: Ints, values: F64, shape: tuple[int, int]) -> csr_matrix:
-    """A sparse matrix of sums of values."""
-    return csr_matrix((values, (row, column)), shape)
-
-
-class ModelBased:
+class Model:
     """Exact value in a game whose outcomes and opponent are estimated from the log."""
 
     def game_of(self, log: Log) -> Game:
@@ -171,7 +167,7 @@ class ModelBased:
         return [evaluate(player, opponent, tolerance=_TOLERANCE).odds().rally for player in players]
 
 
-class BoostedModel(ModelBased):
+class ModelBoosted(Model):
     """The same with outcomes by boosted trees."""
 
     def game_of(self, log: Log) -> Game:

@@ -88,7 +88,7 @@ class FittedQ(_OwnStrokes):
         return greedy(data.game, fitted_q(data, best_of(data.game), shrink=float(self.argument)))
 
 
-class PessimisticQ(_OwnStrokes):
+class FittedQPessimistic(_OwnStrokes):
     """Fitted Q iteration with lower confidence bounds (VI-LCB, Rashidinejad et al. 2021, arXiv 2103.12021).
 
     ``argument`` over the square root of the observations is taken off the value of a stroke.
@@ -114,7 +114,7 @@ class AdvantageWeighted(_OwnStrokes):
         return PairPolicy(game=game, probability=weight / total)
 
 
-class ConstrainedQ(_OwnStrokes):
+class Bcq(_OwnStrokes):
     """Discrete batch-constrained Q-learning (Fujimoto et al. 2019, arXiv 1910.01708).
 
     Only strokes are considered whose cloned probability is at least ``argument`` times that of the likeliest stroke.
@@ -130,7 +130,7 @@ class ConstrainedQ(_OwnStrokes):
         return greedy(game, fitted_q(data, best_of(game, allowed)), allowed)
 
 
-class ImplicitQ(_OwnStrokes):
+class Iql(_OwnStrokes):
     """Implicit Q-learning by networks (Kostrikov et al. 2022, arXiv 2110.06169); the argument is the inverse temperature."""
 
     def fit(self, data: Transitions) -> PairPolicy:
@@ -150,7 +150,7 @@ class Model(_Method):
         return respond(log, estimated_game(log, shrink=shrink), shrink)
 
 
-class PessimisticModel(_Method):
+class ModelPessimistic(_Method):
     """The same with a penalty for strokes that are rare in the log (MOReL, Kidambi et al. 2020, arXiv 2005.05951).
 
     ``argument`` over the square root of the observations is added to the probability of a fault.
@@ -188,7 +188,7 @@ def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) 
     return TabulatedPolicy(game=log.game, cumulative=best_response(opponent, game=own, tolerance=_TOLERANCE).policy.cumulative)
 
 
-class BoostedModel(_Method):
+class ModelBoosted(_Method):
     """Best response in an estimated game; outcomes by boosted trees, the opponent by shrunken counts."""
 
     def fit(self, log: Log) -> TabulatedPolicy:
@@ -211,19 +211,17 @@ class Shipped(_Method):
         return TabulatedPolicy(game=log.game, cumulative=tabulate(resolve(self.argument, shipped), shipped).cumulative)
 
 
-class BoostedQ(_OwnStrokes):
+class FittedQBoosted(_OwnStrokes):
     """Fitted Q iteration with boosted trees (Ernst, Geurts & Wehenkel, JMLR 2005)."""
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the fitted Q-values."""
         seed, trees = self.setting.seed, int(self.argument)
-        q = fitted_q(
-            data,
-            best_of(data.game),
-            fit=lambda target: boosted(data.game, data.pair, target, trees, seed, objective="regression"),
-            sweeps=6,
-        )
-        return greedy(data.game, q)
+
+        def fit(target: F64) -> F64:
+            return boosted(data.game, data.pair, target, trees, seed, objective="regression")
+
+        return greedy(data.game, fitted_q(data, best_of(data.game), fit=fit, sweeps=6))
 
 
 def boosted(game: Game, pair: Ints, target: Floats | Ints, trees: int, seed: int, **objective: Any) -> F64:

@@ -97,7 +97,7 @@ def _plain(game: Game) -> Game:
     return dataclasses.replace(game, recovery=None)
 
 
-def boosted_model(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
+def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
     """Outcomes by boosted trees from play, first at random and then as planned, and the restricted response in that model.
 
     The model has no positions, which it does not see: it waits as people do.

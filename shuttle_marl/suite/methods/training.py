@@ -38,30 +38,56 @@ _ITERATIONS: Final = 12
 """Iterations of a run with a small budget."""
 
 
-def learner(setting: PlayerSetting, argument: str) -> Trained:
-    """A learning algorithm, the argument.
+def learner(setting: PlayerSetting, argument: str = "ppo", **options: Any) -> Trained:
+    """A learning algorithm, the argument, with options of its configuration.
 
     PPO (Schulman et al. 2017, arXiv 1707.06347), A2C (Mnih et al. 2016, arXiv 1602.01783), or SAC (Haarnoja et al. 2018, arXiv
     1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207).
     """
-    return _train(setting, argument)
+    from shuttle_marl.training import train  # noqa: PLC0415  torch
+    from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
+
+    if load_game(setting.model).hash != setting.game.hash:
+        raise SuiteError(f"{argument} trains in the game of a model, and this game is drawn")
+    default, folder = CONFIGS[argument], setting.folder / argument
+    config = default(
+        opponent=(setting.opponent or "self",),
+        strokes=setting.budget,
+        batch=min(default().batch, max(256, setting.budget // _ITERATIONS)),
+        seed=setting.seed,
+        game=setting.model,
+        record="none",
+        exploitability=False,
+        out=folder,
+        resume=(folder / runs.CONFIG).exists(),
+        **options,
+    )
+    # Rallies are played to their end, so iterations are a little longer than their batches.
+    share = _SHARE_OF_SMALL if setting.budget < _SMALL else _SHARE
+    while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
+        config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
+    done = train(config)
+    points = [json.loads(line) for line in (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()]
+    figure = "normalised_score" if setting.opponent is not None else "exploitability"
+    curve = tuple((int(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
+    return Trained(player=done.policy, strokes=done.strokes, curve=curve)
 
 
 def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
     """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
     # Rallies that start in a state of the best response are of another length, so more strokes are kept back.
     planned = dataclasses.replace(setting, budget=setting.budget * 49 // 50) if argument == "restarts" else setting
-    return _train(planned, variant=argument)
+    return learner(planned, variant=argument)
 
 
-def ppo_blind(setting: PlayerSetting) -> Trained:
+def ppo_self_play(setting: PlayerSetting) -> Trained:
     """PPO in self-play, which does not look at the opponent."""
-    return _train(dataclasses.replace(setting, opponent=None))
+    return learner(dataclasses.replace(setting, opponent=None))
 
 
 def ppo_deterministic(setting: PlayerSetting) -> Trained:
     """PPO in self-play, whose agent always makes its likeliest choice."""
-    found = _train(setting)
+    found = learner(setting)
     return dataclasses.replace(found, player=deterministic(tabulate(found.player, setting.game)), curve=())
 
 
@@ -132,35 +158,5 @@ def _part(setting: PlayerSetting, name: str, opponent: str | TabulatedPolicy | N
     if isinstance(opponent, TabulatedPolicy):
         opponent.save(setting.folder / _MIXED)
         opponent = f"table:{setting.folder / _MIXED}"
-    found = _train(dataclasses.replace(setting, opponent=opponent, budget=budget, folder=setting.folder / name))
+    found = learner(dataclasses.replace(setting, opponent=opponent, budget=budget, folder=setting.folder / name))
     return tabulate(found.player, setting.game), found.strokes or 0
-
-
-def _train(setting: PlayerSetting, algorithm: str = "ppo", **options: Any) -> Trained:
-    from shuttle_marl.training import train  # noqa: PLC0415  torch
-    from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
-
-    if load_game(setting.model).hash != setting.game.hash:
-        raise SuiteError(f"{algorithm} trains in the game of a model, and this game is drawn")
-    default, folder = CONFIGS[algorithm], setting.folder / algorithm
-    config = default(
-        opponent=(setting.opponent or "self",),
-        strokes=setting.budget,
-        batch=min(default().batch, max(256, setting.budget // _ITERATIONS)),
-        seed=setting.seed,
-        game=setting.model,
-        record="none",
-        exploitability=False,
-        out=folder,
-        resume=(folder / runs.CONFIG).exists(),
-        **options,
-    )
-    # Rallies are played to their end, so iterations are a little longer than their batches.
-    share = _SHARE_OF_SMALL if setting.budget < _SMALL else _SHARE
-    while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
-        config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
-    done = train(config)
-    points = [json.loads(line) for line in (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()]
-    figure = "normalised_score" if setting.opponent is not None else "exploitability"
-    curve = tuple((int(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
-    return Trained(player=done.policy, strokes=done.strokes, curve=curve)
