@@ -267,7 +267,7 @@ def commit(
         out: file of the commitment.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.rounds import write  # noqa: PLC0415  numba
+    from shuttle_marl.suite.run import write  # noqa: PLC0415  numba
 
     if out.resolve().is_relative_to(folder.resolve()):
         raise SuiteError(f"{out}: would change the code that is committed to; name a file outside with --out")
@@ -289,7 +289,7 @@ def draw(
         out: file of the round.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.rounds import BEACON, write  # noqa: PLC0415  numba
+    from shuttle_marl.suite.run import BEACON, write  # noqa: PLC0415  numba
 
     found = suite.draw_round(commitments, beacon=beacon, randomness=randomness)
     write(out, found)
@@ -314,7 +314,7 @@ def rerun(
         resources: settings of the run.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.rounds import rerun as again  # noqa: PLC0415  numba
+    from shuttle_marl.suite.run import rerun as again  # noqa: PLC0415  numba
 
     made = again(round_file, folder, asked, resources, cli.console(stderr=True))
     _print_summary(made, asked.randomness, resources.game, json_output=json_output)

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, SuiteRun, VerifyOptions
     from shuttle_marl.suite.registry import TASKS, find_task
     from shuttle_marl.suite.results import difference, summarise, verify_run
-    from shuttle_marl.suite.rounds import commit, draw_round, rerun
-    from shuttle_marl.suite.run import run_method
+    from shuttle_marl.suite.run import commit, draw_round, rerun, run_method
     from shuttle_marl.suite.task import Task
 
 __all__ = [

@@ -3,7 +3,7 @@
     python -I apart.py MODULE:ATTRIBUTE FOLDER WORK
 
 Messages in both directions are arrays in the format of NumPy, without pickles. What keeps the method from everything else is the
-boundary around this process (:mod:`.boundary`), not this file.
+boundary around this process (:mod:`.remote`), not this file.
 """
 
 import contextlib

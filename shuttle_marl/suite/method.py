@@ -44,20 +44,20 @@ def _all(module: str, *names: str, access: Access = "samples", kind: Kind = "met
 
 
 _LEARNERS: Final = {name: Baseline("training:learner", argument=name) for name in ("ppo", "a2c", "sac")}
-_KNOWN: Final = _all("references", "bc", "minimax", access="tables", kind="reference")
-_RANDOM: Final = _all("references", "random", kind="reference")
+_KNOWN: Final = _all("solving", "bc", "minimax", access="tables", kind="reference")
+_RANDOM: Final = _all("solving", "random", kind="reference")
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         **_LEARNERS,
         **_all("training", "ppo-self-play", "ppo-mixed"),
         **_all("training", "ppo-restricted", access="tables"),
-        **_all("modelled", "restricted-counts", "restricted-mixture", access="tables"),
-        "best-response-counts": Baseline("modelled:restricted-counts", "tables", argument="1"),
-        **{name: Baseline("modelled:from-log", argument=name) for name in ("fitted-q", "fitted-q-boosted", "model")},
-        **_all("modelled", "model-boosted"),
-        **_all("references", "constant", "constant-by-incoming", access="opponent", kind="reference"),
+        **_all("solving", "restricted-counts", "restricted-mixture", access="tables"),
+        "best-response-counts": Baseline("solving:restricted-counts", "tables", argument="1"),
+        **{name: Baseline("solving:from-log", argument=name) for name in ("fitted-q", "fitted-q-boosted", "model")},
+        **_all("solving", "model-boosted"),
+        **_all("solving", "constant", "constant-by-incoming", access="opponent", kind="reference"),
         **_KNOWN,
-        **_all("references", "best-response", "restricted", access="opponent", kind="reference"),
+        **_all("solving", "best-response", "restricted", access="opponent", kind="reference"),
         **_RANDOM,
     },
     "equilibrium": {
@@ -66,10 +66,10 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         **_all("training", "psro", access="tables"),
         **{f"ppo-{name}": Baseline("training:ppo-variant", "tables", argument=name) for name in ("best-response", "restarts")},
         **{f"ppo-{name}": Baseline("training:ppo-variant", argument=name) for name in ("pool", "magnet", "nash")},
-        "model": Baseline("modelled:solved-model", argument="means"),
-        "model-boosted": Baseline("modelled:solved-model", argument="trees"),
+        "model": Baseline("solving:solved-model", argument="means"),
+        "model-boosted": Baseline("solving:solved-model", argument="trees"),
         **_all("training", "psro-exact", access="tables", kind="reference"),
-        **_all("references", "fictitious-play", "minimax-deterministic", access="tables", kind="reference"),
+        **_all("solving", "fictitious-play", "minimax-deterministic", access="tables", kind="reference"),
         **_KNOWN,
         **_RANDOM,
     },

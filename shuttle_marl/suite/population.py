@@ -2,7 +2,7 @@
 
 Players are divided into three parts: clones of the first are known, the others belong to the dev and to the other populations.
 Each opponent is drawn from the seed of its split, its family and its number alone. The seeds of dev and test are public, so that
-everyone can recompute scores, and so can be enumerated; that of a round is the randomness of a beacon (:mod:`.rounds`).
+everyone can recompute scores, and so can be enumerated; that of a round is the randomness of a beacon (:mod:`.run`).
 """
 
 import dataclasses

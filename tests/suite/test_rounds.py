@@ -19,14 +19,14 @@ import shuttle_marl
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import replace_sealed
 from shuttle_marl.commands.suite import main
-from shuttle_marl.suite import boundary, store
+from shuttle_marl.suite import remote, store
 from shuttle_marl.suite.board import boards, called, render, rows_of
-from shuttle_marl.suite.boundary import Container, Namespaces, find_boundary
 from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, VerifyOptions
 from shuttle_marl.suite.population import luck
 from shuttle_marl.suite.registry import TASKS, arena_of, new_submission
+from shuttle_marl.suite.remote import Container, Namespaces, find_boundary
 from shuttle_marl.suite.results import Row
-from shuttle_marl.suite.rounds import Commitment, Round, commit, draw_round, rerun, time_of, write
+from shuttle_marl.suite.run import Commitment, Round, commit, draw_round, rerun, time_of, write
 from shuttle_marl.suite.task import Outcome
 from tests.reduced import reduced_model
 from tests.suite import small
@@ -105,17 +105,17 @@ def test_a_round_from_commitment_to_board(
 
     folder = code(tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("shuttle_marl.suite.rounds.time_of", lambda beacon: dt.datetime.now(dt.UTC))
+    monkeypatch.setattr("shuttle_marl.suite.run.time_of", lambda beacon: dt.datetime.now(dt.UTC))
     words = ("commit", str(folder), "--task", TASK, "--method", "strange:learner", "--author", "alice")
     assert main((*words, "--out", str(folder / "commitment.json"))) == 1
     assert "would change the code" in capsys.readouterr().err
     made = told(*words)
     assert made["hash"] == json.loads(Path("commitment.json").read_text())["hash"]
-    monkeypatch.setattr("shuttle_marl.suite.rounds.time_of", lambda beacon: dt.datetime.now(dt.UTC) + dt.timedelta(days=1))
+    monkeypatch.setattr("shuttle_marl.suite.run.time_of", lambda beacon: dt.datetime.now(dt.UTC) + dt.timedelta(days=1))
     assert main(("round", "commitment.json", "--beacon", "9", "--randomness", RANDOM)) == 1
     assert "appears at" in capsys.readouterr().err
     later = dt.datetime.fromisoformat(json.loads(Path("commitment.json").read_text())["date"]) + dt.timedelta(seconds=1)
-    monkeypatch.setattr("shuttle_marl.suite.rounds.time_of", lambda beacon: min(later, dt.datetime.now(dt.UTC)))
+    monkeypatch.setattr("shuttle_marl.suite.run.time_of", lambda beacon: min(later, dt.datetime.now(dt.UTC)))
     while dt.datetime.now(dt.UTC) < later:
         pass
     assert told("round", "commitment.json", "--beacon", "9", "--randomness", RANDOM)["entries"] == "1"
@@ -388,7 +388,7 @@ def test_a_machine_without_a_boundary_says_so(tmp_path: Path, monkeypatch: pytes
 @needs_boundary
 @pytest.mark.parametrize("leak", ["print('the package')", "raise SystemExit(1)"])
 def test_a_boundary_that_leaks_is_refused(leak: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(boundary, "_PROBE", leak)
+    monkeypatch.setattr(remote, "_PROBE", leak)
     with pytest.raises(SuiteError, match="cannot be rerun here: unshare"):
         find_boundary(tmp_path)
 

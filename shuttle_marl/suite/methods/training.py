@@ -13,7 +13,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.computed import best_response_policy
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.frontier import WEIGHT
-from shuttle_marl.suite.methods.references import deterministic
+from shuttle_marl.suite.methods.solving import deterministic
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import mixture
 from shuttle_marl.training.league.config import LeagueTrainingConfig

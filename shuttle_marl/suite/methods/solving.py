@@ -1,7 +1,8 @@
-"""Methods of ``exploit`` and ``equilibrium`` that estimate something from play, and solve what they estimated.
+"""Methods of ``exploit`` and ``equilibrium`` that solve: references and methods that estimate.
 
-The argument is the restriction of the response, or what the function says. Strokes are those of the learner, and with recovery
-its positions too, one for each stroke of the opponent.
+References compute from the tables of the game, and use no strokes. The other methods estimate something from play, and solve what
+they estimated. The argument is the restriction of the response, or what the function says. Strokes are those of the learner, and
+with recovery its positions too, one for each stroke of the opponent.
 """
 
 import dataclasses
@@ -11,11 +12,14 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.analysis.tabular import SHRINK, cloned, estimated_game, game_of
-from shuttle_marl.exact import solve
-from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.exact import best_response as exact_response
+from shuttle_marl.exact import restricted_response, solve
+from shuttle_marl.exact.lists import cells_of, lists
+from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
+from shuttle_marl.game.policy import TemperedPolicy
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.recording.logs import Log, play_log
 from shuttle_marl.suite.adapt import observed
@@ -25,8 +29,10 @@ from shuttle_marl.suite.method import find
 from shuttle_marl.suite.methods.adapters import chances, counted, mean_positions, mixture_weights, respond, struck
 from shuttle_marl.suite.methods.learned import boosted, boosted_game
 from shuttle_marl.suite.offline import LogSetting, fitted, in_game
-from shuttle_marl.suite.population import mixture
+from shuttle_marl.suite.population import mixture, positions_of
 
+_STEPS: Final = 30
+"""Iterations of fictitious play."""
 _COUNTED: Final = 300_000
 """Strokes from which on more counts of an opponent change little."""
 _FITTED: Final = 400_000
@@ -39,6 +45,73 @@ _EXPLORE: Final = 0.2
 """Fraction of random strokes in the second half of the play."""
 _MARGIN: Final = 200
 """Strokes that are left for the end of the last rally."""
+
+
+def bc() -> Trained:
+    """The imitated average player."""
+    return Trained(player="bc", strokes=0)
+
+
+def random() -> Trained:
+    """Every legal stroke equally likely."""
+    return Trained(player="random", strokes=0)
+
+
+def minimax() -> Trained:
+    """Perfect play."""
+    return Trained(player="minimax", strokes=0)
+
+
+def minimax_deterministic(setting: PlayerSetting) -> Trained:
+    """Perfect play that always makes its likeliest choice."""
+    return Trained(player=deterministic(setting.policy("minimax")), strokes=0)
+
+
+def deterministic(policy: TabulatedPolicy) -> TabulatedPolicy:
+    """A policy that always makes the likeliest choice of another one, of strokes and of positions."""
+    pure = tabulate(TemperedPolicy(policy, 0.0), policy.game)
+    if policy.game.recovery is None:
+        return pure
+    return dataclasses.replace(pure, waits=cumulative_positions(np.eye(9)[positions_of(policy).argmax(axis=1)]))
+
+
+def best_response(setting: PlayerSetting) -> Trained:
+    """The exact best response to the opponent, which is exploited in turn."""
+    return Trained(player=f"best-response:{setting.opponent}", strokes=0)
+
+
+def restricted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
+    """The exact restricted response to the opponent, the upper bound of ``exploit``; the argument is the restriction."""
+    return Trained(player=restricted_response(setting.against, float(argument)).policy, strokes=0)
+
+
+def constant(setting: PlayerSetting) -> Trained:
+    """The best order of preference of the strokes for all states: how little of the state an opponent's weaknesses need."""
+    return _best_list(setting)
+
+
+def constant_by_incoming(setting: PlayerSetting) -> Trained:
+    """The best orders of preference for each incoming shot type and contact."""
+    return _best_list(setting, "incoming_shot", "contact")
+
+
+def _best_list(setting: PlayerSetting, *parts: str) -> Trained:
+    """The best list that reads some parts of the state (:mod:`shuttle_marl.exact.lists`)."""
+    *_, best = [setting.against, *lists(setting.against, cells_of(setting.game, *parts))]
+    return Trained(player=best, strokes=0)
+
+
+def fictitious_play(setting: PlayerSetting) -> Trained:
+    """Fictitious play with exact best responses, averaged state by state (Sayin, Parise & Ozdaglar 2022, arXiv 2010.04223)."""
+    game = setting.game
+    first = setting.policy("bc")
+    mean, places = first.pair_probabilities(), None if game.recovery is None else positions_of(first)
+    for step in range(_STEPS):
+        answer = exact_response(PairPolicy(game=game, probability=mean, positions=places), tolerance=1e-6).policy
+        mean += (answer.pair_probabilities() - mean) / (step + 2)
+        if places is not None:
+            places += (positions_of(answer) - places) / (step + 2)
+    return Trained(player=tabulated_pairs(PairPolicy(game=game, probability=mean, positions=places)), strokes=0)
 
 
 def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
@@ -102,9 +175,9 @@ def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
 
     The model has no positions, which it does not see: it waits as people do.
     """
-    game, random = setting.game, setting.policy("random")
+    game, uniform = setting.game, setting.policy("random")
     plain, hidden = _plain(game), game.recovery is not None
-    player, rows, used = random, [], 0
+    player, rows, used = uniform, [], 0
     budget = min(setting.budget // (1 + hidden), _FITTED)
     for turn in range(2):
         log = play_log((player, setting.against), budget * 9 // 20 - _MARGIN, 2 * setting.seed + turn)
@@ -115,5 +188,5 @@ def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
         model = game_of(plain, shares)
         estimate = PairPolicy(game=model, probability=cloned(plain, theirs, shrink=SHRINK))
         found = TabulatedPolicy(game=game, cumulative=respond(estimate, float(argument)).cumulative)
-        player = mixture(game, [found, random], [1 - _EXPLORE, _EXPLORE])
+        player = mixture(game, [found, uniform], [1 - _EXPLORE, _EXPLORE])
     return Trained(player=found, strokes=used)
