@@ -97,7 +97,13 @@ def cloned(game: Game, pair: Ints, *, shrink: float = SHRINK, prior: F64 | None 
         number = np.bincount(cell[state[base]], minlength=int(cell.max()) + 1)[cell[state]]
         played = np.bincount(stroke_cell[base], minlength=int(stroke_cell.max()) + 1)[stroke_cell]
         chance = (played + shrink * chance) / (number + shrink)
-    return np.asarray(chance / np.bincount(state, chance, game.n_base_states)[state])
+    return normalised(game, chance)
+
+
+def normalised(game: Game, weight: F64) -> F64:
+    """``[base pairs]`` weights of strokes, which add up to 1 in each state."""
+    state = game.base_pair_state
+    return np.asarray(weight / np.bincount(state, weight, game.n_base_states)[state])
 
 
 @functools.lru_cache(maxsize=4)

@@ -141,8 +141,7 @@ class AdaptEntrance(Adapt):
     """Adapt to an unknown opponent in the game without recovery, in which positions are not hidden: ``adapt-v0`` in less time."""
 
     name = "adapt-entrance-v0"
-    recovery, entrance = False, True
-    hidden: ClassVar[tuple[str, ...]] = ("opponent",)
+    recovery, entrance, hidden = False, True, ("opponent",)
 
 
 def _opponent(arena: Arena, case: Case) -> Opponent:
@@ -169,11 +168,7 @@ def observed(game: Game, players: tuple[TabulatedPolicy, TabulatedPolicy], numbe
     position = np.full(len(state), -1, np.int8) if rallies.waited is None else rallies.waited
     for i in range(len(rallies)):
         part = slice(*rallies.first_stroke[[i, i + 1]].tolist())
+        won = bool(rallies.winner[i] == 0)
         yield PlayedRally(
-            state=state[part],
-            pair=pair[part],
-            stroke=stroke[part],
-            own=own[part],
-            position=position[part],
-            won=bool(rallies.winner[i] == 0),
+            state=state[part], pair=pair[part], stroke=stroke[part], own=own[part], position=position[part], won=won
         )

@@ -172,15 +172,11 @@ class Evaluate(LogTask):
         sizes = (_QUICK,) if arena.quick else (10**4, 10**5)
         return [
             # Logs of one size and kind are exchangeable: with a single seed, each is a unit of the sample.
-            Case(
-                name=f"{name}/{size:,}/{which}",
-                stratum=f"{size:,}/{which}",
-                budget=size,
-                options={"behaviour": name, "log": which},
-            )
+            Case(name=f"{name}/{kind}", stratum=kind, budget=size, options={"behaviour": name, "log": which})
             for name in self.behaviours(arena)
             for size in sizes
             for which in ("same", "fresh")
+            for kind in [f"{size:,}/{which}"]
         ]
 
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:

@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from shuttle_marl.analysis.tabular import normalised
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import StatePolicy
@@ -175,8 +176,7 @@ def waiting(policy: TabulatedPolicy, shift: F64) -> TabulatedPolicy:
 def tilted(arena: Arena, shift: F64) -> TabulatedPolicy:
     """The imitated average player with ``[base pairs]`` added to its log-probabilities."""
     game = arena.game
-    weight = baselines.probabilities(None, game) * np.exp(shift)
-    chance = weight / np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state]
+    chance = normalised(game, baselines.probabilities(None, game) * np.exp(shift))
     return from_pair_probabilities(game, np.tile(chance, game.n_blocks))
 
 

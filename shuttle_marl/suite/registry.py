@@ -20,13 +20,8 @@ from shuttle_marl.suite.store import CARD, Card, RunConfig, write_card
 from shuttle_marl.suite.task import Arena, Case, Task
 from shuttle_marl.suite.text import Text, json_lines, positions
 
-TASKS: Final[dict[str, Task]] = {
-    task.name: task
-    for task in (
-        *(Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate()),
-        *(ExploitEntrance(), EquilibriumEntrance(), AdaptEntrance(), Text()),
-    )
-}
+_TASKS = (Exploit, Equilibrium, Adapt, Offline, Evaluate, ExploitEntrance, EquilibriumEntrance, AdaptEntrance, Text)
+TASKS: Final[dict[str, Task]] = {task.name: task() for task in _TASKS}
 
 
 def find_task(name: str) -> Task:

@@ -167,32 +167,26 @@ def find_boundary(code: Path, image: str | None = None) -> Boundary:
     raise SuiteError(f"code cannot be rerun here: {'; '.join(reasons) or missing}")
 
 
-@dataclasses.dataclass(frozen=True)
-class RemoteMethod:
-    """A method ``MODULE:ATTRIBUTE`` in a folder with :mod:`.apart` and the code in ``entry``."""
+def play_apart(name: str, folder: Path, boundary: Boundary, beacon: str, setting: Setting) -> Any:
+    """The trained player of a method ``MODULE:ATTRIBUTE``, or the object that it made.
 
-    name: str
-    folder: Path
-    boundary: Boundary
-    beacon: str
+    Args:
+        folder: with :mod:`.apart`, and the code in ``entry``.
 
-    def __call__(self, setting: Setting) -> Any:
-        """The trained player, or the object that the method made.
-
-        Raises:
-            SuiteError: the method failed.
-        """
-        session = Session(self, setting)
-        if not isinstance(setting, PlayerSetting):
-            return session
-        return Trained(player=session.player(call="player"), strokes=session.used)
+    Raises:
+        SuiteError: the method failed.
+    """
+    session = Session(name, folder, boundary, beacon, setting)
+    if not isinstance(setting, PlayerSetting):
+        return session
+    return Trained(player=session.player(call="player"), strokes=session.used)
 
 
 class Session:
     """A method in a process of its own; :attr:`used` counts the strokes of the learner."""
 
-    def __init__(self, method: RemoteMethod, setting: Setting) -> None:
-        self._name, self._setting, self.game, self._beacon = method.name, setting, setting.game, method.beacon
+    def __init__(self, name: str, folder: Path, boundary: Boundary, beacon: str, setting: Setting) -> None:
+        self._name, self._setting, self.game, self._beacon = name, setting, setting.game, beacon
         self.used = self._started = 0
         self._opponents: list[TabulatedPolicy] = []
         if isinstance(setting, PlayerSetting) and setting.opponent is not None:
@@ -201,8 +195,8 @@ class Session:
         elif isinstance(setting, AdaptSetting):
             self._opponents = list(setting.known.values())
         self._budget = getattr(setting, "budget", 0)
-        arguments = [f"{CODE}/apart.py", method.name, f"{CODE}/entry", "/tmp"]
-        self._program = Program(method.boundary.command(method.folder, arguments), _SECONDS)
+        arguments = [f"{CODE}/apart.py", name, f"{CODE}/entry", "/tmp"]
+        self._program = Program(boundary.command(folder, arguments), _SECONDS)
         states = np.arange(self.game.n_states)
         waiting = None if self.game.recovery is None else self.game.waiting.mask(self.game.base(states))
         self._send(

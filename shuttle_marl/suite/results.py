@@ -312,7 +312,7 @@ def verify_run(
             break
     else:
         summary = summarise(folder, given.beacon, given.game)
-    return Verification(units=len(units), refused=refused, summary=None if refused else summary)
+    return Verification(units=len(units), refused=refused, summary=summary)
 
 
 def _compare(stored: Mapping[str, float], found: Mapping[str, float]) -> None:

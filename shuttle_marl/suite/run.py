@@ -34,7 +34,7 @@ from shuttle_marl.suite.method import Method, baseline_of, find, sources
 from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, SuiteRun
 from shuttle_marl.suite.population import checked_beacon
 from shuttle_marl.suite.registry import arena_of, find_task, task_of_run
-from shuttle_marl.suite.remote import RemoteMethod, find_boundary
+from shuttle_marl.suite.remote import find_boundary, play_apart
 from shuttle_marl.suite.results import summarise
 from shuttle_marl.suite.store import Card, Entry, RunConfig
 
@@ -105,8 +105,8 @@ def run_method(options: SuiteRun, console: Console | None = None, *, committed: 
     own = Card(method=options.method, kind=baseline.kind, access=baseline.access) if baseline is not None else None
     name = "-".join([task.name, options.method, options.split, *([] if options.budget is None else [str(options.budget)])])
     words = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
-    fixed = dataclasses.asdict(config)
     check_processes(1 if options.ray is not None else options.workers)
+    fixed = dataclasses.asdict(config)
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
         numbers = itertools.product(range(len(cases)), range(config.seeds))
         units = [unit for unit in numbers if not store.entry_path(folder, *unit).exists()]
@@ -135,7 +135,7 @@ def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str
     before: dict[str, str] = runs.read_json(path, dict[str, Any]).get("sources", {}) if path.exists() else {}
     changed = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
     if changed and more:
-        advice = "versions are never mixed: restore it, or start again with --overwrite or another --out"
+        advice = "two versions are never mixed: restore it, or start again with --overwrite or another --out"
         raise SuiteError(f"{folder}: {', '.join(changed)} changed after the run was started; {advice}")
     return before
 
@@ -344,7 +344,7 @@ def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, c
         boundary = find_boundary(code, asked.image)
         committed = Committed(
             hash=entry.hash,
-            method=RemoteMethod(entry.method, code, boundary, found.randomness),
+            method=functools.partial(play_apart, entry.method, code, boundary, found.randomness),
             card=Card(method=entry.method, authors=asked.author, access="samples"),
             rerun=store.Rerun(by=asked.by, boundary=boundary.name, round=content_hash(path.read_bytes())),
         )

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from shuttle_marl.analysis.tabular import cloned
+from shuttle_marl.analysis.tabular import cloned, normalised
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import best_response, restricted_response
@@ -230,10 +230,8 @@ class Tilts(Adapter):
             return float(number @ np.log(total) - tilt @ seen + tilt @ tilt / (2 * _SPREAD**2)), slope
 
         found = minimize(loss, np.zeros(len(feature)), jac=True, method="L-BFGS-B").x
-        weight = bc * np.exp(found @ feature)
-        total = np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state]
-        places = waited(self.bc, self.seen)
-        return PairPolicy(game=game, probability=weight / total, positions=places)
+        chosen = normalised(game, bc * np.exp(found @ feature))
+        return PairPolicy(game=game, probability=chosen, positions=waited(self.bc, self.seen))
 
 
 def struck(seen: Sequence[PlayedRally]) -> I64:

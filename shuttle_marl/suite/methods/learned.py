@@ -12,20 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from shuttle_marl.analysis.tabular import (
-    SHRINK,
-    best_of,
-    by_state,
-    cloned,
-    counts,
-    estimated_game,
-    expected_under,
-    fitted_q,
-    game_of,
-    greedy,
-    shrunk_means,
-    with_faults,
-)
+from shuttle_marl.analysis import tabular
+from shuttle_marl.analysis.tabular import SHRINK, best_of, cloned, fitted_q, greedy, shrunk_means
 from shuttle_marl.base.arrays import F64, I16, Floats, Ints
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import PairPolicy
@@ -97,7 +85,7 @@ class FittedQPessimistic(_OwnStrokes):
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the lower bounds."""
         game, prior = data.game, float(data.won[data.first].mean())
-        penalty = float(self.argument) / np.sqrt(counts(game, data.pair) + 1)
+        penalty = float(self.argument) / np.sqrt(tabular.counts(game, data.pair) + 1)
         bound = fitted_q(data, best_of(game), fit=lambda target: shrunk_means(game, data.pair, target, prior=prior) - penalty)
         return greedy(game, bound)
 
@@ -108,10 +96,9 @@ class AdvantageWeighted(_OwnStrokes):
     def fit(self, data: Transitions) -> PairPolicy:
         """The clone times the exponential of the Q-values of the clone."""
         game, chance = data.game, cloned(data.game, data.pair)
-        q = fitted_q(data, expected_under(game, chance))
+        q = fitted_q(data, tabular.expected_under(game, chance))
         weight = chance * np.exp((q - q.max()) / float(self.argument))
-        total = np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state]
-        return PairPolicy(game=game, probability=weight / total)
+        return PairPolicy(game=game, probability=tabular.normalised(game, weight))
 
 
 class Bcq(_OwnStrokes):
@@ -125,7 +112,7 @@ class Bcq(_OwnStrokes):
         game, chance = data.game, cloned(data.game, data.pair)
         states = np.flatnonzero(game.playable[: game.n_base_states])
         likeliest = np.zeros(game.n_base_states)
-        likeliest[states] = by_state(game, chance, states, np.maximum)
+        likeliest[states] = tabular.by_state(game, chance, states, np.maximum)
         allowed = (chance >= float(self.argument) * likeliest[game.base_pair_state]).astype(np.float64)
         return greedy(game, fitted_q(data, best_of(game, allowed)), allowed)
 
@@ -147,7 +134,7 @@ class Model(_Method):
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the estimated game."""
         shrink = float(self.argument)
-        return respond(log, estimated_game(log, shrink=shrink), shrink)
+        return respond(log, tabular.estimated_game(log, shrink=shrink), shrink)
 
 
 class ModelPessimistic(_Method):
@@ -158,8 +145,8 @@ class ModelPessimistic(_Method):
 
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the pessimistic game."""
-        penalty = float(self.argument) / np.sqrt(counts(log.game, log.pair[log.own]) + 1)
-        return respond(log, estimated_game(log), SHRINK, penalty=penalty)
+        penalty = float(self.argument) / np.sqrt(tabular.counts(log.game, log.pair[log.own]) + 1)
+        return respond(log, tabular.estimated_game(log), SHRINK, penalty=penalty)
 
 
 class ModelEnsemble(_Method):
@@ -173,7 +160,7 @@ class ModelEnsemble(_Method):
         rng, fault = np.random.default_rng(self.setting.seed), (log.outcome == 0).astype(np.float64)
         drawn = [rng.integers(len(log), size=len(log)) for _ in range(_MEMBERS)]
         models = [shrunk_means(log.game, log.pair[rows], fault[rows], prior=1 / len(OUTCOMES)) for rows in drawn]
-        return respond(log, estimated_game(log), SHRINK, penalty=float(self.argument) * np.std(models, axis=0))
+        return respond(log, tabular.estimated_game(log), SHRINK, penalty=float(self.argument) * np.std(models, axis=0))
 
 
 def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) -> TabulatedPolicy:
@@ -184,7 +171,7 @@ def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) 
         penalty: ``[base pairs]`` by which the probability of the player's faults is raised.
     """
     opponent = PairPolicy(game=game, probability=cloned(log.game, log.pair[~log.own], shrink=shrink))
-    own = game if penalty is None else with_faults(game, penalty)
+    own = game if penalty is None else tabular.with_faults(game, penalty)
     return TabulatedPolicy(game=log.game, cumulative=best_response(opponent, game=own, tolerance=_TOLERANCE).policy.cumulative)
 
 
@@ -199,7 +186,7 @@ class ModelBoosted(_Method):
 def boosted_game(log: Log, trees: int, seed: int) -> Game:
     """The game with outcomes estimated by boosted trees from the strokes of both players."""
     shares = boosted(log.game, log.pair, log.outcome, trees, seed, objective="multiclass", num_class=len(OUTCOMES))
-    return game_of(log.game, shares)
+    return tabular.game_of(log.game, shares)
 
 
 class Shipped(_Method):

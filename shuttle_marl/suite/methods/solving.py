@@ -18,7 +18,6 @@ from shuttle_marl.exact.lists import cells_of, lists
 from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
 from shuttle_marl.game.policy import TemperedPolicy
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.recording.logs import Log, play_log
@@ -85,20 +84,18 @@ def restricted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
     return Trained(player=restricted_response(setting.against, float(argument)).policy, strokes=0)
 
 
-def constant(setting: PlayerSetting) -> Trained:
-    """The best order of preference of the strokes for all states: how little of the state an opponent's weaknesses need."""
-    return _best_list(setting)
+def constant(setting: PlayerSetting, *parts: str) -> Trained:
+    """The best order of preference of the strokes for all states, or for each value of some parts of the state.
+
+    It shows how little of the state an opponent's weaknesses need (:mod:`shuttle_marl.exact.lists`).
+    """
+    *_, best = [setting.against, *lists(setting.against, cells_of(setting.game, *parts))]
+    return Trained(player=best, strokes=0)
 
 
 def constant_by_incoming(setting: PlayerSetting) -> Trained:
     """The best orders of preference for each incoming shot type and contact."""
-    return _best_list(setting, "incoming_shot", "contact")
-
-
-def _best_list(setting: PlayerSetting, *parts: str) -> Trained:
-    """The best list that reads some parts of the state (:mod:`shuttle_marl.exact.lists`)."""
-    *_, best = [setting.against, *lists(setting.against, cells_of(setting.game, *parts))]
-    return Trained(player=best, strokes=0)
+    return constant(setting, "incoming_shot", "contact")
 
 
 def fictitious_play(setting: PlayerSetting) -> Trained:
@@ -114,20 +111,11 @@ def fictitious_play(setting: PlayerSetting) -> Trained:
     return Trained(player=tabulated_pairs(PairPolicy(game=game, probability=mean, positions=places)), strokes=0)
 
 
-def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
+def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT), names: Sequence[str] = ("bc",)) -> Trained:
     """Counts of the opponent's choices against perfect play, shrunken towards bc, and the restricted response in the game.
 
     The restriction is fixed; that of a data-biased response (Johanson & Bowling, AISTATS 2009) grows with the counts of a state.
     """
-    return _counted(setting, float(argument), ["bc"])
-
-
-def restricted_mixture(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
-    """The same with counts that are shrunken towards a mixture of policies of the package, fitted to them."""
-    return _counted(setting, float(argument), _TYPES)
-
-
-def _counted(setting: PlayerSetting, p: float, names: Sequence[str]) -> Trained:
     game, types = setting.game, tuple(map(setting.policy, names))
     number = max(1, min(setting.budget, _COUNTED) // _STROKES)
     seen = list(observed(game, (minimax_policy(game), setting.against), number, setting.seed))
@@ -135,7 +123,12 @@ def _counted(setting: PlayerSetting, p: float, names: Sequence[str]) -> Trained:
     places = mean_positions(game, dict(zip(types, weight.tolist(), strict=True)))
     prior = PairPolicy(game=game, probability=weight @ chances(types), positions=places)
     used = sum(len(rally.own) if game.recovery is not None else int(rally.own.sum()) for rally in seen)
-    return Trained(player=respond(counted(prior, seen), p), strokes=used)
+    return Trained(player=respond(counted(prior, seen), float(argument)), strokes=used)
+
+
+def restricted_mixture(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
+    """The same with counts that are shrunken towards a mixture of policies of the package, fitted to them."""
+    return restricted_counts(setting, argument, _TYPES)
 
 
 def from_log(setting: PlayerSetting, argument: str) -> Trained:
@@ -163,11 +156,7 @@ def _random_log(setting: PlayerSetting, opponent: TabulatedPolicy) -> tuple[Log,
     share = (2 if both or game.recovery is not None else 1) * (2 if both and game.recovery is not None else 1)
     log = play_log((setting.policy("random"), opponent), min(setting.budget, share * _FITTED) * 9 // (10 * share), setting.seed)
     used = int(log.own.sum()) if share == 1 else len(log) * share // 2
-    return dataclasses.replace(log, game=_plain(log.game)), used
-
-
-def _plain(game: Game) -> Game:
-    return dataclasses.replace(game, recovery=None)
+    return dataclasses.replace(log, game=dataclasses.replace(log.game, recovery=None)), used
 
 
 def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
@@ -176,7 +165,7 @@ def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
     The model has no positions, which it does not see: it waits as people do.
     """
     game, uniform = setting.game, setting.policy("random")
-    plain, hidden = _plain(game), game.recovery is not None
+    plain, hidden = dataclasses.replace(game, recovery=None), game.recovery is not None
     player, rows, used = uniform, [], 0
     budget = min(setting.budget // (1 + hidden), _FITTED)
     for turn in range(2):
