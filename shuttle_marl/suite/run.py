@@ -166,21 +166,21 @@ def play_unit(folder: Path, config: RunConfig, beacon: str | None, method: Metho
     work.mkdir(parents=True, exist_ok=True)
     try:
         outcome = task.play(arena, case, method or find(task.name, config.method), seed, work)
+        seconds = time.monotonic() - begun
+        entry = store.within_budget(store.checked(Entry(
+            case=case.name,
+            seed=seed,
+            fingerprint=fingerprint,
+            policies={role: policy.hash for role, policy in outcome.policies.items()},
+            answers=dict(outcome.answers),
+            scores=task.score(arena, case, seed, outcome),
+            parts=task.parts(arena, case, outcome),
+            seconds=seconds,
+            strokes=outcome.strokes,
+            curve=tuple(outcome.curve),
+        )), case)  # fmt: skip
     except ShuttleError as error:
         raise SuiteError(f"{config.method}, case {case.name}, seed {seed}: {error}") from error
-    seconds = time.monotonic() - begun
-    entry = store.within_budget(store.checked(Entry(
-        case=case.name,
-        seed=seed,
-        fingerprint=fingerprint,
-        policies={role: policy.hash for role, policy in outcome.policies.items()},
-        answers=dict(outcome.answers),
-        scores=task.score(arena, case, seed, outcome),
-        parts=task.parts(arena, case, outcome),
-        seconds=seconds,
-        strokes=outcome.strokes,
-        curve=tuple(outcome.curve),
-    )), case)  # fmt: skip
     if not any(work.iterdir()):
         work.rmdir()
     return store.entry_path(folder, number, seed), entry, {p.hash: p.packed() for p in outcome.policies.values()}

@@ -195,7 +195,7 @@ def within_budget(entry: Entry, case: Case) -> Entry:
         SuiteError: it used more.
     """
     if case.budget and (most := max(entry.strokes or 0, *(used for used, _ in entry.curve), 0)) > case.budget:
-        raise SuiteError(f"{case.name}: used {most:,} strokes, more than the budget of {case.budget:,}")
+        raise SuiteError(f"used {most:,} strokes, more than the budget of {case.budget:,}")
     return entry
 
 
