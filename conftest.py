@@ -32,7 +32,10 @@ hypothesis.settings.register_profile("explore", deadline=None)
 hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("repeatable")
 
-SLOW_PAGES: Final = ("docs/tutorials", "docs/analysis.md", "docs/exact.md", "docs/league.md", "docs/rally_log.md")
+SLOW_PAGES: Final = tuple(
+    f"docs/{name}"
+    for name in ("tutorials", "analysis.md", "api.md", "exact.md", "league.md", "rally_log.md", "suite/protocol.md")
+)
 """Pages, or folders of pages, whose code trains agents or plays tournaments; marked ``slow``."""
 _FILE_NAME: Final = re.compile(r"#\s*(\w+\.py)\n")
 

@@ -22,6 +22,7 @@ def test_every_maker_plays(what: str) -> None:
         assert played % batch == 0 or what == "tournament"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", RECOVERY)
 def test_games_with_recovery_are_measured_beside_the_game_without(what: str) -> None:
     (measured,) = measure_recovery(what, 0.0, 1)

@@ -404,6 +404,7 @@ sys.exit([main(flags) for flags in json.loads(sys.argv[1])] != [1] * len(json.lo
 """
 
 
+@pytest.mark.slow
 def test_hostile_files_are_refused_in_bounded_memory_and_time(tmp_path: Path) -> None:
     kinds = ("large", "rows", "short", "empty", "matches", "cell", "json", "xml", "names", "deep", "dotted")
 
