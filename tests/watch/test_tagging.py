@@ -184,6 +184,7 @@ def test_time_without_play_is_skipped(tmp_path: Path) -> None:
     assert asked((10, 1.0), (2, 0.2), (10, 1.0), start=10) is None, "not worth a jump"
     assert asked((10, 1.0), (10, 1.0), (60, 0.2), (10, 1.0), start=10) is None, "another rally is not skipped"
     assert asked((10, 1.0), (10, 1.0), (60, 0.2), (10, 1.0), start=10, within=60) is not None
+    assert asked((10, 1.0), (3, 0.2), (2, 1.0), (20, 0.2), (10, 1.0), start=10) is None, "a serve and its return are a rally"
 
 
 def test_a_let_is_replayed_without_a_point(tmp_path: Path) -> None:

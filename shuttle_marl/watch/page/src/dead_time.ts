@@ -4,7 +4,8 @@ export const BEAT = 0.25; // time between pictures that are compared [s]
 const STILL = 0.5; // between the least motion and the usual one in rallies
 const LEAST = 0.1; // share of the film that moves less than the least motion: a camera has noise
 const AROUND = 5; // beats before and after, of which motion is the median: cuts of the film are no play
-const LASTS = 6; // beats that play or its absence lasts at least
+const PLAYS = 4; // beats that play lasts at least: a rally may be a serve and its return
+const RESTS = 6; // beats that the absence of play lasts at least
 const LEAD = 2.5; // shown before play begins [s]
 const SETTLES = 0.5; // from the last stroke until players slow down [s]
 const WORTH = 2; // shortest time that is skipped [s]
@@ -45,8 +46,8 @@ export function nextPlay(
 function begins(plays: readonly boolean[], state: boolean, from: number): number | null {
   for (let i = from, lasts = 0; i < plays.length; i++) {
     lasts = plays[i] === state ? lasts + 1 : 0;
-    if (lasts === LASTS) {
-      return i - LASTS + 1;
+    if (lasts === (state ? PLAYS : RESTS)) {
+      return i - lasts + 1;
     }
   }
   return null;
