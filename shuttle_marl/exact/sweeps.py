@@ -7,7 +7,7 @@ the chance of the policy, are read in order. Sums are accumulated in a fixed ord
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,9 +19,12 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
 
 Successors = tuple[float, float, float, float]
+_OfGames = Callable[[tuple[Game, ...], int], "Outcomes"]
 Chances = F64 | U16
 """``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535."""
 
+_MET: Final = 8
+"""Rows of tables against known positions that are kept: those of two players."""
 TIE: Final = 1e-12
 """Strokes whose values differ by less are tied; the first one in the catalogue is played, so that rounding decides nothing."""
 
@@ -354,15 +357,27 @@ def _expect(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, rew
             reward[states[i]], continuation[states[i]] = gained[i] * unit, continued[i] * unit
 
 
+def _kept(number: int) -> Callable[[_OfGames], _OfGames]:
+    """Keep the last results, and fewer against known positions: those tables are large, and each opponent has its own."""
+
+    def keep(make: _OfGames) -> _OfGames:
+        plain, met = (functools.lru_cache(maxsize=most)(make) for most in (number, _MET))
+        return lambda games, table: (plain if games[0].tables is games[0] else met)(games, table)
+
+    return keep
+
+
 def _outcomes(game: Game, table: int) -> Outcomes:
     """The outcomes in a row of the limits of a game, in the order of its pairs."""
     return Outcomes(np.ascontiguousarray(game.limits[table].T)[None], np.ascontiguousarray(game.hurry_at(table).T)[None])
 
 
-_kept_outcomes = functools.lru_cache(maxsize=16)(_outcomes)
+@_kept(16)
+def _kept_outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
+    return _outcomes(*games, table)
 
 
-@functools.lru_cache(maxsize=48)
+@_kept(48)
 def _listed_outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
     """The outcomes in a row of the limits of games of one layout, in the order of :attr:`Lists.order`."""
     order = lists_of(games[0]).order
@@ -453,7 +468,7 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
     """
     out, policy = np.empty(game.n_base_states), np.empty(game.n_base_pairs)
     following = gathered(game, plain, after_attack)
-    _soften(_kept_outcomes(game, game.table_of(block)), replies(game), prior, tau, following, out, policy)
+    _soften(_kept_outcomes((game,), game.table_of(block)), replies(game), prior, tau, following, out, policy)
     return out, policy
 
 
@@ -465,7 +480,7 @@ def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
         if not here.any():
             continue
         values[:] = 0.0
-        _propagate(chance, unit_of(chance) / ONE, _kept_outcomes(game, game.table_of(block)), replies(game), here, values)
+        _propagate(chance, unit_of(chance) / ONE, _kept_outcomes((game,), game.table_of(block)), replies(game), here, values)
         plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
         _scatter_add(values, replies(game), plain, attack)
     return out
