@@ -374,7 +374,7 @@ def _outcomes(game: Game, table: int) -> Outcomes:
 
 @_kept(16)
 def _kept_outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
-    return _outcomes(*games, table)
+    return _outcomes(games[0], table)
 
 
 @_kept(48)
