@@ -66,7 +66,7 @@ class SelfPlayStudy(Study):
         return {"variants": list(self.variants), "strokes": list(self.strokes), "seeds": self.seeds}
 
     def fixed(self) -> dict[str, Any]:
-        """What all runs have in common: the study may continue with other variants, budgets and seeds."""
+        """Settings that all runs share; variants, budgets and seeds may be added to a study."""
         return {"evaluate_every": _EVALUATE_EVERY}
 
     def training(self, folder: Path) -> dict[tuple[SelfPlayVariant, int], list[PPOConfig]]:

@@ -102,7 +102,7 @@ class Places:
         return np.asarray(self.win - (self.win @ self.people)[:, None])
 
     def question(self, waited: int) -> int | None:
-        """How usual the answer is to the question where to wait for a receiver who waits somewhere; None: it is not asked.
+        """Rank of the right answer to the question where to wait, for a receiver at a position; None: it is not asked.
 
         It is asked where the position loses clearly and at least one more does. The middle of the court is the usual answer,
         the last rank, all others have rank 0, as in :func:`usual_of`.

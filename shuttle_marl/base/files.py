@@ -75,7 +75,7 @@ def replacing(path: Path, *, new: bool = False) -> Iterator[BinaryIO]:
             os.fsync(file.fileno())
         with _unwritable(path, OSError, ValueError):
             if new:
-                os.close(os.open(path, os.O_CREAT | os.O_EXCL))  # claims the name: of two programs at once one is refused
+                os.close(os.open(path, os.O_CREAT | os.O_EXCL, 0o666))  # claims the name: of two programs at once one is refused
             os.replace(temporary, path)
     except BaseException:
         with contextlib.suppress(OSError):

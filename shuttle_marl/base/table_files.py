@@ -53,13 +53,17 @@ def parquet_bytes(table: pa.Table, **options: Any) -> bytes:
     return file.getvalue()
 
 
-def write_parquet(path: Path, table: pa.Table, **options: Any) -> None:
+def write_parquet(path: Path, table: pa.Table, *, new: bool = False, **options: Any) -> None:
     """Write a table as a sealed Parquet file, atomically.
+
+    Args:
+        new: as of :func:`~shuttle_marl.base.files.replace_file`.
+        **options: as of :func:`parquet_bytes`.
 
     Raises:
         FileWriteError: the file cannot be written.
     """
-    replace_file(path, parquet_bytes(table, **options))
+    replace_file(path, parquet_bytes(table, **options), new=new)
 
 
 def seal_parquet(file: BinaryIO) -> None:

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from shuttle_marl import __version__
 from shuttle_marl.base import table_files
 from shuttle_marl.base.errors import command
-from shuttle_marl.base.files import content_hash, hash_of, problem, replace_file
+from shuttle_marl.base.files import content_hash, hash_of, problem
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.copies import copies
@@ -90,7 +90,7 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
         _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode(),
     }
     table = named(strokes.cast(STROKES).combine_chunks()).replace_schema_metadata({**STROKES.metadata, **extra})
-    replace_file(path, table_files.parquet_bytes(table, compression_level=9), new=new)
+    table_files.write_parquet(path, table, new=new, compression_level=9)
 
 
 def read_parquet(path: Path) -> pa.Table:

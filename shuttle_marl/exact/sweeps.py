@@ -20,6 +20,7 @@ from shuttle_marl.game.thresholds import ONE
 
 Successors = tuple[float, float, float, float]
 _OfGames = Callable[[tuple[Game, ...], int], "Outcomes"]
+"""Makes the outcomes of games in a row of their limits."""
 Chances = F64 | U16
 """``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535."""
 
@@ -374,6 +375,7 @@ def _outcomes(game: Game, table: int) -> Outcomes:
 
 @_kept(16)
 def _kept_outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
+    """:func:`_outcomes` of one game."""
     return _outcomes(games[0], table)
 
 

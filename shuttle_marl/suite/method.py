@@ -43,7 +43,7 @@ def _all(module: str, *names: str, access: Access = "samples", kind: Kind = "met
     return {name: Baseline(f"{module}:{name}", access, kind) for name in names}
 
 
-_LEARNERS: Final = {name: Baseline("training:learner", argument=name) for name in ("ppo", "a2c", "sac")}
+_LEARNERS: Final = _all("training", "ppo", "a2c", "sac")
 _KNOWN: Final = _all("solving", "bc", "minimax", access="tables", kind="reference")
 _RANDOM: Final = _all("solving", "random", kind="reference")
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
@@ -144,6 +144,8 @@ def find(task: str, name: str) -> Method:
         module, _, own = known[key].path.partition(":")
         members = vars(importlib.import_module(f"shuttle_marl.suite.methods.{module}"))
         method: Method = members.get(own.title().replace("-", "")) or members[own.replace("-", "_")]
+        if colon and "argument" not in inspect.signature(method).parameters:
+            raise SuiteError(f"method {name!r}: {key} takes no argument")
         chosen = argument if colon else known[key].argument
         return method if chosen is None else functools.partial(method, argument=chosen)
     if key == "program" and argument and kind_of(task) in PROGRAMS:

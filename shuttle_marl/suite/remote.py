@@ -42,7 +42,7 @@ from shuttle_marl.suite.task import Setting, table_of
 CODE: Final = "/code"
 """Folder of the code inside."""
 _ROOT: Final = "/mnt"
-"""Where the file system of the inside is mounted, in a namespace of its own."""
+"""Mount point of the file system inside, in its own mount namespace."""
 _SHOWN: Final = ("/usr", "/bin", "/lib", "/lib64", "/etc/ld.so.cache", "/etc/alternatives")
 _DEVICES: Final = ("null", "zero", "urandom")
 _PROBE_SECONDS: Final = 120.0

@@ -270,3 +270,6 @@ def test_an_object_of_another_task_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match=r"expected an object with fit"):
         run("offline-v0", f"{__name__}:Half", tmp_path / "two")
     assert find("offline-v0", "model:2").keywords == {"argument": "2"}  # type: ignore[attr-defined]
+    for task, name in (("equilibrium-v0", "ppo:sac"), ("exploit-v0", "minimax:0.5"), ("adapt-v0", "bandit:2")):
+        with pytest.raises(SuiteError, match="takes no argument"):
+            find(task, name)

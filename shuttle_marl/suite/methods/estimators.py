@@ -64,7 +64,7 @@ class _EachPolicy(abc.ABC):
 
     @abc.abstractmethod
     def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
-        """How many of the rallies with an own stroke the policy would win."""
+        """Number of rallies with an own stroke that the policy would win."""
 
 
 class Behaviour:

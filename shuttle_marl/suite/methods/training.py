@@ -38,18 +38,29 @@ _ITERATIONS: Final = 12
 """Iterations of a run with a small budget."""
 
 
-def learner(setting: PlayerSetting, argument: str = "ppo", **options: Any) -> Trained:
-    """A learning algorithm, the argument, with options of its configuration.
+def ppo(setting: PlayerSetting) -> Trained:
+    """PPO (Schulman et al. 2017, arXiv 1707.06347)."""
+    return _trained(setting)
 
-    PPO (Schulman et al. 2017, arXiv 1707.06347), A2C (Mnih et al. 2016, arXiv 1602.01783), or SAC (Haarnoja et al. 2018, arXiv
-    1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207).
-    """
+
+def a2c(setting: PlayerSetting) -> Trained:
+    """A2C (Mnih et al. 2016, arXiv 1602.01783)."""
+    return _trained(setting, "a2c")
+
+
+def sac(setting: PlayerSetting) -> Trained:
+    """SAC (Haarnoja et al. 2018, arXiv 1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207)."""
+    return _trained(setting, "sac")
+
+
+def _trained(setting: PlayerSetting, algorithm: str = "ppo", **options: Any) -> Trained:
+    """The agent of a learning algorithm, with options of its configuration."""
     from shuttle_marl.training import train  # noqa: PLC0415  torch
     from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
 
     if load_game(setting.model).hash != setting.game.hash:
-        raise SuiteError(f"{argument} trains in the game of a model, and this game is drawn")
-    default, folder = CONFIGS[argument], setting.folder / argument
+        raise SuiteError(f"{algorithm} trains in the game of a model, and this game is drawn")
+    default, folder = CONFIGS[algorithm], setting.folder / algorithm
     config = default(
         opponent=(setting.opponent or "self",),
         strokes=setting.budget,
@@ -77,17 +88,17 @@ def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
     """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
     # Rallies that start in a state of the best response are of another length, so more strokes are kept back.
     planned = dataclasses.replace(setting, budget=setting.budget * 49 // 50) if argument == "restarts" else setting
-    return learner(planned, variant=argument)
+    return _trained(planned, variant=argument)
 
 
 def ppo_self_play(setting: PlayerSetting) -> Trained:
     """PPO in self-play, which does not look at the opponent."""
-    return learner(dataclasses.replace(setting, opponent=None))
+    return _trained(dataclasses.replace(setting, opponent=None))
 
 
 def ppo_deterministic(setting: PlayerSetting) -> Trained:
     """PPO in self-play, whose agent always makes its likeliest choice."""
-    found = learner(setting)
+    found = _trained(setting)
     return dataclasses.replace(found, player=deterministic(tabulate(found.player, setting.game)), curve=())
 
 
@@ -158,5 +169,5 @@ def _part(setting: PlayerSetting, name: str, opponent: str | TabulatedPolicy | N
     if isinstance(opponent, TabulatedPolicy):
         opponent.save(setting.folder / _MIXED)
         opponent = f"table:{setting.folder / _MIXED}"
-    found = learner(dataclasses.replace(setting, opponent=opponent, budget=budget, folder=setting.folder / name))
+    found = _trained(dataclasses.replace(setting, opponent=opponent, budget=budget, folder=setting.folder / name))
     return tabulate(found.player, setting.game), found.strokes or 0
