@@ -6,10 +6,10 @@ A simulated match between two average players is filmed, with a break of a minut
 film in Chromium while it plays. It enters the strokes that were played, as a person would: it waits until the film shows one,
 and presses a key a little later. Shot types and endings are keys, with Shift where the page offers so; places are keys in one
 rally and clicks in the next; techniques and contact heights are entered only where the page assumes others. All keys and clicks
-count, also those that seek, pause and play, but for one that starts the film after a crash; a key with Shift counts once. The
-corners are first clicked in every wrong order. The server is killed at random moments and started again. The table is imported
-and compared with the match: stroke by stroke, except that a stroke that fell on the striker's own side has no target. At the end
-the report of the table is made.
+count, also those that seek, pause and play; a key with Shift counts once. The corners are first clicked in every wrong order.
+The server is killed at random moments and started again; inputs that find the place in the film again count for the kills. The
+table is imported and compared with the match: stroke by stroke, except that a stroke that fell on the striker's own side has no
+target. At the end the report of the table is made.
 """
 
 import contextlib
@@ -182,16 +182,18 @@ class Script:
     """Enters the strokes of the film as the page asks for them; continues after a crash.
 
     Attributes:
-        inputs: keys and clicks.
+        inputs: keys and clicks, but for those after a crash.
         chords: of them, keys with Shift.
         seeks: of them, those that seek over the break.
         refused: of the 23 wrong orders of the corners, how many are refused.
+        after_crashes: keys and clicks that start the film after a crash and find the place again.
         first: of each stroke, whether the first suggestion was its shot type.
     """
 
     def __init__(self, page: Page, played: Film) -> None:
         self.page, self._film = page, played
-        self.inputs = self.chords = self.seeks = self.refused = 0
+        self.inputs = self.after_crashes = self.chords = self.seeks = self.refused = 0
+        self._crashed = False
         self._rng = np.random.default_rng(0)
         self.first: dict[tuple[int, int], bool] = {}
 
@@ -210,7 +212,8 @@ class Script:
         self.until("window.viewer && window.viewer.state().ready")
         self.until("document.querySelector('video').readyState > 0")
         if self.state()["phase"] != "setup":
-            self.page.keyboard.press(" ")  # after a crash a person starts the film again, which is not counted
+            self._crashed = True
+            self._press(" ", True)
             return
         for name, value in zip(("near", "far"), _NAMES, strict=True):
             self.page.fill(f"[name={name}]", value)
@@ -232,9 +235,10 @@ class Script:
                     self.page.keyboard.press("Backspace")
                 self.page.click("text=corners")
 
-    def _press(self, key: str) -> None:
+    def _press(self, key: str, crashed: bool = False) -> None:
         self.page.keyboard.press(key)
-        self.inputs += 1
+        self.inputs += not crashed
+        self.after_crashes += crashed
 
     def _click(self, u: float, v: float, of: str = "video") -> None:
         box = self.page.locator(of).bounding_box()
@@ -251,10 +255,11 @@ class Script:
             if not 0 < moment - at < _LONG:
                 self._click((moment - 2) / float(self.page.evaluate("document.querySelector('video').duration")), 0.5, ".scrub")
         while at > moment + 0.5:  # missed
-            self._press("ArrowLeft")
+            self._press("ArrowLeft", self._crashed)
             at -= 1
         while self.page.evaluate(_WATCH, moment) < moment:
-            self._press(" ")
+            self._press(" ", self._crashed)
+        self._crashed = False
         self.page.wait_for_timeout(1000 * max(0.0, self._rng.normal(*_LATE)))
 
     def step(self) -> bool:
@@ -361,6 +366,7 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
         "strokes": strokes,
         "recovered": float(np.mean(found)),
         "inputs_per_stroke": script.inputs / strokes,
+        "inputs_per_kill": script.after_crashes / kills if kills else 0.0,
         "with_shift": script.chords / strokes,
         "seeks_over_break": script.seeks,
         "wrong_corners_refused": script.refused,

@@ -94,7 +94,7 @@ OPERATORS: Final = {
     **{"BitXor": "BitAnd", "LShift": "RShift", "RShift": "LShift"},
 }
 """Classes of :mod:`ast` that replace an operator, one at a time."""
-COMPILERS: Final = {"compiled", "_compiled", "inlined"}
+COMPILERS: Final = {"compiled", "_compiled", "inlined", "cached"}
 """Decorators of functions that do not run as Python."""
 COMPILED: Final = {"count_rally"}
 """Functions that are compiled beside their form in Python."""
