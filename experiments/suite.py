@@ -181,7 +181,7 @@ def rows_of(folder: Path) -> list[Row]:
     for path in sorted(folder.glob(f"*/*/{ROW}")):
         about = json_format.loads((path.parent / runs.MANIFEST).read_text())
         row: Row = json_format.loads(path.read_text())
-        rows.append({**row, "commit": about["git"]["commit"]})
+        rows.append({**row, "commit": about["git"] and about["git"]["commit"]})
     return rows
 
 
