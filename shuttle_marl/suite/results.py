@@ -56,7 +56,7 @@ class Row(TypedDict):
         reran_by: who reran the code to these scores; none: the row is self-reported.
         rank: among the methods of a board of this class and access.
         behind: paired difference to the best method.
-        commit: of this repository, for the rows of its results.
+        commit: of this repository, for the rows of its results; None outside of git.
     """
 
     task: str
@@ -88,7 +88,7 @@ class Row(TypedDict):
     reran_by: NotRequired[list[str]]
     rank: NotRequired[int]
     behind: NotRequired[Bounds]
-    commit: NotRequired[str]
+    commit: NotRequired[str | None]
 
 
 def summarise(folder: Path, beacon: str | None = None, game: str | None = None) -> Row:
