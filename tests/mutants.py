@@ -321,7 +321,7 @@ def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterato
                 task.calls = json_.loads((folder / f"calls-{process.pid}.json").read_text())
             else:
                 output = (folder.parent / f"output-{process.pid}.txt").read_text()
-                raise SystemExit(f"{task.files[0]} fails without a mutation:\n{output[-3000:]}")
+                print(f"{task.files[0]} fails without a mutation:\n{output[-3000:]}", file=sys.stderr, flush=True)
             del running[sentinel]
             yield task
 
@@ -332,8 +332,11 @@ def _record(files: list[str], template: Path, jobs: int, kept: Path) -> dict[str
     digests = {file: hashlib.sha256((ROOT / file).read_bytes()).hexdigest() for file in files}
     tasks = [Task([file]) for file in files if found.get(file, {}).get("digest") != digests[file]]
     for task in run(tasks, template, jobs, 3600.0):
-        found[task.files[0]] = {"digest": digests[task.files[0]], "seconds": task.seconds, "calls": task.calls}
-        kept.write_text(json_.dumps(found))
+        if task.verdict == "survived":
+            found[task.files[0]] = {"digest": digests[task.files[0]], "seconds": task.seconds, "calls": task.calls}
+            kept.write_text(json_.dumps(found))
+    if failing := [task.files[0] for task in tasks if task.verdict != "survived"]:
+        raise SystemExit(f"tests fail without a mutation: {', '.join(failing)}")
     return found
 
 

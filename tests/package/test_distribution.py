@@ -44,13 +44,15 @@ def declared_requirements(*, without: str = "") -> list[Requirement]:
 
 
 def tracked() -> list[Path]:
-    """Files of the repository; of an unpacked source distribution, all files outside hidden folders."""
+    """Files of the repository; of an unpacked source distribution, all files outside hidden folders and caches."""
     done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode == 0:
         names = [name for name in done.stdout.split("\0") if name]
     else:
         names = [
-            str(p.relative_to(ROOT)) for p in ROOT.rglob("*") if not any(part[0] == "." for part in p.relative_to(ROOT).parts)
+            str(name)
+            for name in (path.relative_to(ROOT) for path in ROOT.rglob("*"))
+            if not any(part[0] == "." or part == "__pycache__" for part in name.parts)
         ]
     return [ROOT / name for name in names if (ROOT / name).is_file()]
 
