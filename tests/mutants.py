@@ -87,6 +87,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Folders and files of the tests of each package."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
+MODULES: Final = "shuttle_marl/watch/page/node_modules"
 OPERATORS: Final = {
     **{"Lt": "LtE GtE", "LtE": "Lt Gt", "Gt": "GtE LtE", "GtE": "Gt Lt", "Eq": "NotEq", "NotEq": "Eq", "Is": "IsNot"},
     **{"IsNot": "Is", "In": "NotIn", "NotIn": "In", "And": "Or", "Or": "And", "Add": "Sub", "Sub": "Add", "Mult": "Div"},
@@ -294,7 +295,7 @@ def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterato
             task, folder, machine_code = waiting.pop(), template, ""
             if task.mutant:
                 folder = slots.pop()
-                shutil.copytree(template, folder, copy_function=os.link)
+                shutil.copytree(template, folder, symlinks=True, copy_function=os.link)
                 # The folder has the same name as for the mutant before, so what that compiled is found.
                 machine_code = f"{folder}-machine-code" if task.mutant.function else f"{folder}/machine-code"
                 (folder / task.mutant.file).unlink()
@@ -382,6 +383,8 @@ def main(
     with tempfile.TemporaryDirectory(prefix="mutants-", ignore_cleanup_errors=True) as folder:
         template, ignored = Path(folder) / "template", (".git", ".venv", "node_modules", "raw", ".*_cache")
         shutil.copytree(ROOT, template, symlinks=True, ignore=shutil.ignore_patterns(*ignored))
+        if (ROOT / MODULES).exists():
+            (template / MODULES).symlink_to(ROOT / MODULES)
         tests = sorted({file for mutant in todo for file in _test_files(mutant.file)})
         seen = _record(tests, template, jobs, calls or Path(folder) / "calls.json")
         tasks = []
