@@ -1,7 +1,7 @@
 """Methods by name: the baselines of the suite, and user code ``MODULE:ATTRIBUTE``.
 
 A method is called with the setting of a case (see the page of the task) and returns what the protocol of the task asks for. A
-baseline is a module of this package; its name may have an argument after a colon, such as ``restricted-nash:0.5``.
+baseline is a function or class of :mod:`.methods`; its name may have an argument after a colon, such as ``restricted-nash:0.5``.
 """
 
 import dataclasses
