@@ -68,7 +68,9 @@ _LONG: Final = 5.0
 """Time without play over which a person seeks [s]."""
 _WATCH: Final = """(time) => new Promise((passed) => {
   const film = document.querySelector("video");
-  const look = () => (film.currentTime >= time || film.paused ? passed(film.currentTime) : requestAnimationFrame(look));
+  const late = performance.now() + 30_000; // a film that stands still is started again
+  const look = () =>
+    film.currentTime >= time || film.paused || performance.now() > late ? passed(film.currentTime) : requestAnimationFrame(look);
   look();
 })"""
 _PATIENCE: Final = 60.0
