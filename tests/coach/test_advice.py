@@ -14,7 +14,7 @@ from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise
 from shuttle_marl.analysis.brief import is_short, options
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import EARNED, earned
-from shuttle_marl.analysis.scouting import scout
+from shuttle_marl.analysis.scouting import Realised, scout
 from shuttle_marl.analysis.worth import calibrated, error_of
 from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
@@ -317,3 +317,8 @@ def test_a_damaged_file_of_habits_is_refused(sample: pa.Table, tmp_path: Path) -
             load_habits(tmp_path / name)
     with pytest.raises(GameError, match="this model has no habits"):
         load_habits(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(("won", "confirms"), [(1, False), (2, True), (3, True)])
+def test_results_confirm_a_stroke_that_wins_as_often_as_the_others(won: int, confirms: bool) -> None:
+    assert Realised(strokes=4, won=won, low=0.0, high=1.0, others=8, others_won=4).confirms is confirms
