@@ -15,15 +15,15 @@ import pytest
 FOLDER = Path(__file__).with_name("golden")
 
 
-def check(name: str, figures: Mapping[str, Any]) -> None:
-    """Compare figures with those of ``golden/NAME.json``: numbers to a ten-thousandth or 1e-6, other values exactly."""
+def check(name: str, figures: Mapping[str, Any], close: float = 1e-6) -> None:
+    """Compare figures with those of ``golden/NAME.json``: numbers to a ten-thousandth or ``close``, other values exactly."""
     found, path = _plain(dict(figures)), FOLDER / f"{name}.json"
     written = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     if not found.keys() <= written.keys():
         rows = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in sorted((written | found).items()))
         path.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
         pytest.fail(f"{path.name} was written: look at it, and run the test again")
-    if different := [*_differences({key: written[key] for key in found}, found, name)]:
+    if different := [*_differences({key: written[key] for key in found}, found, name, close)]:
         pytest.fail("\n".join(different[:10]))
 
 
@@ -52,12 +52,12 @@ def _plain(value: Any) -> Any:
     return float(f"{value:.6g}") + 0.0 if isinstance(value, float) and math.isfinite(value) else value
 
 
-def _differences(written: Any, found: Any, where: str) -> Iterator[str]:
+def _differences(written: Any, found: Any, where: str, close: float) -> Iterator[str]:
     if isinstance(written, dict) and isinstance(found, dict) and written.keys() == found.keys():
         for key, value in written.items():
-            yield from _differences(value, found[key], f"{where}.{key}")
+            yield from _differences(value, found[key], f"{where}.{key}", close)
     elif isinstance(written, list) and isinstance(found, list) and len(written) == len(found):
         for number, (before, after) in enumerate(zip(written, found, strict=True)):
-            yield from _differences(before, after, f"{where}[{number}]")
-    elif written != (pytest.approx(found, rel=1e-4, abs=1e-6, nan_ok=True) if isinstance(found, float) else found):
+            yield from _differences(before, after, f"{where}[{number}]", close)
+    elif written != (pytest.approx(found, rel=1e-4, abs=close, nan_ok=True) if isinstance(found, float) else found):
         yield f"{where}: {written!r} before, now {found!r}"

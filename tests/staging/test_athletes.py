@@ -42,4 +42,4 @@ def test_key_poses_are_those_that_somebody_looked_at() -> None:
         f"{motion}, {i}": pose for motion, poses in zip(MOTIONS, library.stroke, strict=True) for i, pose in enumerate(poses)
     }
     contacts = {f"{motion}, contact": points for motion, points in zip(MOTIONS, library.contact, strict=True)}
-    golden.check("poses", strokes | contacts | {name: getattr(library, name) for name in others})
+    golden.check("poses", strokes | contacts | {name: getattr(library, name) for name in others}, 1e-5)
