@@ -2,12 +2,14 @@
 
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from shuttle_marl.data import clean_matches
+from shuttle_marl.data.cleaning import timed
 from shuttle_marl.data.schema import OUTCOMES, REASONS, Cleaned, Outcome, violations
 from shuttle_marl.data.shuttleset import AREA_OF_LABEL, NEAREST_OF_LABEL
 from shuttle_marl.game import court
@@ -39,6 +41,15 @@ def cleaned(root: Path, *games: list[dict[str, str]], **options: Any) -> Cleaned
 
 def column(result: Cleaned, name: str) -> list:
     return result.strokes[name].to_pylist()
+
+
+@pytest.mark.parametrize(("name", "value"), [("frame", -1), ("clock", -1), ("shot", -1), ("frame", 10), ("clock", 0)])
+def test_rows_without_a_time_and_out_of_order_are_not_timed(name: str, value: int) -> None:
+    columns = {"frame": np.array([10, 40, 70, 100]), "clock": np.array([1, 2, 2, 3]), "shot": np.array([0, 3, 5, 4])}
+    first = np.array([True, False, False, False])
+    assert timed(SimpleNamespace(**columns), first).all()  # type: ignore[arg-type]
+    columns[name][2] = value
+    assert timed(SimpleNamespace(**columns), first).tolist() == [True, True, False, True]  # type: ignore[arg-type]
 
 
 def test_a_sound_game_is_kept_whole(tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ import sys
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.env.snapshot import plan_of
+from tests import golden
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
@@ -26,6 +28,17 @@ def test_the_picture_changes_with_every_stroke(play):
     frames.append(env.render())
     assert len(frames) > 3
     assert all((before != after).any() for before, after in itertools.pairwise(frames))
+
+
+@pytest.mark.parametrize("game", ["default", "default:recovery"])
+def test_pictures_are_those_that_somebody_looked_at(play, game):
+    env = match_v0.env(render_mode="rgb_array", game=game)
+    found = {}
+    for number, _ in enumerate(itertools.islice(play(env, 11), 12)):
+        plan, picture = plan_of(env.unwrapped.snapshot()), env.render().astype(float)
+        found[f"{game} {number}"] = [plan.shuttle, plan.bodies, plan.came_from, plan.waited]
+        found[f"{game} {number}, picture"] = picture.reshape(8, 73, 12, 100, 3).mean(axis=(1, 3, 4))
+    golden.check("drawn_rallies", found, 0.01)
 
 
 def test_a_window_follows_the_rally_and_can_be_closed(fast, play):
