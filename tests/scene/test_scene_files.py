@@ -20,12 +20,14 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import rally_report, topics
+from shuttle_marl.scene.models import KITS, athlete, racket, shuttle
 from shuttle_marl.scene.motion import TOLERANCE
 from shuttle_marl.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame, joint_frame
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
-from tests.scene.conftest import read
+from tests.golden import check
+from tests.scene.conftest import Reel, read
 
 MOST_A_SECOND = 60
 
@@ -230,3 +232,23 @@ def test_every_path_is_a_field_of_a_topic(name: str) -> None:
         schema = topics.SCHEMAS[topic]
         for field in fields:
             schema = schema["properties"][field]
+
+
+def test_a_scene_is_what_somebody_looked_at(reel: Reel) -> None:
+    """Sums of all numbers of a topic, with weights, and of all meshes: what changes anywhere changes them."""
+
+    def sum_of(numbers: np.ndarray) -> float:
+        return float(np.random.default_rng(0).normal(size=numbers.size) @ numbers.ravel())
+
+    found: dict[str, Any] = {}
+    for topic in sorted({topic for _, topic, _ in reel.messages}):
+        said = re.sub(r'data: ".*"|timestamp {[^}]*}|n?sec: \d+', "", "\n".join(str(message) for _, message in reel.of(topic)))
+        numbers = np.array([float(number) for number in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", said)])
+        found[topic] = [len(reel.of(topic)), sum_of(numbers)]
+    meshes = {"shuttle": shuttle(), "racket": racket(np.array([0.0, 0, 1]), np.array([0.0, 1, 0]))}
+    for right_handed in (True, False):
+        parts = athlete("male", right_handed=right_handed, shirt=KITS[0][0], shorts=KITS[0][1])
+        meshes |= {f"{bone}, {right_handed}": each for bone, each in parts.items()}
+    for name, parts_of in meshes.items():
+        found[name] = [[sum_of(one.vertices), sum_of(one.normals), *one.colour] for one in parts_of]
+    check("scene", found, 1e-3)

@@ -16,7 +16,7 @@ from shuttle_marl.staging.flight import net_height
 from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND
 from shuttle_marl.staging.rotation import matrix
 from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN
-from tests import golden
+from tests.golden import check
 from tests.staging.flight_metrics import flights_of, summary_of_flights
 from tests.staging.motion_metrics import clearance, measure
 
@@ -43,7 +43,7 @@ def test_motions_are_those_that_somebody_looked_at(motions: list[Motion]) -> Non
         weight = np.random.default_rng(i).normal(size=len(motion.time))  # of frames; what changes anywhere changes the sum
         for name in ("shuttle", "position", "rotation", "planted"):
             found[f"rally {i}, {name}"] = np.tensordot(weight, getattr(motion, name), 1)
-    golden.check("motions", found, 1e-3)
+    check("motions", found, 1e-3)
 
 
 @pytest.fixture(scope="module")
