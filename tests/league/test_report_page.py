@@ -23,6 +23,7 @@ from shuttle_marl.league.style import AXES, Style, styles
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 from shuttle_marl.pages import charts
 from shuttle_marl.policy.registry import resolve
+from tests import golden
 from tests.pages import parsed
 from tests.reduced import reduced_game
 
@@ -106,6 +107,24 @@ def test_text_in_charts_is_text() -> None:
     assert len(tooltips) == 12
     assert f"{names[1]} beats {names[2]} in 25.0 % of matches" in tooltips
     assert charts.curves({"a": [(1.0, 0.0)], "b": []}, "across", "up", logarithmic=True) is None
+
+
+def test_charts_are_those_that_somebody_looked_at() -> None:
+    names, points = ["one", "two", "three"], {"one": [(0.5, 0.2), (2.0, 0.4)], "two": [(1.0, 0.1), (30.0, 0.9)]}
+    drawings = {
+        "forest": charts.forest([(name, 10.0 * i, -5.0 + i, 20.0 + i, 7.0) for i, name in enumerate(names)], "Elo"),
+        "heat map": charts.heat_map(names, np.array([[np.nan, 0.9, 0.6], [0.1, np.nan, np.nan], [0.4, 0.2, np.nan]])),
+        "scatter": charts.scatter({name: (i, float(i * i)) for i, name in enumerate(names)}, "across", "up"),
+        "curves": charts.curves(points, "across", "up"),
+        "curves, logarithmic": charts.curves(points, "across", "up", logarithmic=True),
+        **charts.radars(["a", "b", "c", "d"], {"one": [0.1, 0.2, 0.3, 1.0], "two": [0.5, 2.0, 0.0, 0.7]}, [1.0, 0.5, 2.0, 1.0]),
+    }
+    found = {}
+    for name, drawing in drawings.items():
+        numbers = np.array([float(x) for x in re.findall(r"(?<![\w#.-])-?\d+\.?\d*(?![\w.-])", str(drawing))])
+        colours = sorted(set(re.findall("#[0-9a-f]{6}\\b", str(drawing))))
+        found[name] = [len(numbers), np.random.default_rng(0).normal(size=len(numbers)) @ numbers, colours]
+    golden.check("charts", found, 0.01)
 
 
 def test_a_curve_of_one_point_is_a_point() -> None:
