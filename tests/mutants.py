@@ -86,6 +86,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "suite": ("suite", "experiments/test_suite.py"),
 }
 """Folders and files of the tests of each package."""
+LIMITS: Final = "package/test_limits.py"
+"""Tests of all packages."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
 MODULES: Final = "shuttle_marl/watch/page/node_modules"
 OPERATORS: Final = {
@@ -343,9 +345,9 @@ def _record(files: list[str], template: Path, jobs: int, kept: Path) -> dict[str
 
 def _test_files(file: str) -> list[str]:
     """Test files of the package of a file."""
-    found = [ROOT / "tests" / name for name in TESTS[file.split("/")[1]]]
-    files = [test for path in found for test in (sorted(path.glob("test_*.py")) if path.is_dir() else [path])]
-    return [test.relative_to(ROOT).as_posix() for test in files]
+    found = [ROOT / "tests" / name for name in (*TESTS[file.split("/")[1]], LIMITS)]
+    files = {test for path in found for test in (path.glob("test_*.py") if path.is_dir() else [path])}
+    return [test.relative_to(ROOT).as_posix() for test in sorted(files)]
 
 
 def main(
