@@ -311,7 +311,12 @@ def test_a_damaged_file_of_habits_is_refused(sample: pa.Table, tmp_path: Path) -
     players = sorted(set(sample["player"].to_pylist()))
     save_habits(tmp_path, sample, players)
     content = (tmp_path / HABITS).read_bytes()
-    for name, damaged in {"short": content[:-8], "names": content.replace(b"players", b"playerz")}.items():
+    first = players[0].encode()
+    for name, damaged in {
+        "short": content[:-8],
+        "names": content.replace(b"players", b"playerz"),
+        "no name": content.replace(b'\\"%s\\"' % first, b"%d" % 10 ** (len(first) + 3)),
+    }.items():
         write_habits(tmp_path / name, damaged)
         with pytest.raises(GameError, match="no readable habits of players"):
             load_habits(tmp_path / name)

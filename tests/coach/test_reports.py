@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from playwright.sync_api import Browser
 from scipy import stats
 
 from shuttle_marl.analysis import marks, scouting
+from shuttle_marl.analysis import match as match_analysis
 from shuttle_marl.analysis.course import Chances, RallyRow, score_of
 from shuttle_marl.analysis.marks import Choice, basis_of
 from shuttle_marl.analysis.match import MatchReport, _heat, match_report, matches_in
@@ -480,3 +482,12 @@ def test_reports_fit_a_telephone_and_paper_in_every_language(
         inside = "(all) => all.every((e) => e.getBoundingClientRect().left >= e.closest('svg').getBoundingClientRect().left - 1)"
         assert page.locator(".chart svg text").evaluate_all(inside)
     page.close()
+
+
+def test_changes_between_games_are_those_of_both_players(monkeypatch: pytest.MonkeyPatch) -> None:
+    habit = SimpleNamespace(kind="shots", about=(), answer="lift", p=0.01, clear=True)
+    for name, found in {"tally": lambda mine: mine, "habits": lambda *_, **__: [habit], "with_discoveries": lambda x: x}.items():
+        monkeypatch.setattr(match_analysis, name, found)
+    seat, strokes = np.array([0, 1, 0, 1]), pa.table({"game": [1, 1, 2, 2]})
+    found = match_analysis._changes(SimpleNamespace(take=np.flatnonzero), seat, strokes)  # type: ignore[arg-type]
+    assert [change.player for change in found] == [0, 1]

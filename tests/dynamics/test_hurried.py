@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -26,7 +27,7 @@ from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_stro
 from shuttle_marl.dynamics.fit import _fit_hurried, _hurried_lines, _out_of_fold_hurried
 from shuttle_marl.dynamics.hurried import SHARE, Hurry, fit_hurry
 from shuttle_marl.dynamics.models import HURRIED, sigmoid, was_timed
-from shuttle_marl.dynamics.situations import Situations, fit_situations
+from shuttle_marl.dynamics.situations import Situations, _hurried_shares, fit_situations
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import layout
@@ -331,3 +332,13 @@ def test_the_mean_over_hurried_strikers_and_others_is_what_the_data_bounds() -> 
     assert hurried / (1 - hurried) == pytest.approx(4 * calm / (1 - calm), rel=5e-3)
     assert (hurried > 0.10).all()
     assert (game.hurry == [64, 128]).all()
+
+
+def test_shares_of_hurried_strikers_are_shrunk_to_those_after_the_incoming_stroke() -> None:
+    count = np.zeros((2, 15, 13))
+    count[0, NET, :2], count[1, NET, :2] = (30, 10), (20, 0)  # not hurried and hurried, by own shot type
+    rows = SimpleNamespace(hurried=np.zeros(1), take=lambda _: SimpleNamespace(count=lambda *_: count))
+    found = _hurried_shares(cast(Rows, rows))
+    usual = 20 / 60
+    assert found[NET, :3] == pytest.approx([(20 + 20 * usual) / 70, 20 * usual / 30, usual])
+    assert (found[LIFT] == 0).all(), "nobody met one"

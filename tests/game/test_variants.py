@@ -238,3 +238,21 @@ def test_models_with_the_same_tables_have_their_own_refits() -> None:
     few, one = load_game(reduced_model()), load_game(reduced_model(("1",)))
     assert few.hash == one.hash
     assert [len(refits_of(game)) for game in (few, one, few)] == [2, 1, 2]
+
+
+def test_counterparts_are_the_same_flight_with_own_strokes_on_the_other_side() -> None:
+    opposite, model = load_game(f"default:{OPPOSITE}"), load_game("default")
+    same = opposite.counterparts(model)
+    here = np.flatnonzero(same >= 0)
+    assert len(here) > 0.9 * len(same)
+    state, other = opposite.base_pair_state[here], model.base_pair_state[same[here]]
+    for name in ("incoming", "contact", "hurried"):
+        assert (getattr(opposite, name)(state) == getattr(model, name)(other)).all()
+    side = np.append(opposite.catalogue.other_side, opposite.n_strokes)
+    assert (side[opposite.base_pair_stroke[here]] == model.base_pair_stroke[same[here]]).all()
+    exact = side[opposite.own(state)] == model.own(other)
+    assert exact.mean() > 0.5
+    rest = state[~exact]
+    seen = (side[opposite.own(rest)], opposite.incoming(rest), opposite.contact(rest), opposite.duel(rest))
+    missing = model.state_of(*seen, 0, 0, opposite.hurried(rest))
+    assert (missing < 0).all(), "another last stroke stands where the game has no such state"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shuttle_marl.base.programs import Program, ProgramTimeoutError
 from shuttle_marl.game import load_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
 from shuttle_marl.game.tables import ROOT
@@ -161,3 +162,9 @@ def alive(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2][0] != "Z"
     except OSError:
         return False
+
+
+def test_a_program_that_does_not_read_is_late() -> None:
+    deaf = Program([sys.executable, "-S", "-E", "-c", "import time; time.sleep(5)"], seconds=0.5)
+    with pytest.raises(ProgramTimeoutError, match="did not read within"):
+        deaf.write(bytes(1 << 20))  # more than a pipe holds
