@@ -486,8 +486,8 @@ def test_reports_fit_a_telephone_and_paper_in_every_language(
 
 def test_changes_between_games_are_those_of_both_players(monkeypatch: pytest.MonkeyPatch) -> None:
     habit = SimpleNamespace(kind="shots", about=(), answer="lift", p=0.01, clear=True)
-    for name, found in {"tally": lambda mine: mine, "habits": lambda *_, **__: [habit], "with_discoveries": lambda x: x}.items():
-        monkeypatch.setattr(match_analysis, name, found)
+    for name, stub in {"tally": lambda mine: mine, "habits": lambda *_, **__: [habit], "with_discoveries": lambda x: x}.items():
+        monkeypatch.setattr(match_analysis, name, stub)
     seat, strokes = np.array([0, 1, 0, 1]), pa.table({"game": [1, 1, 2, 2]})
     found = match_analysis._changes(SimpleNamespace(take=np.flatnonzero), seat, strokes)  # type: ignore[arg-type]
     assert [change.player for change in found] == [0, 1]
