@@ -255,7 +255,14 @@ def data(
 
 
 def commit(
-    folder: Folder, *, task: str, method: str, author: str, out: Path = Path("commitment.json"), json_output: Json = False
+    folder: Folder,
+    *,
+    task: str,
+    method: str,
+    author: str,
+    beacon: int | None = None,
+    out: Path = Path("commitment.json"),
+    json_output: Json = False,
 ) -> None:
     """Commit to code before a round is drawn: its hash, which the author publishes.
 
@@ -264,6 +271,7 @@ def commit(
         task: name of the task.
         method: MODULE:ATTRIBUTE in that folder.
         author: name on the board.
+        beacon: announced round of the beacon; the commitment then counts in no other one.
         out: file of the commitment.
         json_output: print JSON.
     """
@@ -271,7 +279,7 @@ def commit(
 
     if out.resolve().is_relative_to(folder.resolve()):
         raise SuiteError(f"{out}: would change the code that is committed to; name a file outside with --out")
-    found = suite.commit(folder, task=task, method=method, author=author)
+    found = suite.commit(folder, task=task, method=method, author=author, beacon=beacon)
     write(out, found)
     fields = {"file": str(out), "hash": found.hash}
     cli.print_json(fields) if json_output else cli.console().print(cli.facts(fields))

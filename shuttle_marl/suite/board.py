@@ -97,7 +97,8 @@ def rows_of(
             if folder in reran:
                 if row["commitment"] is None:
                     raise SuiteError("is no rerun of a round; name it as a folder")
-                row["reran_by"] = [store.read(folder / store.RERUN, store.Rerun, "; `suite rerun` writes it").by]
+                rerun = store.read(folder / store.RERUN, store.Rerun, "; `suite rerun` writes it")
+                row["reran_by"], row["round"] = [rerun.by], rerun.round
             if _is_new(row, rows):
                 rows.append(row)
         except Exception as error:
@@ -114,20 +115,36 @@ def _is_new(row: Row, rows: Sequence[Row]) -> bool:
         SuiteError: it is the same run as another one, or differs from a rerun of the same code.
     """
     for other in rows:
-        if any(other[key] != row[key] for key in ("task", "split", "budget", "cases", "seeds")):
+        if any(other[key] != row[key] for key in ("task", "split", "budget", "cases")):
             continue
-        same = other["outputs"] == row["outputs"]
+        if "round" in row and row["round"] != other.get("round", row["round"]):
+            raise SuiteError("is of another file of the round; take that of the organiser")
         if other.get("reran_by") and row["commitment"] == other["commitment"]:
-            if abs(row["score"] - other["score"]) > TOLERANCE or not same:
-                raise SuiteError(f"says {row['score']:.4f}; the code gave {other['score']:.4f} when it was rerun")
+            if (
+                row["seeds"] != other["seeds"]
+                or abs(row["score"] - other["score"]) > TOLERANCE
+                or row["outputs"] != other["outputs"]
+            ):
+                found = f"{other['score']:.4f} ({other['seeds']} seeds) when it was rerun"
+                if row["reran_by"]:
+                    other["remarks"] = [*other["remarks"], f"{row['score']:.4f} when {row['reran_by'][0]} reran it"]
+                raise SuiteError(f"says {row['score']:.4f} ({row['seeds']} seeds); the code gave {found}")
             other["reran_by"] = sorted({*other.get("reran_by", ()), *row.get("reran_by", ())})
             return False
+        same = row["seeds"] == other["seeds"] and (row["outputs"] == other["outputs"] or _figures(row) == _figures(other))
         if same and called(row) == called(other):
             raise SuiteError("the same run as another one of the board")
         if same and row["kind"] != "reference":
+            what = "policies" if row["outputs"] == other["outputs"] else "scores"
             for one, two in ((row, other), (other, row)):  # the order of folders proves nothing
-                one["remarks"] = [*one["remarks"], f"the same policies as {shown(called(two))}"]
+                one["remarks"] = [*one["remarks"], f"the same {what} as {shown(called(two))}"]
     return True
+
+
+def _figures(row: Row) -> str:
+    """Results of all units, to the digits to which they are verified: a table may be changed where it is never used."""
+    units = {s: {case: [round(x, 6) for x in parts] for case, parts in cases.items()} for s, cases in row["units"].items()}
+    return repr((units, [round(bounds["value"], 6) for bounds in row["scores"].values()]))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

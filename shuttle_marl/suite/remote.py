@@ -48,11 +48,13 @@ _DEVICES: Final = ("null", "zero", "urandom")
 _PROBE_SECONDS: Final = 120.0
 _ENVIRONMENT: Final = ("PATH=/usr/bin:/bin", "HOME=/tmp", "LANG=C.UTF-8", "OMP_NUM_THREADS=1", "PYTHONDONTWRITEBYTECODE=1")
 _MOST_RALLIES: Final = 1 << 16
+_MOST_BLOCKS: Final = 1 << 21
+"""Largest size of a file that a method writes, in blocks of 512 bytes."""
 _SECONDS: Final = 6 * 3600.0
 """Longest time of an answer [s]."""
 _REQUESTS: Final = ("reset", "step", "policy")
 _PROBE: Final = """
-import importlib.util, os, socket
+import importlib.util, os, socket, sys
 import numpy
 status = dict(line.split(":", 1) for line in open("/proc/self/status") if ":" in line)
 found = {
@@ -60,6 +62,7 @@ found = {
     "a network": any(name != "lo" for _, name in socket.if_nameindex()),
     "privileges": int(status["CapEff"], 16) != 0 or int(status["CapBnd"], 16) != 0 or status["NoNewPrivs"].strip() != "1",
     "other processes": len([name for name in os.listdir("/proc") if name.isdigit()]) > 2,
+    "your files": any(os.path.exists(name) for name in sys.argv[1:]),
     "writable code": os.access("/code", os.W_OK) or os.access(os.__file__, os.W_OK),
 }
 print(", ".join(name for name, seen in found.items() if seen))
@@ -96,11 +99,24 @@ class Namespaces:
     def command(self, code: Path, arguments: Sequence[str]) -> list[str]:
         """The command that runs Python with arguments inside, where a folder is :data:`CODE`."""
         root, nobody = os.geteuid() == 0, _nobody()
-        unshare = ["unshare", "--mount", "--net", "--ipc", "--uts", "--pid", "--fork", "--kill-child"]
+        unshare = [
+            "setpriv",
+            "--pdeathsig=KILL",
+            "unshare",
+            "--mount",
+            "--net",
+            "--ipc",
+            "--uts",
+            "--pid",
+            "--fork",
+            "--kill-child",
+        ]
         user = [f"--reuid={nobody}", f"--regid={nobody}", "--clear-groups"] if root else []
         drop = ["setpriv", *user, "--no-new-privs", "--inh-caps=-all", "--bounding-set=-all"]
         inside = ["env", "-i", *_ENVIRONMENT, *drop, sys.executable, "-I", *arguments]
-        steps = ["set -e", "mount --make-rprivate /", "cd /", *_mounts(code), f"exec chroot {_ROOT} {shlex.join(inside)}"]
+        # The shell stays: process 1 is not the method, so all that the method started ends with its main process.
+        play = (f"ulimit -f {_MOST_BLOCKS}", f"chroot {_ROOT} {shlex.join(inside)}", "exit 0")
+        steps = ["set -e", "mount --make-rprivate /", "cd /", *_mounts(code), *play]
         return [*unshare, *([] if root else ["--user", "--map-root-user"]), "sh", "-c", "\n".join(steps)]
 
 
@@ -137,15 +153,16 @@ def _mounts(code: Path) -> list[str]:
     for name in _DEVICES:
         show(f"/dev/{name}", f"/dev/{name}", writable=True)
     show(str(code), CODE)
-    steps += [f"mkdir -p {_ROOT}/proc {_ROOT}/tmp", f"chmod 1777 {_ROOT}/tmp", f"mount -t proc none {_ROOT}/proc"]
+    steps += [f"mkdir -p {_ROOT}/proc {_ROOT}/tmp", f"chmod 1777 {_ROOT}/tmp", f"mount -t proc -o subset=pid none {_ROOT}/proc"]
     return list(dict.fromkeys(steps))
 
 
-def find_boundary(code: Path, image: str | None = None) -> Boundary:
+def find_boundary(code: Path, image: str | None = None, *, hidden: Sequence[Path] = ()) -> Boundary:
     """The boundary of this machine: a container if an image is named, else namespaces.
 
     Args:
         code: folder that is to be :data:`CODE`.
+        hidden: files that must not be seen.
 
     Raises:
         SuiteError: there is none, or a probe inside sees what it must not.
@@ -157,7 +174,7 @@ def find_boundary(code: Path, image: str | None = None) -> Boundary:
         found = [Namespaces()]
     for boundary in found:
         with contextlib.suppress(subprocess.TimeoutExpired):
-            command = boundary.command(code, ["-c", _PROBE])
+            command = boundary.command(code, ["-c", _PROBE, *(str(path.resolve()) for path in hidden)])
             done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_SECONDS, check=False)
             if done.returncode == 0 and not done.stdout.strip():
                 return boundary
@@ -228,7 +245,7 @@ class Session:
                 reply = {"error": str(error)}
             self._send(**reply)
         if "error" in answer:
-            raise SuiteError(f"the method raised {printable(str(answer['error']))}")
+            raise SuiteError(f"the method raised {printable(str(answer['error']))[:1000]}")
         return answer
 
     def _reset(self, request: dict[str, Any]) -> dict[str, Any]:

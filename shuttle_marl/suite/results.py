@@ -54,6 +54,7 @@ class Row(TypedDict):
         remarks: what a reader should know.
         recomputed: whether all scores were recomputed; None: not checked.
         reran_by: who reran the code to these scores; none: the row is self-reported.
+        round: hash of the file of the round by which it was rerun.
         rank: among the methods of a board of this class and access.
         behind: paired difference to the best method.
         commit: of this repository, for the rows of its results; None outside of git.
@@ -86,6 +87,7 @@ class Row(TypedDict):
     remarks: list[str]
     recomputed: NotRequired[bool | None]
     reran_by: NotRequired[list[str]]
+    round: NotRequired[str]
     rank: NotRequired[int]
     behind: NotRequired[Bounds]
     commit: NotRequired[str | None]

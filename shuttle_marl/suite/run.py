@@ -13,6 +13,7 @@ import dataclasses
 import datetime as dt
 import functools
 import itertools
+import json
 import re
 import shutil
 import tempfile
@@ -43,9 +44,9 @@ BEACON: Final = "https://api.drand.sh/52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd
 _GENESIS: Final = 1_692_803_367
 _PERIOD: Final = 3
 """Time of its first round, in seconds since 1970, and between rounds."""
-_NAME: Final = "^[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}$"
+_NAME: Final = "^[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}\\Z"
 """Names of authors: letters that look like no others."""
-_METHOD: Final = r"^[A-Za-z_][A-Za-z0-9_.]{0,79}:[A-Za-z_][A-Za-z0-9_.]{0,79}$"
+_METHOD: Final = r"^[A-Za-z_][A-Za-z0-9_.]{0,79}:[A-Za-z_][A-Za-z0-9_.]{0,79}\Z"
 _TIME: Final = "%Y-%m-%d %H:%M:%S"
 _FILES: Final = 1000
 _BYTES: Final = 1 << 30
@@ -192,8 +193,9 @@ class Commitment:
 
     Attributes:
         date: in UTC, to the second, as the author says.
-        hash: SHA-256 of the task, the author, the method and the files. It tells nothing of the code, and that of another author
-            differs, so nobody can commit to the code of others.
+        beacon: round of the beacon that was announced; None: any.
+        hash: SHA-256 of the task, the author, the method, the beacon and the files. It tells nothing of the code, and that of
+            another author differs, so nobody can commit to the code of others.
     """
 
     task: store.Name
@@ -201,6 +203,7 @@ class Commitment:
     method: Annotated[str, msgspec.Meta(pattern=_METHOD)]
     date: Annotated[dt.datetime, msgspec.Meta(tz=True)]
     hash: Sha256
+    beacon: Annotated[int, msgspec.Meta(ge=1, le=1 << 36)] | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -235,12 +238,15 @@ def time_of(beacon: int) -> dt.datetime:
     return dt.datetime.fromtimestamp(_GENESIS + _PERIOD * (beacon - 1), dt.UTC)
 
 
-def commit(folder: Path, *, task: str, method: str, author: str, now: dt.datetime | None = None) -> Commitment:
+def commit(
+    folder: Path, *, task: str, method: str, author: str, beacon: int | None = None, now: dt.datetime | None = None
+) -> Commitment:
     """The commitment to the code in a folder.
 
     Args:
         folder: with everything that the method needs beside Python and installed libraries.
         method: ``MODULE:ATTRIBUTE``, in that folder.
+        beacon: announced round of the beacon; the commitment then counts in no other one.
         now: date; None: that of the clock.
 
     Raises:
@@ -251,8 +257,15 @@ def commit(folder: Path, *, task: str, method: str, author: str, now: dt.datetim
     date = (now or dt.datetime.now(dt.UTC)).replace(microsecond=0)
     if not (files := _files(folder)):
         raise SuiteError(f"{folder}: has no files")
-    words = [task, author, method, *(f"{digest} {name}" for name, digest in files.items())]
-    found = {"task": task, "author": author, "method": method, "date": date, "hash": content_hash("\n".join(words).encode())}
+    words = json.dumps([task, author, method, beacon, files])
+    found = {
+        "task": task,
+        "author": author,
+        "method": method,
+        "date": date,
+        "beacon": beacon,
+        "hash": content_hash(words.encode()),
+    }
     try:
         return msgspec.convert(found, Commitment)
     except msgspec.ValidationError as error:
@@ -267,6 +280,8 @@ def _files(folder: Path) -> dict[str, str]:
         name = path.relative_to(folder)
         if any(part.startswith(".") or part == "__pycache__" for part in name.parts):
             continue
+        if not name.as_posix().isprintable():
+            raise SuiteError(f"{folder}: has the name {name.as_posix()!a}; commit to names that can be printed")
         if path.is_symlink() or not (path.is_dir() or path.is_file()):
             raise SuiteError(f"{path}: is a link or a device; commit to regular files")
         if path.is_file():
@@ -301,6 +316,8 @@ def _checked(found: Round) -> Round:
         find_task(each.task)
         if each.date >= drawn:
             raise SuiteError(f"{each.author}: committed at {each.date:{_TIME}}, not before the beacon of {drawn:{_TIME}}")
+        if each.beacon not in (None, found.beacon):
+            raise SuiteError(f"{each.author}: committed for round {each.beacon} of the beacon, not {found.beacon}")
         if (first := seen.setdefault((each.task, _plain(each.author)), each)) is not each:
             raise SuiteError(f"{each.author}: has the name of {first.author}, who committed first; one entry of an author")
     return found
@@ -308,7 +325,7 @@ def _checked(found: Round) -> Round:
 
 def _plain(name: str) -> str:
     """A name without what cannot be told apart at a glance."""
-    return re.sub("[^a-z0-9]", "", name.casefold().translate(_LOOKS)).replace("rn", "m")
+    return re.sub("[^a-z0-9]", "", name.casefold().translate(_LOOKS)).replace("rn", "m").replace("vv", "w")
 
 
 def write(path: Path, found: Commitment | Round) -> None:
@@ -331,17 +348,20 @@ def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, c
     if found.randomness != checked_beacon(asked.randomness):
         raise SuiteError(f"{path}: its randomness is not that of round {found.beacon} of the beacon, see {BEACON}/{found.beacon}")
     entry = found.entry(asked.task, asked.author)
-    if commit(folder, task=entry.task, method=entry.method, author=entry.author).hash != entry.hash:
-        raise SuiteError(f"{folder}: is not the code of the commitment of {entry.date:{_TIME}} UTC; a file differs")
+    if resources.resume:
+        raise SuiteError("a rerun starts anew, because what a folder has may be of somebody else; leave --resume out")
     with tempfile.TemporaryDirectory() as place:
         code = Path(place) / "code"
         for name in _files(folder):
             (code / "entry" / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / name, code / "entry" / name)
+        there = commit(code / "entry", task=entry.task, method=entry.method, author=entry.author, beacon=entry.beacon)
+        if there.hash != entry.hash:
+            raise SuiteError(f"{folder}: is not the code of the commitment of {entry.date:{_TIME}} UTC; a file differs")
         shutil.copyfile(apart.__file__, code / "apart.py")
         for each in (Path(place), code, *code.rglob("*")):
             each.chmod(0o755 if each.is_dir() else 0o644)
-        boundary = find_boundary(code, asked.image)
+        boundary = find_boundary(code, asked.image, hidden=(path, *(folder / name for name in _files(folder))))
         committed = Committed(
             hash=entry.hash,
             method=functools.partial(play_apart, entry.method, code, boundary, found.randomness),
