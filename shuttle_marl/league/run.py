@@ -266,7 +266,7 @@ class _Run:
             "status": "finished",
             "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "strokes_played": strokes,
-            "seconds": round(seconds, 2),
+            "seconds": seconds,
         }
         runs.write_json(folder / runs.MANIFEST, {**about, **done})
         if strokes:

@@ -81,3 +81,9 @@ def test_it_is_asked_where_it_matters(loss: list[float], waited: int, usual: int
     third = np.full(3, 1 / 3)
     fields: Any = {"position": np.array([CENTRE, 2, 5]), "people": third, "perfect": third, "struck": np.ones(1)}
     assert Places(win=np.array([loss]), **fields).question(waited) == usual
+
+
+def test_the_middle_is_right_if_it_is_as_good_as_the_best_position() -> None:
+    fourth, win = np.full(4, 1 / 4), np.array([[GOOD, 0.0, 0.04, 0.04]])
+    places = Places(position=np.array([CENTRE, 2, 5, 8]), people=fourth, perfect=fourth, struck=np.ones(1), win=win)
+    assert places.question(5) == 9
