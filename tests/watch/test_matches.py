@@ -128,6 +128,15 @@ def test_real_rallies_have_the_hurried_strikers_of_the_table(tables: PolicyTable
     assert rallies[0].hurried.tolist() == marked.to_numpy(zero_copy_only=False)[first].tolist()
 
 
+def test_nobody_has_won_a_game_whose_points_are_not_known(tables: PolicyTables) -> None:
+    strokes, unknown = read_matches(SAMPLE), pa.nulls(len(read_matches(SAMPLE)), pa.int8())
+    for name in ("points", "points_opponent"):
+        strokes = strokes.set_column(strokes.schema.get_field_index(name), strokes.schema.field(name), unknown)
+    shown = RealRallies(SAMPLE, tables.game, strokes)
+    assert {len(found.score.finished) for found in shown._rallies} == {0, 1, 2}
+    assert {found.score.games for found in shown._rallies} == {(0, 0)}
+
+
 def with_hands(left: str | None) -> pa.Table:
     """The strokes of the sample, in which one player or nobody is known, as a left-hander."""
     strokes = read_matches(SAMPLE)
