@@ -33,7 +33,7 @@ from shuttle_marl.training.league.mixtures import merged, sharpened
 from shuttle_marl.training.league.population import TABLES, Payoffs
 from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised, uniform
-from shuttle_marl.training.league.state import LEAGUE, LeagueState
+from shuttle_marl.training.league.state import LEAGUE, LeagueState, Member
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.recording.conftest import read_rallies
 from tests.recovery import Prefers, small_recovery_game
@@ -305,6 +305,14 @@ def test_the_first_round_of_a_time_budget_is_short(model: str, tmp_path: Path) -
     assert second.seconds == pytest.approx(60 / 5 / schedule.load, abs=1e-3)
     # Compilation took the whole budget: the first round has the shortest turns.
     assert all(turn.seconds <= MIN_SECONDS for turn in schedule.turns(1, 70.0))
+
+
+def test_learning_rates_of_exploiters_fall_over_their_turns(model: str, tmp_path: Path) -> None:
+    name = "main-exploiter-0"
+    state = LeagueState(game="", members={name: Member(turns=1)})
+    payoffs = Payoffs(StoredPolicies(tmp_path / TABLES, load_game(model)), {})
+    turns = Schedule(LeagueTrainingConfig(strokes=10**6, patience=4), state, payoffs).turns(3, 0.0)
+    assert next(turn.remaining for turn in turns if turn.member == name) == (0.75, 0.5)
 
 
 @pytest.mark.parametrize("win", [[1.0, 1.0, 1.0], [0.0, 0.0], [np.nan, np.nan], [1.0], [1 - 1e-17, 1.0]])

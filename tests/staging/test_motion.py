@@ -37,12 +37,16 @@ def test_motions_keep_all_limits(motions: list[Motion]) -> None:
     assert np.concatenate([measure(motion).timely for motion in motions]).mean() >= 0.75, "most are as long as in matches"
 
 
-def test_motions_are_those_that_somebody_looked_at(motions: list[Motion]) -> None:
-    found = {}
-    for i, motion in enumerate(motions):
-        weight = np.random.default_rng(i).normal(size=len(motion.time))  # of frames; what changes anywhere changes the sum
-        for name in ("shuttle", "position", "rotation", "planted"):
-            found[f"rally {i}, {name}"] = np.tensordot(weight, getattr(motion, name), 1)
+def test_motions_are_those_that_somebody_looked_at(motions: list[Motion], played: list[Rally]) -> None:
+    found, looked = {}, {f"rally {i}": motion for i, motion in enumerate(motions)}
+    rally = next(rally for rally in played if 5 <= len(rally) <= 8)
+    continued = stage(prefix(rally, 0), seed=0, lead_in=2.0)
+    for k in range(len(rally)):
+        continued = continue_motion(continued, prefix(rally, k + 1), seed=0)
+    for name, motion in (looked | {"stroke by stroke": continued}).items():
+        weight = np.random.default_rng(0).normal(size=len(motion.time))  # of frames; what changes anywhere changes the sum
+        for part in ("shuttle", "position", "rotation", "planted"):
+            found[f"{name}, {part}"] = np.tensordot(weight, getattr(motion, part), 1)
     check("motions", found, 1e-3)
 
 
