@@ -69,10 +69,8 @@ def as_markdown(card: dict[str, Any]) -> str:
 
 def plot_reliability(card: dict[str, Any], path: Path) -> None:
     """Plot the three reliability diagrams."""
-    import matplotlib as mpl  # noqa: PLC0415  slow to import
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
 
-    mpl.use("Agg")
     figure = Figure(figsize=(10, 3.4), layout="constrained")
     for axes, name in zip(figure.subplots(1, 3), ("success", "return", "contact"), strict=True):
         bins = card["validation"][name]["reliability"]

@@ -211,6 +211,7 @@ def test_sound_tables_break_no_rule(strokes: pa.Table) -> None:
     (4, {"shot": 0}, "the first stroke of a rally, and no other, is a serve"),
     (0, {"shot": 4}, "the first stroke of a rally, and no other, is a serve"),
     (0, {"height": 1}, "serves are struck below the net"),
+    (0, {"hurried": True}, "no serve is hurried"),
     (4, {"technique": -1}, "technique lies between 0 and 2"),
     (4, {"points": 31}, "points lies between 0 and 30"),
     (4, {"points": 9}, "the score is the same in all rows of a rally"),

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from safetensors.numpy import save_file
 from scipy.special import expit
 
@@ -20,7 +21,7 @@ from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.boosting import PARAMETERS
-from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.dynamics.card import plot_reliability, write_card
 from shuttle_marl.dynamics.compiled import load_support
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
@@ -242,3 +243,15 @@ def test_forged_trees_are_refused(model: Path, name: str, change: Any) -> None:
     trees.arrays[name] = np.ascontiguousarray(change(trees.arrays[name]))
     with pytest.raises(ModelError, match="networks"):
         FittedModels.load(with_trees(model, trees))
+
+
+def test_bars_of_a_reliability_diagram_are_intervals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bins = [{"predicted": 0.5, "observed": 0.4, "rows": 100}, {"predicted": 0.9, "observed": 0.8, "rows": 400}]
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    names = ("success", "return", "contact")
+    plot_reliability({"validation": {name: {"reliability": bins, "ece": 0.1} for name in names}}, tmp_path / "card.png")
+    for axes in drawn[0].axes:
+        (bars,) = axes.collections
+        found = np.ptp(np.array(bars.get_segments())[:, :, 1], axis=1) / 2  # type: ignore[attr-defined]
+        assert found == pytest.approx(1.96 * np.sqrt([0.4 * 0.6 / 100, 0.8 * 0.2 / 400]))

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.env.picture import CourtRenderer
 from shuttle_marl.env.snapshot import plan_of
 from tests.golden import check
 
@@ -46,8 +47,8 @@ def test_a_window_follows_the_rally_and_can_be_closed(fast, play):
     rows = play(env, 0)
     next(rows)
     window = pygame.display.get_surface()
-    assert window.get_size() == (1200, 584)
     before = pygame.surfarray.array3d(window)
+    assert (before.swapaxes(0, 1) == CourtRenderer("", fps=0).frame(env.unwrapped.snapshot())).all()
     next(rows)
     assert (pygame.surfarray.array3d(window) != before).any()
     pygame.event.post(pygame.event.Event(pygame.QUIT))

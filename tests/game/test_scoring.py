@@ -91,10 +91,13 @@ def test_a_third_game_decides() -> None:
     assert BWF.max_rallies == 3 * 59
 
 
-@pytest.mark.parametrize("wrong", [{"points": 0}, {"cap": 20}, {"clear": 0}, {"clear": 22}, {"cap": 200}, {"games": 0}])
+@pytest.mark.parametrize(
+    "wrong", [{"points": 0}, {"cap": 20}, {"clear": 0}, {"clear": 22}, {"cap": 128}, {"games": 0}, {"games": 64}]
+)
 def test_rules_are_checked(wrong: dict[str, int]) -> None:
     with pytest.raises(ScoringError, match=r"Rules\("):
         Rules(**wrong)
+    assert Rules(cap=127, games=63).max_rallies == 125 * 253
 
 
 rules_of_short_games = st.builds(
