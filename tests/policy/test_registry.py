@@ -16,6 +16,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import agents, baselines, registry
 from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
+from shuttle_marl.policy.stored import StoredPolicies
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 
@@ -259,3 +260,10 @@ def test_a_damaged_agent_is_listed_and_says_so_when_it_is_played(tmp_path: Path)
     assert agents.installed("ppo", game) == ["ppo"]
     with pytest.raises(PolicyError, match="no trained agent"):
         resolve("ppo", game)
+
+
+def test_pruning_leaves_what_is_retained(tmp_path: Path) -> None:
+    for name in ("a.zst", "b.zst", "other.json"):
+        (tmp_path / name).touch()
+    StoredPolicies(tmp_path, default_game()).prune({"a"})
+    assert {path.name for path in tmp_path.iterdir()} == {"a.zst", "other.json"}
