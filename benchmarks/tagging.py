@@ -7,7 +7,8 @@ film in Chromium while it plays. It enters the strokes that were played, as a pe
 and presses a key a little later. Shot types and endings are keys, with Shift where the page offers so; places are keys in one
 rally and clicks in the next; techniques and contact heights are entered only where the page assumes others. All keys and clicks
 count, also those that seek, pause and play; a key with Shift counts once. The corners are first clicked in every wrong order.
-The server is killed at random moments and started again; inputs that find the place in the film again count for the kills. The
+The server is killed at random moments and started again; inputs that were lost, or find the place in the film again, count for
+the kills. The
 table is imported and compared with the match: stroke by stroke, except that a stroke that fell on the striker's own side has no
 target. At the end the report of the table is made.
 """
@@ -367,8 +368,8 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
         "rallies": len(played.rallies),
         "strokes": strokes,
         "recovered": float(np.mean(found)),
-        "inputs_per_stroke": script.inputs / strokes,
-        "inputs_per_kill": script.after_crashes / kills if kills else 0.0,
+        "inputs_per_stroke": (script.inputs - sum(lost)) / strokes,
+        "inputs_per_kill": (script.after_crashes + sum(lost)) / max(1, kills),
         "with_shift": script.chords / strokes,
         "seeks_over_break": script.seeks,
         "wrong_corners_refused": script.refused,
