@@ -120,11 +120,8 @@ def _is_new(row: Row, rows: Sequence[Row]) -> bool:
         if "round" in row and row["round"] != other.get("round", row["round"]):
             raise SuiteError("is of another file of the round; take that of the organiser")
         if other.get("reran_by") and row["commitment"] == other["commitment"]:
-            if (
-                row["seeds"] != other["seeds"]
-                or abs(row["score"] - other["score"]) > TOLERANCE
-                or row["outputs"] != other["outputs"]
-            ):
+            close = abs(row["score"] - other["score"]) <= TOLERANCE
+            if not close or any(row[key] != other[key] for key in ("seeds", "outputs")):
                 found = f"{other['score']:.4f} ({other['seeds']} seeds) when it was rerun"
                 if row["reran_by"]:
                     other["remarks"] = [*other["remarks"], f"{row['score']:.4f} when {row['reran_by'][0]} reran it"]

@@ -45,6 +45,7 @@ _ROOT: Final = "/mnt"
 """Mount point of the file system inside, in its own mount namespace."""
 _SHOWN: Final = ("/usr", "/bin", "/lib", "/lib64", "/etc/ld.so.cache", "/etc/alternatives")
 _DEVICES: Final = ("null", "zero", "urandom")
+_NAMESPACES: Final = ("--mount", "--net", "--ipc", "--uts", "--pid", "--fork", "--kill-child")
 _PROBE_SECONDS: Final = 120.0
 _ENVIRONMENT: Final = ("PATH=/usr/bin:/bin", "HOME=/tmp", "LANG=C.UTF-8", "OMP_NUM_THREADS=1", "PYTHONDONTWRITEBYTECODE=1")
 _MOST_RALLIES: Final = 1 << 16
@@ -99,18 +100,7 @@ class Namespaces:
     def command(self, code: Path, arguments: Sequence[str]) -> list[str]:
         """The command that runs Python with arguments inside, where a folder is :data:`CODE`."""
         root, nobody = os.geteuid() == 0, _nobody()
-        unshare = [
-            "setpriv",
-            "--pdeathsig=KILL",
-            "unshare",
-            "--mount",
-            "--net",
-            "--ipc",
-            "--uts",
-            "--pid",
-            "--fork",
-            "--kill-child",
-        ]
+        unshare = ["setpriv", "--pdeathsig=KILL", "unshare", *_NAMESPACES]
         user = [f"--reuid={nobody}", f"--regid={nobody}", "--clear-groups"] if root else []
         drop = ["setpriv", *user, "--no-new-privs", "--inh-caps=-all", "--bounding-set=-all"]
         inside = ["env", "-i", *_ENVIRONMENT, *drop, sys.executable, "-I", *arguments]

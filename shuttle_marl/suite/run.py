@@ -258,16 +258,9 @@ def commit(
     if not (files := _files(folder)):
         raise SuiteError(f"{folder}: has no files")
     words = json.dumps([task, author, method, beacon, files])
-    found = {
-        "task": task,
-        "author": author,
-        "method": method,
-        "date": date,
-        "beacon": beacon,
-        "hash": content_hash(words.encode()),
-    }
+    found = {"task": task, "author": author, "method": method, "date": date, "beacon": beacon}
     try:
-        return msgspec.convert(found, Commitment)
+        return msgspec.convert({**found, "hash": content_hash(words.encode())}, Commitment)
     except msgspec.ValidationError as error:
         raise SuiteError(f"no commitment: {error}") from error
 
