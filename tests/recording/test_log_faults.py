@@ -158,6 +158,8 @@ def test_a_killed_writer_loses_nothing_that_it_acknowledged(tmp_path: Path) -> N
         unfinished_parts = list(folder.glob("*.part"))
         assert len(unfinished_parts) <= 1
         for part in unfinished_parts:
+            if not part.read_bytes().strip(b"\0"):  # killed before it wrote the header
+                continue
             _, batches = salvage(part)
             if next(batches, None) is not None:  # not killed before it wrote the first batch
                 assert recover(part).lost == 0
