@@ -8,8 +8,8 @@ and presses a key a little later. Shot types and endings are keys, with Shift wh
 rally and clicks in the next; techniques and contact heights are entered only where the page assumes others. All keys and clicks
 count, also those that seek, pause and play; a key with Shift counts once. The corners are first clicked in every wrong order.
 The server is killed at random moments and started again; inputs that were lost, or that find the place in the film again, count
-for the kills. The table is imported and compared with the match: stroke by stroke, except that a stroke that fell on the striker's
-own side has no target. At the end the report of the table is made.
+for the kills. The table is imported and compared with the match: stroke by stroke, except that a stroke that fell on the
+striker's own side has no target. At the end the report of the table is made.
 """
 
 import contextlib
