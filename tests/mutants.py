@@ -90,6 +90,7 @@ LIMITS: Final = "package/test_limits.py"
 """Tests of all packages."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
 MODULES: Final = "shuttle_marl/watch/page/node_modules"
+"""Folder of the page's tools, which copies link to."""
 OPERATORS: Final = {
     **{"Lt": "LtE GtE", "LtE": "Lt Gt", "Gt": "GtE LtE", "GtE": "Gt Lt", "Eq": "NotEq", "NotEq": "Eq", "Is": "IsNot"},
     **{"IsNot": "Is", "In": "NotIn", "NotIn": "In", "And": "Or", "Or": "And", "Add": "Sub", "Sub": "Add", "Mult": "Div"},

@@ -194,8 +194,8 @@ class Commitment:
     Attributes:
         date: in UTC, to the second, as the author says.
         beacon: round of the beacon that was announced; None: any.
-        hash: SHA-256 of the task, the author, the method, the beacon and the files. It tells nothing of the code, and that of
-            another author differs, so nobody can commit to the code of others.
+        hash: SHA-256 of the task, the author, the method, the beacon and the files. It reveals nothing of the
+            code and differs between authors, so nobody can commit to the code of others.
     """
 
     task: store.Name
@@ -342,10 +342,11 @@ def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, c
         raise SuiteError(f"{path}: its randomness is not that of round {found.beacon} of the beacon, see {BEACON}/{found.beacon}")
     entry = found.entry(asked.task, asked.author)
     if resources.resume:
-        raise SuiteError("a rerun starts anew, because what a folder has may be of somebody else; leave --resume out")
+        raise SuiteError("a rerun cannot be resumed, because finished units in the folder may be forged; leave --resume out")
     with tempfile.TemporaryDirectory() as place:
         code = Path(place) / "code"
-        for name in _files(folder):
+        files = _files(folder)
+        for name in files:
             (code / "entry" / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / name, code / "entry" / name)
         there = commit(code / "entry", task=entry.task, method=entry.method, author=entry.author, beacon=entry.beacon)
@@ -354,7 +355,7 @@ def rerun(path: Path, folder: Path, asked: RerunOptions, resources: Resources, c
         shutil.copyfile(apart.__file__, code / "apart.py")
         for each in (Path(place), code, *code.rglob("*")):
             each.chmod(0o755 if each.is_dir() else 0o644)
-        boundary = find_boundary(code, asked.image, hidden=(path, *(folder / name for name in _files(folder))))
+        boundary = find_boundary(code, asked.image, hidden=(path, *(folder / name for name in files)))
         committed = Committed(
             hash=entry.hash,
             method=functools.partial(play_apart, entry.method, code, boundary, found.randomness),

@@ -10,7 +10,7 @@ import pytest
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.picture import CourtRenderer
 from shuttle_marl.env.snapshot import plan_of
-from tests.golden import check
+from tests import golden
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
@@ -39,7 +39,7 @@ def test_pictures_are_those_that_somebody_looked_at(play, game):
         plan, picture = plan_of(env.unwrapped.snapshot()), env.render().astype(float)
         found[f"{game} {number}"] = [plan.shuttle, plan.bodies, plan.came_from, plan.waited]
         found[f"{game} {number}, picture"] = picture.reshape(8, 73, 12, 100, 3).mean(axis=(1, 3, 4))
-    check("drawn_rallies", found, 0.01)
+    golden.check("drawn_rallies", found, 0.01)
 
 
 def test_a_window_follows_the_rally_and_can_be_closed(fast, play):

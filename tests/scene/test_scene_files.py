@@ -26,7 +26,7 @@ from shuttle_marl.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame, joint_frame
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
-from tests.golden import check
+from tests import golden
 from tests.scene.conftest import Reel, read
 
 MOST_A_SECOND = 60
@@ -236,19 +236,15 @@ def test_every_path_is_a_field_of_a_topic(name: str) -> None:
 
 def test_a_scene_is_what_somebody_looked_at(reel: Reel) -> None:
     """Sums of all numbers of a topic, with weights, and of all meshes: what changes anywhere changes them."""
-
-    def sum_of(numbers: np.ndarray) -> float:
-        return float(np.random.default_rng(0).normal(size=numbers.size) @ numbers.ravel())
-
     found: dict[str, Any] = {}
     for topic in sorted({topic for _, topic, _ in reel.messages}):
         said = re.sub(r'data: ".*"|timestamp {[^}]*}|n?sec: \d+', "", "\n".join(str(message) for _, message in reel.of(topic)))
         numbers = np.array([float(number) for number in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", said)])
-        found[topic] = [len(reel.of(topic)), sum_of(numbers)]
+        found[topic] = [len(reel.of(topic)), golden.weighted_sum(numbers)]
     meshes = {"shuttle": shuttle(), "racket": racket(np.array([0.0, 0, 1]), np.array([0.0, 1, 0]))}
     for right_handed in (True, False):
         parts = athlete("male", right_handed=right_handed, shirt=KITS[0][0], shorts=KITS[0][1])
         meshes |= {f"{bone}, {right_handed}": each for bone, each in parts.items()}
     for name, parts_of in meshes.items():
-        found[name] = [[sum_of(one.vertices), sum_of(one.normals), *one.colour] for one in parts_of]
-    check("scene", found, 1e-3)
+        found[name] = [[*map(golden.weighted_sum, (one.vertices.ravel(), one.normals.ravel())), *one.colour] for one in parts_of]
+    golden.check("scene", found, 1e-3)

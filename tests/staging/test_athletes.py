@@ -9,7 +9,7 @@ import pytest
 from shuttle_marl.staging import ATHLETES, BONES, load_skeleton, model_file
 from shuttle_marl.staging.library import library_of
 from shuttle_marl.staging.motions import MOTIONS
-from tests.golden import check
+from tests import golden
 
 
 def document(name: str) -> dict:
@@ -42,4 +42,4 @@ def test_key_poses_are_those_that_somebody_looked_at() -> None:
         f"{motion}, {i}": pose for motion, poses in zip(MOTIONS, library.stroke, strict=True) for i, pose in enumerate(poses)
     }
     contacts = {f"{motion}, contact": points for motion, points in zip(MOTIONS, library.contact, strict=True)}
-    check("poses", strokes | contacts | {name: getattr(library, name) for name in others}, 1e-5)
+    golden.check("poses", strokes | contacts | {name: getattr(library, name) for name in others}, 1e-5)

@@ -16,7 +16,7 @@ from shuttle_marl.staging.flight import net_height
 from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND
 from shuttle_marl.staging.rotation import matrix
 from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN
-from tests.golden import check
+from tests import golden
 from tests.staging.flight_metrics import flights_of, summary_of_flights
 from tests.staging.motion_metrics import clearance, measure
 
@@ -44,10 +44,9 @@ def test_motions_are_those_that_somebody_looked_at(motions: list[Motion], played
     for k in range(len(rally)):
         continued = continue_motion(continued, prefix(rally, k + 1), seed=0)
     for name, motion in (looked | {"stroke by stroke": continued}).items():
-        weight = np.random.default_rng(0).normal(size=len(motion.time))  # of frames; what changes anywhere changes the sum
         for part in ("shuttle", "position", "rotation", "planted"):
-            found[f"{name}, {part}"] = np.tensordot(weight, getattr(motion, part), 1)
-    check("motions", found, 1e-3)
+            found[f"{name}, {part}"] = golden.weighted_sum(getattr(motion, part))
+    golden.check("motions", found, 1e-3)
 
 
 @pytest.fixture(scope="module")
