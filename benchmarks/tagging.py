@@ -5,11 +5,11 @@
 A simulated match between two average players is filmed, with a break of a minute in which they walk; then a script tags the
 film in Chromium while it plays. It enters the strokes that were played, as a person would: it waits until the film shows one,
 and presses a key a little later. Shot types and endings are keys, with Shift where the page offers so; places are keys in one
-rally and clicks in the next; techniques and contact heights are entered only where the page assumes others. All keys and clicks
-count, also those that seek, pause and play; a key with Shift counts once. The corners are first clicked in every wrong order.
-The server is killed at random moments and started again; inputs that were lost, or that find the place in the film again, count
-for the kills. The table is imported and compared with the match: stroke by stroke, except that a stroke that fell on the
-striker's own side has no target. At the end the report of the table is made.
+rally and clicks in the next, with Shift where the shuttle falls; techniques and contact heights are entered only where the page
+assumes others. All keys and clicks count, also those that seek, pause and play; one with Shift counts once. The corners are first
+clicked in every wrong order. The server is killed at random moments and started again; inputs that were lost, or that find the
+place in the film again, count for the kills. The table is imported and compared with the match: stroke by stroke, except that a
+stroke that fell on the striker's own side has no target. At the end the report of the table is made.
 """
 
 import contextlib
@@ -185,7 +185,7 @@ class Script:
 
     Attributes:
         inputs: keys and clicks, but for those after a crash.
-        chords: of them, keys with Shift.
+        chords: of them, those with Shift.
         seeks: of them, those that seek over the break.
         refused: of the 23 wrong orders of the corners, how many are refused.
         after_crashes: keys and clicks that start the film after a crash and find the place again.
@@ -196,6 +196,7 @@ class Script:
         self.page, self._film = page, played
         self.inputs = self.after_crashes = self.chords = self.seeks = self.refused = 0
         self._crashed = False
+        self._reached = 0.0  # before a crash
         self._rng = np.random.default_rng(0)
         self.first: dict[tuple[int, int], bool] = {}
 
@@ -222,8 +223,7 @@ class Script:
         self.page.select_option("[name=server]", str(self._film.rallies[0].server))
         self.page.select_option("[name=discipline]", "WS")
         self.page.click("text=Begin")
-        self.page.click("text=corners")
-        self.inputs += 2
+        self.inputs += 1
         x, y = WIDTH / 2, HALF_LENGTH
         corners = ((-x, -y), (x, -y), (x, y), (-x, y))
         for order in sorted(itertools.permutations(range(4)), reverse=True):  # the right one is the last
@@ -242,26 +242,29 @@ class Script:
         self.inputs += not crashed
         self.after_crashes += crashed
 
-    def _click(self, u: float, v: float, of: str = "video") -> None:
+    def _click(self, u: float, v: float, of: str = "video", *, crashed: bool = False) -> None:
         box = self.page.locator(of).bounding_box()
         assert box is not None
         self.page.mouse.click(box["x"] + u * box["width"], box["y"] + v * box["height"])
-        self.inputs += 1
+        self.inputs += not crashed
+        self.after_crashes += crashed
 
     def _watch(self, moment: float, *, serve: bool = False) -> None:
         """Watch the film until a moment, and until a person presses a key."""
         at = float(self.page.evaluate("document.querySelector('video').currentTime"))
         if serve and moment - at > _LONG:
-            self._press("PageDown")
+            again = moment - self._reached <= _LONG
+            self._press("PageDown", again)
             at = float(self.page.evaluate("document.querySelector('video').currentTime"))
             if not 0 < moment - at < _LONG:
-                self._click((moment - 2) / float(self.page.evaluate("document.querySelector('video').duration")), 0.5, ".scrub")
+                whole = float(self.page.evaluate("document.querySelector('video').duration"))
+                self._click((moment - 2) / whole, 0.5, ".scrub", crashed=again)
         while at > moment + 0.5:  # missed
             self._press("ArrowLeft", self._crashed)
             at -= 1
         while self.page.evaluate(_WATCH, moment) < moment:
             self._press(" ", self._crashed)
-        self._crashed = False
+        self._crashed, self._reached = False, moment
         self.page.wait_for_timeout(1000 * max(0.0, self._rng.normal(*_LATE)))
 
     def step(self) -> bool:
@@ -308,7 +311,11 @@ class Script:
         near = (rally.strokes[count].seat == 0) != rally.ends_changed
         x, y = place_of(rally, count)
         if number % 2:
+            if final:
+                self.page.keyboard.down("Shift")
             self._click(*self._film.pixel(*((x, y) if near else (-x, -y))))
+            self.page.keyboard.up("Shift")
+            self.chords += final
             return
         depth, side = divmod(int(court.area_of(np.array(x), np.array(y))), 3)
         self._press(str(1 + (3 * depth + side if near else 3 * (2 - depth) + 2 - side)))

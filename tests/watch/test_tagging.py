@@ -466,7 +466,7 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         page.click("text=Begin")
         viewer.until(lambda: viewer.state("suggested") is not None)
         assert viewer.state("suggested")[0] == "short-serve"
-        page.click("text=corners")
+        assert page.inner_text(".prompt") == "Click the corner of the court: near left (outer lines)"
         box = page.locator("video").bounding_box()
 
         def click(x: float, y: float) -> None:
@@ -522,12 +522,23 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         viewer.press("Backspace")
         viewer.until(saved)
         assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 12]
-        viewer.press("i")
+        viewer.press("Backspace")
+        box = page.locator("video").bounding_box()
+        page.keyboard.down("Shift")
+        click(0.5, CLICKS[2][1])  # on the line
+        assert viewer.state("phase", "rally") == ["shot", 1]
+        assert "the place does not tell" in page.inner_text(".refusal")
+        page.keyboard.up("Shift")
+        viewer.press("Backspace")
+        page.keyboard.down("Shift")
+        click(0.5, 0.25)
+        page.keyboard.up("Shift")
+        assert viewer.state("phase", "rally") == ["shot", 2]
         viewer.until(saved)
         page.set_viewport_size({"width": 390, "height": 844})
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         page.goto("about:blank")
     strokes = read_matches(out)
     assert [SHOTS[code] for code in strokes["shot"].to_pylist()] == ["short-serve", "lift", "smash"]
-    assert [AREAS[code] for code in strokes["area"].to_pylist()] == ["back-right", "back-left", "front-left"]
+    assert [AREAS[code] for code in strokes["area"].to_pylist()] == ["back-right", "back-left", "middle-centre"]
     assert strokes["frame"].to_pylist() == [30, 45, 75]

@@ -13,6 +13,7 @@ import {
   current,
   ENDINGS,
   type Ending,
+  fell,
   type Hand,
   homography,
   type Input,
@@ -328,8 +329,21 @@ export class Tagging {
       this.enter({ kind: "corner", x, y });
     } else if (this.state.phase === "place") {
       this.enter({ kind: "place", x, y, time: this.film.at });
+      if (event.shiftKey) {
+        this.fall();
+      }
     } else if (this.state.setup) {
       this.film.toggle();
+    }
+  }
+
+  /** Ends the rally at the last place, if that tells how. */
+  private fall(): void {
+    const ending = fell(this.state, this.hall);
+    if (ending) {
+      this.enter({ kind: "end", ending });
+    } else if (this.state.phase === "shot") {
+      this.refused(say("refusal.ending"));
     }
   }
 
@@ -344,6 +358,7 @@ export class Tagging {
       return;
     }
     this.inputs.push(input);
+    this.asked = input.kind === "setup";
     this.refused("");
     this.save(input);
     this.show();

@@ -243,6 +243,13 @@ function ended(state: State, ending: Ending, hall: HallFacts): State {
   return asked(over, last.place !== null && wrong);
 }
 
+/** How a rally ends whose shuttle fell at the last place; null: a serve, whose court is smaller, or too near to a line to tell. */
+export function fell(state: State, hall: HallFacts): Ending | null {
+  const { strokes } = current(state);
+  const far = state.phase === "shot" && strokes.length > 1 ? outside(strokes.at(-1)!.place, hall) : 0;
+  return Math.abs(far) < BY_HAND ? null : far > 0 ? "out" : "landed";
+}
+
 /** How far a place is outside of the singles court [m], negative inside. */
 function outside(place: Point | null, hall: HallFacts): number {
   const [x, y] = place ?? [0, 0];
