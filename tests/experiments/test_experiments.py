@@ -39,6 +39,7 @@ def test_next_stroke_names_a_split_that_the_data_lack() -> None:
     assert "no match of the split" in run("experiments.next_stroke", "--data", SAMPLE, status=1)
 
 
+@pytest.mark.slow
 def test_next_stroke_scores_all_predictors(tmp_path: Path) -> None:
     data = tmp_path / "strokes.parquet"
     write_published(data, (*matches_of("train")[:2], *matches_of("validation")[:1]), seed=2)
@@ -53,12 +54,14 @@ def test_next_stroke_scores_all_predictors(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "next_stroke.json").read_text())["rows"] == result["rows"]
 
 
+@pytest.mark.slow
 def test_same_results_of_a_checkout_with_itself(tmp_path: Path) -> None:
     assert "the same: 1 commands, 1 files" in run(
         "experiments.same_results", ROOT, ROOT, "--out", tmp_path / "o", "--only", "solve"
     )
 
 
+@pytest.mark.slow
 def test_marks_rest_on_real_strokes() -> None:
     found = result_of("experiments.marks", "--data", SAMPLE, "--model", reduced_model(tuple("12345678")))
     assert found["few"] == 0
@@ -75,6 +78,7 @@ def test_stroke_value_ranks_the_players_of_the_sample() -> None:
     assert found["left_out"] == len(set(strokes_of(SAMPLE)["player"].to_pylist())) - len(players)
 
 
+@pytest.mark.slow
 def test_advice_is_compared_with_what_came_of_it(tmp_path: Path) -> None:
     data, out = tmp_path / "strokes.parquet", tmp_path / "advice.json"
     write_published(data, matches_of("validation")[:2], seed=5)
@@ -88,6 +92,7 @@ def test_pairs_refuses_a_single_part(tmp_path: Path) -> None:
     assert "expected 2 or more parts" in run("experiments.pairs", "--data", SAMPLE, "--cross", 1, status=1)
 
 
+@pytest.mark.slow
 def test_truth_finds_that_promises_come_true_in_the_game_itself(tmp_path: Path) -> None:
     data, values = tmp_path / "strokes.parquet", tmp_path / "values"
     write_published(data, matches_of("validation"), seed=0)
@@ -107,6 +112,7 @@ def test_truth_finds_that_promises_come_true_in_the_game_itself(tmp_path: Path) 
     assert result["illegal"]["share"] == 0
 
 
+@pytest.mark.slow
 def test_human_finds_a_known_tau_again(tmp_path: Path) -> None:
     prior = PairPolicy(game=GAME, probability=baselines.probabilities(None, GAME))
     data = tmp_path / "strokes.parquet"
@@ -147,6 +153,7 @@ def test_self_play_resumes_with_more_variants(tmp_path: Path) -> None:
     assert result["rows"][0]["each"] == first[0]["each"]
 
 
+@pytest.mark.slow
 def test_better_deciders_are_ahead_and_ratings_are_in_their_order() -> None:
     result = result_of("experiments.play", "--duels", 60)
     duel = result["duels"][str(DUEL)]
