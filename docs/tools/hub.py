@@ -92,14 +92,8 @@ def write_suite(out: Path, *, quick: bool = False) -> None:
     write_parquet(out / "results.parquet", pa.table(columns, schema=_RESULT_COLUMNS))
     written = pq.read_schema(out / logs[0])
     log_schema = pa.schema([field.with_metadata({"description": _LOG_COLUMNS[field.name]}) for field in written])
-    tables = {
-        name.removesuffix(".parquet"): (
-            name,
-            "A log: one row per stroke, rally after rally; the last number is the seed.",
-            log_schema,
-        )
-        for name in logs
-    }
+    about_log = "A log: one row per stroke, rally after rally; the last number is the seed."
+    tables = {name.removesuffix(".parquet"): (name, about_log, log_schema) for name in logs}
     tables["results"] = ("results.parquet", "One row per method, task, split and budget.", _RESULT_COLUMNS)
     described = croissant.dataset({**croissant.ABOUT["suite"], "version": __version__}, out, tables)
     replace_file(out / _CROISSANT, (json.dumps(described, indent=2, ensure_ascii=False) + "\n").encode())
@@ -110,13 +104,8 @@ def write_suite(out: Path, *, quick: bool = False) -> None:
 
 def _dataset_front(title: str, files: dict[str, list[str]]) -> dict[str, Any]:
     configs = [{"config_name": name, "data_files": found} for name, found in files.items()]
-    return {
-        "license": "mit",
-        "pretty_name": title,
-        "task_categories": ["reinforcement-learning"],
-        "tags": _TAGS,
-        "configs": configs,
-    }
+    front = {"license": "mit", "pretty_name": title, "task_categories": ["reinforcement-learning"], "tags": _TAGS}
+    return {**front, "configs": configs}
 
 
 def _write_card(out: Path, front: dict[str, Any], body: str) -> None:
