@@ -5,6 +5,7 @@ Delete a file of ``tests/golden`` and run its tests to write it again; the diffe
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,12 @@ def weighted_sum(values: Any) -> Any:
     """Sum along the first axis with random weights: what changes anywhere changes it."""
     found = np.asarray(values)
     return np.tensordot(np.random.default_rng(0).normal(size=len(found)), found, 1)
+
+
+def drawing(svg: str) -> list[Any]:
+    """Numbers and colours of a drawing."""
+    numbers = np.array([float(x) for x in re.findall(r"(?<![\w#.-])-?\d+\.?\d*(?![\w.-])", svg)])
+    return [len(numbers), weighted_sum(numbers), sorted(set(re.findall("#[0-9a-f]{6}\\b", svg)))]
 
 
 def artists(drawn: Any) -> list[Any]:

@@ -17,12 +17,10 @@ test fails. The output has the keys:
 """
 
 import ast
-import builtins
 import copy
 import dataclasses
 import hashlib
 import importlib
-import importlib.machinery
 import json as json_
 import multiprocessing
 import multiprocessing.connection
@@ -37,10 +35,13 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, Literal, cast, get_args
+from typing import Any, Final, Literal, get_args
 
 import pytest
 import tyro
+
+from tests import calls
+from tests.calls import is_compiled
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 Module = Literal[
@@ -98,10 +99,6 @@ OPERATORS: Final = {
     **{"BitXor": "BitAnd", "LShift": "RShift", "RShift": "LShift"},
 }
 """Classes of :mod:`ast` that replace an operator, one at a time."""
-COMPILERS: Final = {"compiled", "_compiled", "inlined", "cached"}
-"""Decorators of functions that do not run as Python."""
-COMPILED: Final = {"count_rally"}
-"""Functions that are compiled beside their form in Python."""
 LIBRARIES: Final = ("numba", "scipy.optimize", "scipy.stats", "torch", "pandas", "pyarrow.csv", "hypothesis", "sybil", "msgspec")
 """Imported once, before the processes of the tests are forked."""
 
@@ -171,7 +168,7 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
     def visit(node: ast.AST, scope: str, function: str, guard: bool) -> Iterator[Mutant]:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             is_function = isinstance(node, ast.FunctionDef)
-            function = scope + node.name if is_function and not _is_compiled(node) else ""
+            function = scope + node.name if is_function and not is_compiled(node) else ""
             scope += f"{node.name}.<locals>." if is_function else f"{node.name}."
             node.decorator_list = []
         elif isinstance(node, ast.expr | ast.Return | ast.AugAssign):
@@ -191,11 +188,6 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
         return Mutant(file, function, node.lineno, before, after, guard, (first, last), new)
 
     yield from visit(ast.parse(source), "", "", False)
-
-
-def _is_compiled(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> bool:
-    names = {name.id for d in node.decorator_list for name in ast.walk(d) if isinstance(name, ast.Name)}
-    return bool(names & COMPILERS) or node.name in COMPILED
 
 
 def _is_guard(node: ast.AST, child: ast.AST) -> bool:
@@ -245,48 +237,20 @@ def _run_tests(copied: Path, files: list[str], record: bool, machine_code: str) 
     # Beside the copy, in which a test compares all files with those of the repository.
     output = os.open(copied.parent / f"output-{os.getpid()}.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1), os.dup2(output, 2)
-    called = set[str]()
     if record:
-        _note_calls(copied, called)
+        os.environ |= {calls.FILE: f"{copied}-calls-{os.getpid()}.txt", calls.ROOT: str(copied)}
+        os.environ["PYTHONPATH"] += f"{os.pathsep}{_startup(copied)}"
+        calls.start()
     status = pytest.main(["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "no:xdist", *files])
-    Path(f"calls-{os.getpid()}.json").write_text(json_.dumps(sorted(called)))
     os._exit(int(status))
 
 
-def _note_calls(copied: Path, called: set[str]) -> None:
-    """Let functions of the package, as they are imported from now on, add their names when they are called.
-
-    A profile function would be called for every call of every library, and not in other threads.
-    """
-    compile_, builtins_ = importlib.machinery.SourceFileLoader.source_to_code, cast(Any, builtins)
-    builtins_.note_call = called.add
-
-    def source_to_code(loader: Any, data: Any, path: Any, **options: Any) -> Any:
-        if Path(str(path)).is_relative_to(copied / "shuttle_marl"):
-            file, data = Path(path).relative_to(copied).as_posix(), ast.parse(data)
-            for function, name in list(_functions(data)):
-                at = function.lineno
-                call = ast.parse(f"note_call({f'{file}:{name}'!r})").body
-                function.body[ast.get_docstring(function) is not None : 0] = call
-                ast.increment_lineno(call[0], at - 1)
-        return compile_(loader, data, path, **options)
-
-    sys.pycache_prefix = f"{copied}-bytecode"
-    importlib.machinery.SourceFileLoader.source_to_code = source_to_code  # type: ignore
-
-
-def _functions(node: ast.AST, scope: str = "") -> Iterator[tuple[ast.FunctionDef, str]]:
-    """Functions that Python runs, with their qualified names."""
-    for child in ast.iter_child_nodes(node):
-        inner = scope
-        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            if _is_compiled(child):
-                continue
-            is_class = isinstance(child, ast.ClassDef)
-            inner = f"{scope}{child.name}." if is_class else f"{scope}{child.name}.<locals>."
-            if isinstance(child, ast.FunctionDef):
-                yield child, scope + child.name
-        yield from _functions(child, inner)
+def _startup(copied: Path) -> Path:
+    """Folder of what each interpreter runs first."""
+    folder = Path(f"{copied}-startup")
+    folder.mkdir(exist_ok=True)
+    (folder / "sitecustomize.py").write_text("from tests import calls\n\ncalls.start()\n")
+    return folder
 
 
 def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterator[Task]:
@@ -322,7 +286,8 @@ def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterato
                 shutil.rmtree(done, ignore_errors=True)
                 slots.append(folder)
             elif task.verdict == "survived":
-                task.calls = json_.loads((folder / f"calls-{process.pid}.json").read_text())
+                noted = Path(f"{folder}-calls-{process.pid}.txt").read_text().splitlines()
+                task.calls = sorted({name for name in noted if name})
             else:
                 output = (folder.parent / f"output-{process.pid}.txt").read_text()
                 print(f"{task.files[0]} fails without a mutation:\n{output[-3000:]}", file=sys.stderr, flush=True)

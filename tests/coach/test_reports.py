@@ -16,10 +16,11 @@ from scipy import stats
 
 from shuttle_marl.analysis import marks, scouting
 from shuttle_marl.analysis import match as match_analysis
+from shuttle_marl.analysis.brief import Option
 from shuttle_marl.analysis.course import Chances, RallyRow, score_of
 from shuttle_marl.analysis.marks import Choice, basis_of
 from shuttle_marl.analysis.match import MatchReport, _heat, match_report, matches_in
-from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
+from shuttle_marl.analysis.scouting import ScoutingReport, plain, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import read_parquet, write_parquet
@@ -34,11 +35,12 @@ from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.habits import plays_of_strokes, tally
 from shuttle_marl.exact import Odds
+from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, model_folder, real_strokes, resolve_game
 from shuttle_marl.game.skill import load_skill
-from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
@@ -85,6 +87,23 @@ def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt:
     assert "left out: Node is missing" in text
     assert text.count("By the model: ") == len(scouted.advice)
     assert "100 variations" not in text
+
+
+def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, reported: MatchReport, unbuilt: None) -> None:
+    found = {}
+    for name, page in (
+        ("scouting report", scout_pages.scouting_page(scouted)),
+        ("match report", match_pages.match_page(reported, footage(reported))),
+    ):
+        for number, svg in enumerate(re.findall("<svg.*?</svg>", page.decode(), re.DOTALL)):
+            found[f"{name}, {number}"] = golden.drawing(svg)
+    golden.check("report_charts", found, 0.01)
+
+
+def test_options_are_named() -> None:
+    figures = {"strokes": 9, "won": 5, "others": 20, "others_won": 8, "usual": 0.4, "clear": False}
+    assert plain(Option(0, 0, *figures.values())) == {"shot": SHOTS[0], "area": AREAS[0], **figures}
+    assert plain(Option(-1, -1, *figures.values())) == {"shot": None, "area": None, **figures}
 
 
 def test_the_figures_are_the_written_ones(scouted: ScoutingReport, reported: MatchReport) -> None:

@@ -88,6 +88,17 @@ def test_both_kinds_of_annotations_and_offsets_of_elan(dependent: bool, offset: 
     endings = [REASONS[reason] for reason in cleaned.strokes["reason"].to_pylist() if reason != REASONS.index("returned")]
     assert endings == EXPECTED_ENDINGS
     assert ("TIME_ORIGIN" in said(cleaned)) == (offset != 0)
+    assert ", the first of" not in said(cleaned)
+
+
+def test_the_offset_of_the_first_of_several_videos() -> None:
+    rows = written.entries(FINAL, ("game", "rally", *TIMED))
+    content = written.as_elan(rows, offset=60_000)
+    for number, others in ((60_000, False), (61_000, True)):
+        second = f'<MEDIA_DESCRIPTOR MEDIA_URL="b.mp4" TIME_ORIGIN="{number}"/></HEADER>'
+        cleaned = import_text(content.replace("</HEADER>", second))
+        assert cleaned.strokes["clock"].to_pylist() == [int(stroke.seconds) for stroke in FINAL]
+        assert (", the first of 2 files with other offsets" in said(cleaned)) == others
 
 
 def test_annotations_that_divide_another_one_and_slots_without_a_time() -> None:

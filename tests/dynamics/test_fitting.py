@@ -6,18 +6,28 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from scipy.special import expit
+from scipy.stats import beta
 
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.card import strokes_hash
 from shuttle_marl.dynamics.choices import fit_choice_shifts
-from shuttle_marl.dynamics.compiled import SHOT_SHARE, between_hands, catalogue_of, replies_of
+from shuttle_marl.dynamics.compiled import (
+    CREDIBLE,
+    PRIOR_STROKES,
+    SHOT_SHARE,
+    between_hands,
+    catalogue_of,
+    replies_of,
+    support_of,
+)
 from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.models import fit_ridge
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.splits import resampled
+from shuttle_marl.game import default_game
 from shuttle_marl.game.court import BACK, FOREHAND, N_SIDES, area_of, mirrored, third_of
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, N_TECHNIQUES, SHOTS
 
@@ -231,3 +241,17 @@ def test_a_resample_has_as_many_matches_of_each_discipline_and_copies_share_a_fo
     assert all(len(np.unique(fold[again.match == match])) == 1 for match in drawn)
     assert np.array_equal(resampled(rows, [0, 1]).match, again.match)
     assert not np.array_equal(np.unique(resampled(rows, [0, 2]).match), drawn)
+
+
+def test_ranges_of_strokes_that_nobody_played_are_those_of_the_prior() -> None:
+    rows, drive, game = sample(), SHOTS.index("drive"), default_game()
+    kept = rows.take(rows.codes["shot"] != drive)
+    targets = np.eye(9)[np.zeros(len(kept.match), dtype=np.int64)]
+    found = support_of(kept, targets, game)
+    never = np.append(game.catalogue.shot, -1)[game.edge_incoming] == drive
+    for ranges, outcome in ((found.fault_range, Outcome.FAULT), (found.winner_range, Outcome.WINNER)):
+        rate = (kept.outcome == outcome).mean()
+        # Jeffreys prior, and strokes of the prior at the rate of all strokes.
+        a, b = PRIOR_STROKES * rate + 0.5, PRIOR_STROKES * (1 - rate) + 0.5
+        assert np.ptp(ranges[never], axis=0).max() < 1e-12
+        assert ranges[never][0] == pytest.approx(beta.ppf([(1 - CREDIBLE) / 2, (1 + CREDIBLE) / 2], a, b))

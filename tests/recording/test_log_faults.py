@@ -1,5 +1,6 @@
 """Files that were cut off or changed, processes that were killed, disks that are full."""
 
+import dataclasses
 import os
 import shutil
 import signal
@@ -11,15 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.records import Message
 from mcap.writer import Writer
 
-from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.chunks import FRAME
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, recover
+from shuttle_marl.recording.chunks import FRAME, decode, encode
 from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recover import salvage
 from shuttle_marl.recording.replay import check
-from tests.recording.conftest import read_all
+from tests.recording.conftest import read_all, same
 
 
 def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -> None:
@@ -98,6 +100,19 @@ def test_logs_of_another_version(tmp_path: Path, header: Callable[..., LogHeader
         RallyLogWriter(tmp_path / "a.mcap", header()).close()
     with pytest.raises(RecordingError, match="schema version 1, this program reads version 4"):
         RallyLog(tmp_path / "a.mcap")
+
+
+def test_batches_of_another_version(
+    header: Callable[..., LogHeader], rallies: Callable[..., Rallies], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about, other = header(), dataclasses.replace(header(), columns=("waited",))
+    message = Message(channel_id=1, log_time=0, publish_time=0, sequence=0, data=bytes(encode(0, rallies(3), len(about.strokes))))
+    assert same(decode(message, about)[1], rallies(3))
+    with pytest.raises(DamagedLogError, match="other columns"):
+        decode(message, other)
+    monkeypatch.setattr(chunks, "VERSION", chunks.VERSION + 1)
+    with pytest.raises(DamagedLogError, match="other columns"):
+        decode(message, about)
 
 
 def test_numbers_that_point_nowhere(tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
