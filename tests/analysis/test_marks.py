@@ -1,5 +1,7 @@
 """The one basis of marks, changes, better strokes and questions."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,13 @@ def test_a_change_is_that_of_strong_play_in_the_refits_against_the_choice_of_eli
         assert judged.refits[-1, mine] == pytest.approx(wins - chance @ wins / chance.sum(), abs=1e-5)
         assert judged.change[mine] == pytest.approx(factor.value * judged.refits[:, mine].mean(axis=0))
         assert judged.start[i] == mine[0]
+
+
+def test_a_game_without_a_factor_takes_predicted_advantages_whole(basis: Basis, states: I64) -> None:
+    unknown = copy.copy(basis)
+    unknown.factor = None
+    judged = unknown.judged(states)
+    assert judged.change == pytest.approx(judged.refits.mean(axis=0))
 
 
 def test_marks_need_real_strokes_agreement_and_a_rare_choice(basis: Basis, states: I64) -> None:

@@ -296,6 +296,22 @@ def test_bad_settings_are_refused(flags: list[str], message: str, tmp_path: Path
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("flags", "algorithm", "rounds"),
+    [
+        ({"learner": "sac", "strokes": 10**9}, "sac", 33),
+        ({"variant": "plain", "oracle": "ppo", "learner": "sac", "strokes": 10**7}, "sac", 6),
+        ({"variant": "psro", "oracle": "ppo", "learner": "sac", "budget": "1h"}, "ppo", 60),
+        ({"variant": "psro", "oracle": "exact", "learner": "sac"}, "sac", None),
+        ({"variant": "psro", "oracle": "exact", "rounds": 3}, "ppo", 3),
+    ],
+)
+def test_what_learns_and_for_how_many_rounds(flags: dict[str, Any], algorithm: str, rounds: int | None) -> None:
+    config = LeagueTrainingConfig(**flags)
+    assert (config.algorithm, config.n_rounds) == (algorithm, rounds)
+    assert config.exact_oracle == (flags.get("variant") == "psro" and flags["oracle"] == "exact")
+
+
 def test_the_first_round_of_a_time_budget_is_short(model: str, tmp_path: Path) -> None:
     config = LeagueTrainingConfig(budget="60s", rounds=6, workers=2)
     state = LeagueState(game="")

@@ -308,6 +308,11 @@ def test_a_commitment_counts_in_the_announced_round(tmp_path: Path) -> None:
         draw_round([tmp_path / "commitment.json"], beacon=BEACON + 1, randomness=RANDOM)
 
 
+def test_a_message_that_is_too_large_is_not_read() -> None:
+    with pytest.raises(ValueError, match="a message of 1,073,741,825 bytes; expected at most 1,073,741,824"):
+        apart.receive(io.BytesIO(((1 << 30) + 1).to_bytes(8, "little")))
+
+
 def test_messages_are_not_unpacked() -> None:
     packed = io.BytesIO()
     np.savez_compressed(packed, values=np.zeros(1 << 20))
