@@ -46,6 +46,7 @@ def artists(drawn: Any) -> list[Any]:
     for axes in drawn.axes:
         found += [[text.get_text(), *text.get_position()] for text in axes.texts]
         found += [line.get_xydata() for line in axes.lines]
+        found.append([*axes.get_xlim(), *axes.get_ylim()])
         found.append([artist.get_zorder() for artist in (*axes.lines, *axes.patches, *axes.texts)])
         found += [
             [*patch.get_patch_transform().transform(patch.get_path().vertices).ravel(), *patch.get_facecolor()]

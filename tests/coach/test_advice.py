@@ -171,7 +171,10 @@ def test_questions_of_three_strokes() -> None:
     assert answers(some, "reply", ("lift", "above")) == [None, None, "smash", "smash"]
     assert answers(some, "direction", ("smash",)) == [None, None, "straight", "cross"]
     assert answers(some, "shots") == [None, "lift", "smash", "smash"]
-    assert tally(some).targets.sum() == 3
+    found = tally(some)
+    assert found.targets.sum() == 3
+    for number, (question, answer) in enumerate(questions(some)):
+        assert found.answers(number).tolist() == [(answer == each).sum() for each in range(len(question.answers))]
     # A left-hander's forehand side is straight ahead of a right-hander's.
     assert answers(plays(rows, opposite=True), "direction", ("smash",)) == [None, None, "cross", "straight"]
 

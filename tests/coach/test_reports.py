@@ -100,6 +100,17 @@ def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, repor
     golden.check("report_charts", found, 0.01)
 
 
+def test_why_a_rally_counted() -> None:
+    """Ada leads 20:17 and the score of each rally follows; Bea saves two game points, and Ada wins the game with the third."""
+    ada = SimpleNamespace(winner=0, key=(1, 37), points=(19, 17))
+    rows = [ada, *(SimpleNamespace(winner=w, key=(1, 38 + i), points=(20, 17 + i)) for i, w in enumerate((1, 1, 0)))]
+    rows += [SimpleNamespace(winner=0, key=(2, i + 1), points=(i, 0)) for i in range(3)]
+    report: Any = SimpleNamespace(rallies=rows, players=("Ada", "Bea"), rules=BWF)
+    saved = "Bea saved a game point."
+    expected = [[], [saved], [saved], ["It ended game 1."], [], [], ["It was point 3 in a row for Ada."]]
+    assert [[*match_pages._reasons(report, i)] for i in range(len(rows))] == expected
+
+
 def test_options_are_named() -> None:
     figures = {"strokes": 9, "won": 5, "others": 20, "others_won": 8, "usual": 0.4, "clear": False}
     assert plain(Option(0, 0, *figures.values())) == {"shot": SHOTS[0], "area": AREAS[0], **figures}
