@@ -112,7 +112,7 @@ def test_why_a_rally_counted() -> None:
 
 
 def test_options_are_named() -> None:
-    figures = {"strokes": 9, "won": 5, "others": 20, "others_won": 8, "usual": 0.4, "clear": False}
+    figures: dict[str, Any] = {"strokes": 9, "won": 5, "others": 20, "others_won": 8, "usual": 0.4, "clear": False}
     assert plain(Option(0, 0, *figures.values())) == {"shot": SHOTS[0], "area": AREAS[0], **figures}
     assert plain(Option(-1, -1, *figures.values())) == {"shot": None, "area": None, **figures}
 

@@ -17,7 +17,7 @@ from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, recover
 from shuttle_marl.recording.chunks import FRAME, decode, encode
-from shuttle_marl.recording.header import DamagedLogError
+from shuttle_marl.recording.header import VERSION, DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recover import salvage
 from shuttle_marl.recording.replay import check
@@ -110,7 +110,7 @@ def test_batches_of_another_version(
     assert same(decode(message, about)[1], rallies(3))
     with pytest.raises(DamagedLogError, match="other columns"):
         decode(message, other)
-    monkeypatch.setattr(chunks, "VERSION", chunks.VERSION + 1)
+    monkeypatch.setattr(chunks, "VERSION", VERSION + 1)
     with pytest.raises(DamagedLogError, match="other columns"):
         decode(message, about)
 
