@@ -90,9 +90,10 @@ def test_the_run_folder_is_complete(finished: Path) -> None:
 
 def test_the_figures_are_the_written_ones(finished: Path) -> None:
     rows = (finished / "results.csv").read_text().splitlines()
-    heads = re.findall("<th[^>]*>", (finished / "report.html").read_text())
+    page = (finished / "report.html").read_text()
+    heads, cells = re.findall("<th[^>]*>", page), re.findall("<td[^>]*>([^<]*)", page)
     report = json.loads((finished / "report.json").read_text())
-    golden.check("league", report | {"made_by": None, "report.html": heads, "results.csv": rows})
+    golden.check("league", report | {"made_by": None, "report.html": heads, "cells": cells, "results.csv": rows})
 
 
 def test_curves_are_those_of_agents_whose_runs_exist(tmp_path: Path) -> None:

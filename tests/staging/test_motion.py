@@ -1,6 +1,7 @@
 """Staged rallies measured as motion, also of hurried strikers, and rallies that are continued without a jump."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from shuttle_marl.game.rally.record import Rally, RallyError
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
+from shuttle_marl.staging.draw import TrajectoryBuilder
 from shuttle_marl.staging.flight import net_height
 from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND
 from shuttle_marl.staging.rotation import matrix
@@ -277,6 +279,19 @@ def test_hurried_strikers_arrive_later_and_reach_further(played: list[Rally]) ->
 
 SAME = ("rotation", "position", "planted", "shuttle", "shuttle_velocity")
 BOTH_HANDS = (("right", "left"), ("left", "right"))
+
+
+def test_a_fault_to_the_middle_of_the_court_is_into_the_net(played: list[Rally]) -> None:
+    players: Any = None  # who do not matter here
+    rally = next(rally for rally in played if rally.ending == FAULT and len(rally) >= 4)
+    ends: dict[int, set[int]] = {}
+    for seed in range(30):
+        builder = TrajectoryBuilder(rally, players, seed, 50)
+        for area in range(len(AREAS)):
+            builder.area[-1] = area
+            ends.setdefault(area, set()).add(builder._end(len(rally) - 1))
+    assert {area for area, found in ends.items() if found == {NET}} == {1, 4}
+    assert all(found == {NET, OUT} for area, found in ends.items() if area not in (1, 4))
 
 
 def prefix(rally: Rally, strokes: int) -> Rally:
