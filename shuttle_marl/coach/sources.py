@@ -127,7 +127,7 @@ def _watch(*arguments: str) -> str:
     return shlex.join(["python", "-m", "shuttle_marl.watch", *arguments])
 
 
-def of_log(path: Path, game: Game, pairing: int = 0, match: int = 0) -> tuple[MatchReport, Footage]:
+def of_log(path: Path, game: Game, pairing: int, match: int) -> tuple[MatchReport, Footage]:
     """The report of a match of a rally log.
 
     Args:
@@ -158,7 +158,7 @@ def of_log(path: Path, game: Game, pairing: int = 0, match: int = 0) -> tuple[Ma
     )
 
 
-def log_strokes(log: RallyLog, pairing: int = 0, match: int = 0) -> pa.Table:
+def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
     """Strokes of a match of a rally log, with places drawn in their areas.
 
     Raises:

@@ -247,3 +247,11 @@ def test_each_rule_is_checked(strokes: pa.Table, row: int, values: dict[str, Any
     rows = strokes.to_pylist()
     rows[row] |= values
     assert rule in {violation.rule for violation in violations(pa.Table.from_pylist(rows, schema=STROKES))}
+
+
+def test_limits_keep_the_rules(strokes: pa.Table) -> None:
+    rows = strokes.to_pylist()
+    before = list(violations(strokes))
+    for limit in ({"contact_y": 0.5}, {"striker_y": 0.0}, {"receiver_y": 0.0}, {"confidence": 0.0}, {"confidence": 1.0}):
+        changed = [*rows[:4], rows[4] | limit, *rows[5:]]
+        assert list(violations(pa.Table.from_pylist(changed, schema=STROKES))) == before, limit

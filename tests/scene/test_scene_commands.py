@@ -19,7 +19,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
-from shuttle_marl.scene import topics
+from shuttle_marl.scene import SceneError, select, topics
 from shuttle_marl.scene.rally_report import report_rally
 from shuttle_marl.training import PPOConfig, train
 from tests.scene.conftest import read
@@ -32,6 +32,13 @@ def test_a_rally_is_written_to_a_file(log_path: Path, tmp_path: Path, capsys: py
     summary = make_reader(io.BytesIO(out.read_bytes())).get_summary()
     assert summary.statistics.message_count > 0
     assert [path.name for path in out.parent.iterdir()] == [out.name]
+
+
+def test_a_match_that_the_log_does_not_have(log_path: Path) -> None:
+    with RallyLog(log_path) as log:
+        for pairing, match in ((0, 99), (7, 0)):
+            with pytest.raises(SceneError, match=f"no match {match} of pairing {pairing}"):
+                select(log, match=match, pairing=pairing)
 
 
 @pytest.fixture(scope="module")
