@@ -13,7 +13,7 @@ import pytest
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import ENDINGS, _sample, players_of
-from shuttle_marl.commands.analysis import RallyFilter
+from shuttle_marl.commands.analysis import RallyFilter, _ratings
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
@@ -294,3 +294,12 @@ def test_a_drawn_court_is_symmetric_and_as_large_as_a_court() -> None:
         assert {tuple(sorted((across * x, along * y) for x, y in line)) for line in lines} == lines
     (mat,) = axes.patches
     assert {tuple(np.abs(corner)) for corner in mat.get_xy()} == {(court.WIDTH / 2, court.HALF_LENGTH)}
+
+
+def test_ratings_are_those_of_the_report_beside_a_log(tmp_path: Path) -> None:
+    assert _ratings(tmp_path) == {}
+    ranking = [{"player": "bc", "rating": 12}, {"player": "new", "rating": None}]
+    (tmp_path / "report.json").write_text(json.dumps({"ranking": ranking}))
+    assert _ratings(tmp_path) == _ratings(tmp_path / "rallies.mcap") == {"bc": 12.0}
+    (tmp_path / "report.json").write_text("[1]")
+    assert _ratings(tmp_path) == {}
