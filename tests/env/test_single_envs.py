@@ -1,5 +1,6 @@
 """``Rally-v0`` and ``Match-v0``: one player's seat against an opponent; and options that no environment has."""
 
+import copy
 import functools
 import subprocess
 import sys
@@ -158,6 +159,22 @@ def test_what_is_no_stroke_is_refused_and_nothing_changes(action: Any) -> None:
         env.step(action)
     assert np.array_equal(env.action_masks(), seen["action_mask"])
     env.step(np.int64(np.flatnonzero(seen["action_mask"])[0]))
+
+
+@pytest.mark.parametrize("make", [SingleRallyEnv, SingleMatchEnv])
+def test_a_deep_copy_plays_on_alike_and_shares_the_opponent(make: Any) -> None:
+    env, rng = make(), np.random.default_rng(1)
+    seen, _ = env.reset(seed=2)
+    twin = copy.deepcopy(env)
+    assert twin.opponent is env.opponent
+    for _ in range(3):
+        stroke = legal_stroke(seen, rng)
+        seen, *told = env.step(stroke)
+        other, *same = twin.step(stroke)
+        assert told[:3] == same[:3]
+        assert np.array_equal(seen["observation"], other["observation"])
+        if told[1]:
+            break
 
 
 def test_the_opponent_is_told_the_score_from_its_own_side() -> None:
