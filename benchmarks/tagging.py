@@ -7,9 +7,9 @@ film in Chromium while it plays. It enters the strokes that were played, as a pe
 and presses a key a little later. Shot types and endings are keys, with Shift where the page offers so; places are keys in one
 rally and clicks in the next, with Shift where the shuttle falls; techniques and contact heights are entered only where the page
 assumes others. All keys and clicks count, also those that seek, pause and play; one with Shift counts once. The corners are first
-clicked in every wrong order. The server is killed at random moments and started again; inputs that were lost, or that find the
-place in the film again, count for the kills. The table is imported and compared with the match: stroke by stroke, except that a
-stroke that fell on the striker's own side has no target. At the end the report of the table is made.
+clicked in every wrong order. Then the film is tagged again, while the server is killed at random moments and started again: the
+kills cost what that takes more. Both tables are imported and compared with the match: stroke by stroke, except that a stroke that
+fell on the striker's own side has no target. At the end the report of a table is made.
 """
 
 import contextlib
@@ -184,19 +184,16 @@ class Script:
     """Enters the strokes of the film as the page asks for them; continues after a crash.
 
     Attributes:
-        inputs: keys and clicks, but for those after a crash.
+        inputs: keys and clicks.
         chords: of them, those with Shift.
         seeks: of them, those that seek over the break.
         refused: of the 23 wrong orders of the corners, how many are refused.
-        after_crashes: keys and clicks that start the film after a crash and find the place again.
         first: of each stroke, whether the first suggestion was its shot type.
     """
 
     def __init__(self, page: Page, played: Film) -> None:
         self.page, self._film = page, played
-        self.inputs = self.after_crashes = self.chords = self.seeks = self.refused = 0
-        self._crashed = False
-        self._reached = 0.0  # before a crash
+        self.inputs = self.chords = self.seeks = self.refused = 0
         self._rng = np.random.default_rng(0)
         self.first: dict[tuple[int, int], bool] = {}
 
@@ -215,8 +212,7 @@ class Script:
         self.until("window.viewer && window.viewer.state().ready")
         self.until("document.querySelector('video').readyState > 0")
         if self.state()["phase"] != "setup":
-            self._crashed = True
-            self._press(" ", True)
+            self._press(" ")
             return
         for name, value in zip(("near", "far"), _NAMES, strict=True):
             self.page.fill(f"[name={name}]", value)
@@ -237,34 +233,29 @@ class Script:
                     self.page.keyboard.press("Backspace")
                 self.page.click("text=corners")
 
-    def _press(self, key: str, crashed: bool = False) -> None:
+    def _press(self, key: str) -> None:
         self.page.keyboard.press(key)
-        self.inputs += not crashed
-        self.after_crashes += crashed
+        self.inputs += 1
 
-    def _click(self, u: float, v: float, of: str = "video", *, crashed: bool = False) -> None:
+    def _click(self, u: float, v: float, of: str = "video") -> None:
         box = self.page.locator(of).bounding_box()
         assert box is not None
         self.page.mouse.click(box["x"] + u * box["width"], box["y"] + v * box["height"])
-        self.inputs += not crashed
-        self.after_crashes += crashed
+        self.inputs += 1
 
     def _watch(self, moment: float, *, serve: bool = False) -> None:
         """Watch the film until a moment, and until a person presses a key."""
         at = float(self.page.evaluate("document.querySelector('video').currentTime"))
         if serve and moment - at > _LONG:
-            again = moment - self._reached <= _LONG
-            self._press("PageDown", again)
+            self._press("PageDown")
             at = float(self.page.evaluate("document.querySelector('video').currentTime"))
             if not 0 < moment - at < _LONG:
-                whole = float(self.page.evaluate("document.querySelector('video').duration"))
-                self._click((moment - 2) / whole, 0.5, ".scrub", crashed=again)
+                self._click((moment - 2) / float(self.page.evaluate("document.querySelector('video').duration")), 0.5, ".scrub")
         while at > moment + 0.5:  # missed
-            self._press("ArrowLeft", self._crashed)
+            self._press("ArrowLeft")
             at -= 1
         while self.page.evaluate(_WATCH, moment) < moment:
-            self._press(" ", self._crashed)
-        self._crashed, self._reached = False, moment
+            self._press(" ")
         self.page.wait_for_timeout(1000 * max(0.0, self._rng.normal(*_LATE)))
 
     def step(self) -> bool:
@@ -374,8 +365,7 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
         "rallies": len(played.rallies),
         "strokes": strokes,
         "recovered": float(np.mean(found)),
-        "inputs_per_stroke": (script.inputs - sum(lost)) / strokes,
-        "inputs_per_kill": (script.after_crashes + sum(lost)) / max(1, kills),
+        "inputs_per_stroke": script.inputs / strokes,
         "with_shift": script.chords / strokes,
         "seeks_over_break": script.seeks,
         "wrong_corners_refused": script.refused,
@@ -428,7 +418,7 @@ def main(
 
     Args:
         rallies: number of rallies.
-        kills: how often the server is killed.
+        kills: how often the server is killed while the film is tagged again; 0: it is not.
         seed: of the match, and of the moments.
         film_file: the film (.webm), made if it does not exist; default: a temporary one.
         json_output: print JSON.
@@ -439,11 +429,15 @@ def main(
         played = film(film_file or Path(name) / "film.webm", rallies, seed, console)
         filmed = time.monotonic()
         table = Path(name) / "match.csv"
-        result = tag(played, table, kills, seed, console)
+        result = tag(played, table, 0, seed, console)
         tagged = time.monotonic()
         report = [sys.executable, "-m", "shuttle_marl", "report", str(table), "--out", str(Path(name) / "report.html")]
         subprocess.run(report, stdout=subprocess.DEVNULL, check=True)
         result |= {"film_s": filmed - begun, "tag_s": tagged - filmed, "report_s": time.monotonic() - tagged}
+        killed = tag(played, table.with_name("killed.csv"), kills, seed, console) if kills else result
+        more = result["strokes"] * (killed["inputs_per_stroke"] - result["inputs_per_stroke"]) / max(1, kills)
+        result |= {"recovered": min(result["recovered"], killed["recovered"]), "inputs_per_kill": more}
+        result |= {"kills": kills, "inputs_lost": killed["inputs_lost"]}
     show({**this_machine(), **result}, "tagging", as_json=json_output)
 
 
