@@ -539,7 +539,7 @@ export class Tagging {
         ...order.map((shot, i) => {
           const found = rank.has(shot) && likely(fresh[i]!, i) ? fresh[i]! : null;
           const [usual, other] = this.waysOf(shot).map((way) => this.way(way));
-          const note = found && h("small", {}, ` ${percent(found.probability)}`, h("br"), `${usual}, ⇧ ${other}`);
+          const note = found && h("small", {}, ` ${percent(found.probability)}`, h("br"), `${usual}, Shift: ${other}`);
           const act = (shift: boolean) => this.shot(shot, shift);
           return key(SHOT_KEYS[shot]!, words(this.hall.shots[shot]!), act, found ? "likely" : "", note);
         }),
