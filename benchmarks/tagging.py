@@ -437,7 +437,7 @@ def main(
         killed = tag(played, table.with_name("killed.csv"), kills, seed, console) if kills else result
         more = result["strokes"] * (killed["inputs_per_stroke"] - result["inputs_per_stroke"]) / max(1, kills)
         result |= {"recovered": min(result["recovered"], killed["recovered"]), "inputs_per_kill": more}
-        result |= {"kills": kills, "inputs_lost": killed["inputs_lost"]}
+        result |= {name: killed[name] for name in ("kills", "inputs_lost")}
     show({**this_machine(), **result}, "tagging", as_json=json_output)
 
 

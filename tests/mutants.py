@@ -286,8 +286,7 @@ def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterato
                 shutil.rmtree(done, ignore_errors=True)
                 slots.append(folder)
             elif task.verdict == "survived":
-                noted = Path(f"{folder}-calls-{process.pid}.txt").read_text().splitlines()
-                task.calls = sorted({name for name in noted if name})
+                task.calls = sorted(set(Path(f"{folder}-calls-{process.pid}.txt").read_text().splitlines()))
             else:
                 output = (folder.parent / f"output-{process.pid}.txt").read_text()
                 print(f"{task.files[0]} fails without a mutation:\n{output[-3000:]}", file=sys.stderr, flush=True)
