@@ -89,12 +89,6 @@ class MetGame(Game):
         return self.mean_hurry.reshape(-1, 2)[self.limit_row(pairs)] / HURRY_ONE
 
 
-def people_positions(game: Game) -> F64:
-    """``[S, 9]`` probabilities of people's positions where the opponent is in each state."""
-    assert game.recovery is not None
-    return np.tile(game.people_positions(np.arange(game.n_base_states)), (game.n_blocks, 1))
-
-
 def met(game: Game, positions: F64 | None) -> MetGame:
     """The game against a receiver who chooses positions.
 

@@ -23,7 +23,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, largest_continuation
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.met import met, people_positions
+from shuttle_marl.exact.met import met
 from shuttle_marl.exact.profile import (
     InducedChain,
     PairPolicy,
@@ -34,6 +34,7 @@ from shuttle_marl.exact.profile import (
     facing,
     induced,
     moved,
+    positions_of,
 )
 from shuttle_marl.exact.saddles import Saddle, SoftSaddle
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, Striker, solve_players, successors
@@ -350,11 +351,10 @@ def _response(tables: Game, policy: StatePolicy | InducedChain, p: float, at_lea
     if game.recovery is not None:
         if isinstance(policy, InducedChain):
             raise ExactError("a best response with recovery needs the policy, not its chain")
-        positions = policy.position_probabilities()
         if p == 1:
-            own = _BestStrokes((met(game, positions),))
+            own = _BestStrokes((met(game, policy.position_probabilities()),))
         else:
-            own = Saddle((game,), positions=people_positions(game) if positions is None else positions, share=p)
+            own = Saddle((game,), positions=positions_of(policy), share=p)
         strokes = tuple(block_chances(policy, block) for block in range(game.n_blocks))
         opponent = Saddle((policy.game,), strokes=strokes, share=p)
     else:
@@ -491,10 +491,8 @@ def _soft_hidden(prior: StatePolicy, opponent: StatePolicy, tau: float, toleranc
     check_same_layout(prior.game, opponent.game)
 
     def player(strikes: StatePolicy, waits: StatePolicy) -> SoftSaddle:
-        positions = waits.position_probabilities()
         strokes = tuple(strikes.block_probabilities(block) for block in range(strikes.game.n_blocks))
-        usual = people_positions(strikes.game) if positions is None else positions
-        return SoftSaddle((strikes.game,), strokes=strokes, positions=usual, tau=tau)
+        return SoftSaddle((strikes.game,), strokes=strokes, positions=positions_of(waits), tau=tau)
 
     own, other = player(prior, opponent), None if opponent is prior else player(opponent, prior)
     value, sweeps = solve_players(own, other, tolerance, start=np.zeros(prior.game.n_states))

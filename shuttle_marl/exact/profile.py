@@ -74,6 +74,12 @@ class PairPolicy:
         return self.positions
 
 
+def positions_of(policy: StatePolicy) -> F64:
+    """``[S, 9]`` probabilities of the positions of a policy of the game with recovery: its own, or those of people."""
+    own = policy.position_probabilities()
+    return policy.game.people_positions(np.arange(policy.game.n_states)) if own is None else own
+
+
 def tabulated_pairs(policy: PairPolicy) -> TabulatedPolicy:
     """The table of a policy, rounded to 1/65535."""
     waits = None if policy.positions is None else cumulative_positions(policy.positions)

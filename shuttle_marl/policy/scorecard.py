@@ -26,15 +26,15 @@ from shuttle_marl.exact.play import impossible, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved
 from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, TemperedPolicy, reads_score
+from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import lockstep
 from shuttle_marl.kernel.lockstep import Matches, ask, ask_position
+from shuttle_marl.policy.mixtures import deterministic
 from shuttle_marl.policy.registry import resolve
 
 REFERENCE: Final = "bc"
@@ -391,11 +391,9 @@ def hidden_depth(perfect: TabulatedPolicy) -> dict[str, Any]:
             ("positions", positions.max(axis=1), seen.states[1]),
         )
     }
-    waits = cumulative_positions(np.eye(N_POSITIONS)[positions.argmax(axis=1)])
-    pure = dataclasses.replace(tabulate(TemperedPolicy(perfect, 0.0), game), waits=waits)
     without = solve(dataclasses.replace(game, recovery=None)).policy[0]
     return {
         "mixed": mixed,
-        "purified": best_response(pure).value.odds().rally,
+        "purified": best_response(deterministic(perfect)).value.odds().rally,
         "ignores_position": best_response(moved(without, game)).value.odds().rally,
     }

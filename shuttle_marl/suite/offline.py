@@ -18,12 +18,13 @@ from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import cached_table
+from shuttle_marl.policy.mixtures import mixture
 from shuttle_marl.recording import logs
 from shuttle_marl.recording.logs import Log, blank, play_log
 from shuttle_marl.suite.frontier import POINTS, exploitabilities
 from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import Split, SuiteError
-from shuttle_marl.suite.population import luck, mixture
+from shuttle_marl.suite.population import luck
 from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
 
 OPPONENT: Final = "human:0.05"
@@ -77,7 +78,7 @@ def behaviour(arena: Arena, name: str) -> TabulatedPolicy:
     if not plus:
         return arena.policy(name)
     fraction, _, second = rest.partition("*")
-    return mixture(arena.game, [arena.policy(first), arena.policy(second)], [1 - float(fraction), float(fraction)])
+    return mixture([arena.policy(first), arena.policy(second)], [1 - float(fraction), float(fraction)])
 
 
 @functools.lru_cache(maxsize=2)

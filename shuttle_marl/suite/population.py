@@ -9,7 +9,6 @@ import dataclasses
 import functools
 import hashlib
 import re
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,13 +16,14 @@ import numpy as np
 from shuttle_marl.analysis.tabular import normalised
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
-from shuttle_marl.exact.profile import StatePolicy
+from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import best_response_policy
+from shuttle_marl.policy.mixtures import mixture
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.task import Arena
 
@@ -69,7 +69,7 @@ class Opponent(NamedTuple):
         policy = [policy for policy, start in zip(self.policies, self.starts, strict=True) if start <= rally][-1]
         if not self.learns or met is None:
             return policy
-        return mixture(policy.game, [policy, best_response_policy(met)], [1 - self.learns, self.learns])
+        return mixture([policy, best_response_policy(met)], [1 - self.learns, self.learns])
 
 
 @functools.lru_cache(maxsize=2)
@@ -115,10 +115,10 @@ def _policy(arena: Arena, family: str, number: int) -> TabulatedPolicy:
     if family == "counter":
         answer = best_response(tilted(arena, _shift(arena, rng)), tolerance=_TOLERANCE).policy
         counter = best_response(answer, tolerance=_TOLERANCE).policy
-        return mixture(arena.game, [arena.policy("bc"), counter], [1 - (weight := rng.uniform(0.2, 0.9)), weight])
+        return mixture([arena.policy("bc"), counter], [1 - (weight := rng.uniform(0.2, 0.9)), weight])
     if family == "mixture":
         chosen = rng.choice(len(_STYLES), 3, replace=False)
-        return mixture(arena.game, [arena.policy(_STYLES[i]) for i in chosen], rng.dirichlet(np.ones(3)))
+        return mixture([arena.policy(_STYLES[i]) for i in chosen], rng.dirichlet(np.ones(3)))
     return arena.policy(f"bc:{players[number % len(players)]}")
 
 
@@ -143,22 +143,6 @@ def luck(split: Split, beacon: str | None, *numbers: int) -> int:
     if split == "round":
         return int(rng_of("luck", split, beacon, repr(numbers)).integers(1 << 63))
     return int(stream(*numbers)[0] >> np.uint64(1))
-
-
-def mixture(game: Game, policies: Sequence[TabulatedPolicy], weights: Sequence[float] | F64) -> TabulatedPolicy:
-    """The policy that draws one of several for every choice."""
-    parts = [weight * policy.pair_probabilities() for weight, policy in zip(weights, policies, strict=True)]
-    mixed = from_pair_probabilities(game, np.sum(parts, axis=0))
-    if all(policy.waits is None for policy in policies):
-        return mixed
-    places = [weight * positions_of(policy) for weight, policy in zip(weights, policies, strict=True)]
-    return dataclasses.replace(mixed, waits=cumulative_positions(np.sum(places, axis=0)))
-
-
-def positions_of(policy: StatePolicy) -> F64:
-    """``[S, 9]`` probabilities of positions of a policy of the game with recovery."""
-    own = policy.position_probabilities()
-    return policy.game.people_positions(np.arange(policy.game.n_states)) if own is None else own
 
 
 def waiting(policy: TabulatedPolicy, shift: F64) -> TabulatedPolicy:

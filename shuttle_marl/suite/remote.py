@@ -29,6 +29,7 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.base.programs import Program
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game.observation import observations
+from shuttle_marl.game.policy import States
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.policy.registry import resolve
@@ -270,10 +271,8 @@ class Session:
         return {**self._seen(), "reward": reward, "over": over}
 
     def _policy(self, request: dict[str, Any]) -> dict[str, Any]:
-        row, pair = self.game.pairs(request["state"])
-        chance = np.zeros((len(request["state"]), self.game.n_strokes), dtype=np.float32)
-        chance[row, self.game.pair_stroke[pair]] = self._policies[int(request["policy"])].probability_of(pair)
-        return {"probability": chance}
+        policy = self._policies[int(request["policy"])]
+        return {"probability": policy.probabilities(States(game=self.game, state=request["state"])).astype(np.float32)}
 
     def player(self, **request: Any) -> TabulatedPolicy:
         """The policy that the method answers with.

@@ -25,11 +25,11 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.policy.mixtures import mixture, sharpened
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
-from shuttle_marl.training.league.mixtures import merged, sharpened
 from shuttle_marl.training.league.population import TABLES, Payoffs
 from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised, uniform
@@ -146,13 +146,13 @@ def test_a_mixture_plays_the_mean_of_its_policies_in_every_state() -> None:
     policies = [tabulate(Prefers(tuple(each)), game) for each in weights]
     policies = [dataclasses.replace(random_policy(game, i, 2.0), waits=each.waits) for i, each in enumerate(policies)]
     shares = np.array([0.5, 0.3, 0.2])
-    mixture = merged(policies, shares)
+    mixed = mixture(policies, shares)
     # A table holds probabilities in units of 1/65535.
     strokes = shares @ [policy.pair_probabilities() for policy in policies]
-    assert np.allclose(mixture.pair_probabilities(), strokes, atol=2e-5)
+    assert np.allclose(mixed.pair_probabilities(), strokes, atol=2e-5)
     positions = np.tensordot(shares, [policy.position_probabilities() for policy in policies], 1)
-    assert np.allclose(mixture.position_probabilities(), positions, atol=2e-5)
-    assert merged(policies, np.array([0, 1.0, 0])) is policies[1]
+    assert np.allclose(mixed.position_probabilities(), positions, atol=2e-5)
+    assert mixture(policies, np.array([0, 1.0, 0])) is policies[1]
 
 
 def test_a_policy_made_sharper_plays_its_favourites_more(model: str) -> None:

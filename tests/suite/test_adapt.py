@@ -8,6 +8,7 @@ import pytest
 
 from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
 from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tabulated import tabulate
@@ -19,7 +20,7 @@ from shuttle_marl.suite.adapt import CHANGES, PlayedRally, observed
 from shuttle_marl.suite.frontier import WEIGHT, exploitabilities, gains
 from shuttle_marl.suite.methods.adapters import Mixture, PosteriorMean, change_point, mixture_weights, tilted_positions
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.population import FAMILIES, families, known, opponent, positions_of, waiting
+from shuttle_marl.suite.population import FAMILIES, families, known, opponent, waiting
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.task import Arena, Case, Outcome
 from tests import golden

@@ -25,12 +25,12 @@ from shuttle_marl.commands.training import main
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import read_card
+from shuttle_marl.policy.mixtures import sharpened
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.config import SelfPlayVariant
-from shuttle_marl.training.league.mixtures import sharpened
 from shuttle_marl.training.networks import tabulated
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run import last_checkpoint

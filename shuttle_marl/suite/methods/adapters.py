@@ -16,14 +16,13 @@ from shuttle_marl.analysis.tabular import cloned, normalised
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import best_response, restricted_response
-from shuttle_marl.exact.profile import PairPolicy, StatePolicy
+from shuttle_marl.exact.profile import PairPolicy, StatePolicy, positions_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, position_shares, tabulate
 from shuttle_marl.policy.computed import best_response_policy, minimax_policy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
 from shuttle_marl.suite.frontier import WEIGHT
-from shuttle_marl.suite.population import positions_of
 
 TOLERANCE = 1e-4
 """Error bound of responses, far below the error of a model of the opponent."""

@@ -15,11 +15,11 @@ from shuttle_marl.analysis.tabular import SHRINK, cloned, estimated_game, game_o
 from shuttle_marl.exact import best_response as exact_response
 from shuttle_marl.exact import restricted_response, solve
 from shuttle_marl.exact.lists import cells_of, lists
-from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
-from shuttle_marl.game.policy import TemperedPolicy
+from shuttle_marl.exact.profile import PairPolicy, positions_of, tabulated_pairs
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import minimax_policy
+from shuttle_marl.policy.mixtures import deterministic, mixture
 from shuttle_marl.recording.logs import Log, play_log
 from shuttle_marl.suite.adapt import observed
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
@@ -28,7 +28,6 @@ from shuttle_marl.suite.method import find
 from shuttle_marl.suite.methods.adapters import chances, counted, mean_positions, mixture_weights, respond, struck
 from shuttle_marl.suite.methods.learned import boosted, boosted_game
 from shuttle_marl.suite.offline import LogSetting, fitted, in_game
-from shuttle_marl.suite.population import mixture, positions_of
 
 _STEPS: Final = 30
 """Iterations of fictitious play."""
@@ -64,14 +63,6 @@ def minimax() -> Trained:
 def minimax_deterministic(setting: PlayerSetting) -> Trained:
     """Perfect play that always makes its likeliest choice."""
     return Trained(player=deterministic(setting.policy("minimax")), strokes=0)
-
-
-def deterministic(policy: TabulatedPolicy) -> TabulatedPolicy:
-    """A policy that always makes the likeliest choice of another one, of strokes and of positions."""
-    pure = tabulate(TemperedPolicy(policy, 0.0), policy.game)
-    if policy.game.recovery is None:
-        return pure
-    return dataclasses.replace(pure, waits=cumulative_positions(np.eye(9)[positions_of(policy).argmax(axis=1)]))
 
 
 def best_response(setting: PlayerSetting) -> Trained:
@@ -177,5 +168,5 @@ def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
         model = game_of(plain, shares)
         estimate = PairPolicy(game=model, probability=cloned(plain, theirs, shrink=SHRINK))
         found = TabulatedPolicy(game=game, cumulative=respond(estimate, float(argument)).cumulative)
-        player = mixture(game, [found, uniform], [1 - _EXPLORE, _EXPLORE])
+        player = mixture([found, uniform], [1 - _EXPLORE, _EXPLORE])
     return Trained(player=found, strokes=used)

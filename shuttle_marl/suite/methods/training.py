@@ -11,11 +11,10 @@ from shuttle_marl.base import runs
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.computed import best_response_policy
+from shuttle_marl.policy.mixtures import deterministic, mixture
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.frontier import WEIGHT
-from shuttle_marl.suite.methods.solving import deterministic
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.population import mixture
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 _SHARE: Final = 0.94
@@ -108,14 +107,14 @@ def ppo_restricted(setting: PlayerSetting) -> Trained:
     Each of the phases trains a new agent against one more enemy; the last one is played (Johanson, Zinkevich & Bowling, NeurIPS
     2007, by iteration as in fictitious play).
     """
-    game, used, enemies = setting.game, 0, list[TabulatedPolicy]()
+    used, enemies = 0, list[TabulatedPolicy]()
     opponent: str | TabulatedPolicy | None = setting.opponent
     for phase in range(_PHASES):
         player, strokes = _part(setting, str(phase), opponent, setting.budget // _PHASES)
         used += strokes
         enemies.append(best_response_policy(player))
         shares = [(1 - WEIGHT) / len(enemies)] * len(enemies)
-        opponent = mixture(game, [setting.against, *enemies], [WEIGHT, *shares])
+        opponent = mixture([setting.against, *enemies], [WEIGHT, *shares])
     return Trained(player=player, strokes=used)
 
 
@@ -125,7 +124,7 @@ def ppo_mixed(setting: PlayerSetting) -> Trained:
     (against, first), (blind, second) = (
         _part(setting, name, opponent, budget) for name, opponent in (("against", setting.opponent), ("blind", None))
     )
-    return Trained(player=mixture(setting.game, [against, blind], [WEIGHT, 1 - WEIGHT]), strokes=first + second)
+    return Trained(player=mixture([against, blind], [WEIGHT, 1 - WEIGHT]), strokes=first + second)
 
 
 def fictitious_self_play(setting: PlayerSetting) -> Trained:
@@ -137,7 +136,7 @@ def fictitious_self_play(setting: PlayerSetting) -> Trained:
     for turn in range(_TURNS):
         player, strokes = _part(setting, str(turn), mean, setting.budget // (2 * _TURNS))
         used += 2 * strokes
-        mean = mixture(setting.game, [mean, player], [turn / (turn + 1), 1 / (turn + 1)])
+        mean = mixture([mean, player], [turn / (turn + 1), 1 / (turn + 1)])
     return Trained(player=mean, strokes=used)
 
 

@@ -1,7 +1,7 @@
 """Training of a league: main agents and exploiters learn from each other, earlier policies and exact best responses.
 
-See ``docs/league_training.md``. Modules: settings (``config``), frozen policies and their payoffs (``population``), mixtures and
-PSRO (``mixtures``), the turns of a round (``schedule``), a turn of one learner (``turns``), and the run (``run``). Names are
+See ``docs/league_training.md``. Modules: settings (``config``), frozen policies and their payoffs (``population``), PSRO
+(``psro``), the turns of a round (``schedule``), a turn of one learner (``turns``), and the run (``run``). Names are
 imported lazily, because PyTorch is slow to import.
 """
 

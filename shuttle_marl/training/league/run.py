@@ -20,11 +20,12 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
+from shuttle_marl.policy.mixtures import sharpened
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.training.config import missed
 from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
-from shuttle_marl.training.league.mixtures import respond, sharpened
 from shuttle_marl.training.league.population import TABLES, TOLERANCE, Frozen, Payoffs
+from shuttle_marl.training.league.psro import respond
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
 from shuttle_marl.training.league.state import Best, LeagueState, Member, TurnResult
 from shuttle_marl.training.league.turns import Workers, network_path, prune_states

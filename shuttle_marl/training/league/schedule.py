@@ -9,8 +9,8 @@ import numpy.typing as npt
 from shuttle_marl.base.arrays import F64, I64, Floats
 from shuttle_marl.game import draws
 from shuttle_marl.training.league.config import LeagueTrainingConfig
-from shuttle_marl.training.league.mixtures import meta_strategy
 from shuttle_marl.training.league.population import Payoffs
+from shuttle_marl.training.league.psro import meta_strategy
 from shuttle_marl.training.league.state import LeagueState, Member, Turn
 
 MIN_SECONDS: Final = 0.5
