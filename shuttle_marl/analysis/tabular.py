@@ -32,9 +32,8 @@ def state_cells(game: Game) -> tuple[I64, ...]:
     state = np.arange(game.n_base_states)
     own, incoming = (np.asarray(part(state), dtype=np.int64) for part in (game.own, game.incoming))
     received = 2 * game.hurried(state) + game.contact(state)
-    shot = np.append(game.catalogue.shot, game.catalogue.shot.max() + 1).astype(np.int64)
     n = game.n_strokes + 1
-    parts = (np.zeros_like(state), *(4 * came + received for came in (shot[incoming], incoming, n * own + incoming)))
+    parts = (np.zeros_like(state), *(4 * came + received for came in (game.incoming_shot(state), incoming, n * own + incoming)))
     return tuple(np.unique(part, return_inverse=True)[1].astype(np.int64) for part in parts)
 
 

@@ -27,14 +27,13 @@ def cells_of(game: Layout, *parts: str) -> I64:
     """``[S]`` cell of each state for policies that read some parts of it.
 
     Args:
-        parts: attributes of :class:`shuttle_marl.game.policy.States` (``own``, ``incoming``, ``contact``, ``duel``, ``effort``,
-            ``opponent_effort``, ``hurried``), or ``incoming_shot`` for the shot type of the incoming stroke.
+        parts: methods of the game that take states: ``own``, ``incoming``, ``incoming_shot``, ``contact``, ``duel``, ``effort``,
+            ``opponent_effort``, ``hurried``.
     """
     state = np.arange(game.n_states)
     cell = np.zeros(game.n_states, dtype=np.int64)
-    shot = np.append(game.catalogue.shot, game.catalogue.shot.max() + 1).astype(np.int64)
     for part in parts:
-        value = shot[game.incoming(state)] if part == "incoming_shot" else getattr(game, part)(state)
+        value = getattr(game, part)(state)
         cell = cell * (int(value.max()) + 1) + value
     return np.unique(cell, return_inverse=True)[1]
 

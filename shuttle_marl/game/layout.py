@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I16, I32, I64, Bools, Floats, Ints
-from shuttle_marl.game.stroke import Catalogue, frozen
+from shuttle_marl.game.stroke import N_SHOTS, Catalogue, frozen
 
 LONGEST_DUEL: Final = 3
 """Longer duels count as this one."""
@@ -106,6 +106,10 @@ class Layout:
     def incoming(self, state: Indices) -> I32:
         """The incoming stroke of each state, n for none: the striker serves; any shape."""
         return self.edge_incoming[self.base(state) >> 2]
+
+    def incoming_shot(self, state: Indices) -> I64:
+        """Shot type of the incoming stroke of each state, 13 for none; any shape."""
+        return np.append(self.catalogue.shot, N_SHOTS).astype(np.int64)[self.incoming(state)]
 
     def duel(self, state: Indices) -> I32:
         """Net shots in a row that end with the incoming stroke of each state, 3 for three or more; any shape."""

@@ -153,9 +153,9 @@ class Recovery:
 
     def of_states(self, game: Layout, base: Ints) -> U16:
         """``[..., 9]`` probability of people's positions where a striker is in base states of a game, in units of 1/65535."""
-        shot, area = np.append(game.catalogue.shot, N_SHOTS), np.append(game.catalogue.area, N_AREAS)
+        area = np.append(game.catalogue.area, N_AREAS)
         own, incoming = game.own(base), game.incoming(base)
-        return self.chosen[shot[incoming], area[own], area[incoming], game.contact(base), game.hurried(base)]
+        return self.chosen[game.incoming_shot(base), area[own], area[incoming], game.contact(base), game.hurried(base)]
 
 
 def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recovery: Recovery) -> Waiting:

@@ -380,7 +380,7 @@ def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:
             type, area and contact, and one for each incoming shot type and answer.
     """
     stroke, state, catalogue = game.base_pair_stroke, game.base_pair_state, game.catalogue
-    shot, came = catalogue.shot[stroke], np.append(catalogue.shot, catalogue.shot.max() + 1)[game.incoming(state)]
+    shot, came = catalogue.shot[stroke], game.incoming_shot(state)
     of_stroke, of_answer = rng.normal(size=(13, 9, 2, 4)), rng.normal(size=(14, 13, 4))
     shift = (of_stroke[shot, catalogue.area[stroke], game.contact(state)] + of_answer[came, shot]) / 2**0.5
     weight = np.diff(game.threshold.astype(np.float64), axis=1, prepend=0, append=ONE) * np.exp(sigma * shift)

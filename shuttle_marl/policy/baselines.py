@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, F64, I16, I64
+from shuttle_marl.base.arrays import F32, F64, I16
 from shuttle_marl.base.tensor_files import checked, parsed
 from shuttle_marl.game.court import BACK, N_AREAS, area_centre, mirrored, third_of
 from shuttle_marl.game.pairs import people_of
@@ -76,9 +76,8 @@ class BehaviourClones:
             stroke, catalogue, state = game.base_pair_stroke, game.catalogue, game.base_pair_state
             shot, technique = catalogue.shot[stroke], catalogue.technique[stroke]
             area = mirrored(catalogue.area)[stroke] if opposite else catalogue.area[stroke]
-            # 13 means "no stroke yet", as in the models.
-            incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.incoming(state)]
-            logit = logit + self.style[m, incoming, game.contact(state), shot, technique] + self.area[m, shot, technique, area]
+            style = self.style[m, game.incoming_shot(state), game.contact(state), shot, technique]
+            logit = logit + style + self.area[m, shot, technique, area]
         weight = np.exp(logit)
         return np.asarray(weight / np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state])
 
@@ -248,7 +247,7 @@ def defensive(states: States) -> F64:
     points = points - (catalogue.area % 3 != 1)
     high = np.isin(catalogue.shot, [SHOTS.index(name) for name in ("lift", "clear", "long-serve")])
     points = points - 2.0 * (high & (third_of(catalogue.area) != BACK))
-    smashed = np.isin(_incoming_shot(states), [SHOTS.index(name) for name in POWER])
+    smashed = np.isin(states.game.incoming_shot(states.state), [SHOTS.index(name) for name in POWER])
     return points + smashed[:, None] * _by_shot(DEFEND_AGAINST_SMASH)[catalogue.shot]
 
 
@@ -287,8 +286,3 @@ def distance_from_opponent(states: States) -> F64:
 def _by_shot(points: Mapping[str, float]) -> F64:
     """``[13]`` points of every shot type, 0 for those that are not named."""
     return np.array([points.get(name, 0.0) for name in SHOTS])
-
-
-def _incoming_shot(states: States) -> I64:
-    """``[B]`` shot type of the incoming stroke, -1 when serving."""
-    return np.r_[states.game.catalogue.shot.astype(np.int64), -1][states.incoming]

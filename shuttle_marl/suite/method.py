@@ -43,13 +43,13 @@ def _all(module: str, *names: str, access: Access = "samples", kind: Kind = "met
     return {name: Baseline(f"{module}:{name}", access, kind) for name in names}
 
 
-_LEARNERS: Final = _all("training", "ppo", "a2c", "sac")
-_KNOWN: Final = _all("solving", "bc", "minimax", access="tables", kind="reference")
-_RANDOM: Final = _all("solving", "random", kind="reference")
+_LEARNERS: Final = {name: Baseline("training:learner", argument=name) for name in ("ppo", "a2c", "sac")}
+_KNOWN: Final = {name: Baseline("solving:named", "tables", "reference", name) for name in ("bc", "minimax")}
+_RANDOM: Final = {"random": Baseline("solving:named", kind="reference", argument="random")}
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         **_LEARNERS,
-        **_all("training", "ppo-self-play", "ppo-mixed"),
+        **_all("training", "ppo-self-play"),
         **_all("training", "ppo-restricted", access="tables"),
         **_all("solving", "restricted-counts", "restricted-mixture", access="tables"),
         "best-response-counts": Baseline("solving:restricted-counts", "tables", argument="1"),
@@ -144,7 +144,8 @@ def find(task: str, name: str) -> Method:
         module, _, own = known[key].path.partition(":")
         members = vars(importlib.import_module(f"shuttle_marl.suite.methods.{module}"))
         method: Method = members.get(own.title().replace("-", "")) or members[own.replace("-", "_")]
-        if colon and "argument" not in inspect.signature(method).parameters:
+        settable = inspect.signature(method).parameters.get("argument")
+        if colon and (settable is None or settable.default is settable.empty):
             raise SuiteError(f"method {name!r}: {key} takes no argument")
         chosen = argument if colon else known[key].argument
         return method if chosen is None else functools.partial(method, argument=chosen)

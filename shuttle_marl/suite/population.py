@@ -152,8 +152,7 @@ def waiting(policy: TabulatedPolicy, shift: F64) -> TabulatedPolicy:
         shift: ``[14, 9]`` by the shot type that it has played (the last one: none) and position.
     """
     game = policy.game
-    shot = np.append(game.catalogue.shot, len(shift) - 1)[game.incoming(np.arange(game.n_states))]
-    weight = positions_of(policy) * np.exp(shift)[shot]
+    weight = positions_of(policy) * np.exp(shift)[game.incoming_shot(np.arange(game.n_states))]
     return dataclasses.replace(policy, waits=cumulative_positions(weight / weight.sum(axis=1, keepdims=True)))
 
 
@@ -174,7 +173,7 @@ def _shift(arena: Arena, rng: np.random.Generator) -> F64:
         came = np.append(catalogue.area, catalogue.area.max() + 1)[incoming]
         areas, shots = rng.normal(size=(10, 2, 9)), rng.normal(size=(2, 13))
         return np.asarray(sigma * (areas[came, contact, area] + shots[contact, shot]) / 2**0.5)
-    came = np.append(catalogue.shot, catalogue.shot.max() + 1)[incoming]
+    came = game.incoming_shot(state)
     style, places = rng.normal(size=(14, 2, 13, 3)), rng.normal(size=(13, 3, 9))
     return np.asarray(sigma * (style[came, contact, shot, technique] + places[shot, technique, area]) / 2**0.5)
 

@@ -150,9 +150,7 @@ def write_data(
         for seed in range(seeds or found.seeds):
             log = log_of_unit(arena, case, seed)
             fresh = "-fresh" if case.options.get("log") == "fresh" else ""
-            name = (
-                f"{split}-{case.options['behaviour']}-{case.budget}{fresh}".replace(":", "-").replace("*", "x").replace("+", "-")
-            )
+            name = f"{split}-{case.options['behaviour']}-{case.budget}{fresh}".translate(str.maketrans(":*+", "-x-"))
             if minari:
                 name = f"shuttle_marl/{name}-v{seed}"
                 write_minari(log.transitions, name, out, arena.model, OPPONENT)

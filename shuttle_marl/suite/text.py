@@ -130,7 +130,7 @@ def chosen_states(arena: Arena) -> I64:
     found = common[hard]
     if not len(found):
         raise SuiteError("text-v0: constant lists are almost optimal in all common states of this game")
-    shot = np.append(game.catalogue.shot, -1)[game.incoming(found)]
+    shot = game.incoming_shot(found)
     # The k-th commonest state of every shot type comes before the next ones of any.
     place = np.zeros(len(found), dtype=np.int64)
     for each in np.unique(shot):

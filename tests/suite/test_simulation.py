@@ -23,7 +23,7 @@ from tests.suite.small import run
 
 ROWS, EPISODES = 1000, 20
 METHODS: Final = {
-    "exploit-v0": ("minimax", "ppo-mixed", "restricted-mixture", "best-response-counts", "model"),
+    "exploit-v0": ("minimax", "ppo-self-play", "restricted-mixture", "best-response-counts", "model"),
     "equilibrium-v0": ("minimax", "minimax-deterministic", "fictitious-self-play", "model", "model-boosted"),
     "adapt-v0": ("likeliest", "counts-recent", "counts-typed", "tilts", "mixture-without-levels"),
     "offline-v0": ("clone", "advantage-weighted", "fitted-q-pessimistic", "bcq", "model-ensemble"),

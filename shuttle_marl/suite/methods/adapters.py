@@ -5,7 +5,7 @@ The argument of a name, as in ``restricted-nash:0.75``, is p of the restricted N
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -17,6 +17,7 @@ from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import best_response, restricted_response
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy, positions_of
+from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, position_shares, tabulate
 from shuttle_marl.policy.computed import best_response_policy, minimax_policy
@@ -144,11 +145,9 @@ class PosteriorMean(Population):
     p = 1.0
 
     def estimate(self) -> StatePolicy:
-        """The mean of the known types that matter, choice by choice, as they strike at effort 0."""
-        kept = {policy: weight for policy, weight in zip(self.types, self.posterior, strict=True) if weight >= _RARE}
-        total = sum(kept.values())
-        parts = [weight / total * policy.block_probabilities(0) for policy, weight in kept.items()]
-        return PairPolicy(game=self.game, probability=np.sum(parts, axis=0), positions=mean_positions(self.game, kept))
+        """The mean of the known types that matter."""
+        kept = np.where(self.posterior >= _RARE, self.posterior, 0)
+        return mean_of(self.types, kept / kept.sum())
 
 
 class Likeliest(Population):
@@ -258,8 +257,8 @@ def waited(prior: StatePolicy, seen: Sequence[PlayedRally]) -> F64 | None:
 
 def tilted_positions(prior: F64, game: Game, state: I32, place: I8) -> F64:
     """:func:`waited` for ``[N]`` positions of the receiver where a striker was in ``[N]`` states."""
-    shot = np.append(game.catalogue.shot, game.catalogue.shot.max() + 1)[game.incoming(np.arange(game.n_states))]
-    number, expected = np.full((int(shot.max()) + 1, 9), _SHRINK), np.full((int(shot.max()) + 1, 9), _SHRINK)
+    shot = game.incoming_shot(np.arange(game.n_states))
+    number, expected = (np.full((N_SHOTS + 1, 9), _SHRINK) for _ in range(2))
     np.add.at(number, (shot[state], place), 1)
     np.add.at(expected, shot[state], prior[state])
     found = prior * (number / expected)[shot]
@@ -274,12 +273,18 @@ def respond(opponent: StatePolicy, p: float) -> TabulatedPolicy:
     return restricted_response(opponent, p, tolerance=TOLERANCE).policy
 
 
-def mean_positions(game: Game, weights: Mapping[TabulatedPolicy, float]) -> F64 | None:
-    """``[S, 9]`` mean of the positions of policies; None without recovery."""
-    if game.recovery is None:
-        return None
-    total = sum(weights.values())
-    return np.asarray(np.sum([weight / total * positions_of(policy) for policy, weight in weights.items()], axis=0))
+def mean_of(types: Sequence[TabulatedPolicy], weight: F64, *, least: float = 0.0) -> PairPolicy:
+    """The mean of types, choice by choice, as they strike at effort 0.
+
+    Args:
+        weight: ``[K]`` of the types.
+        least: weight of a type from which on its positions count.
+    """
+    game, positions, kept = types[0].game, None, np.where(weight > least, weight, 0)
+    if game.recovery is not None:
+        parts = [share * positions_of(policy) for policy, share in zip(types, kept / kept.sum(), strict=True) if share]
+        positions = np.sum(parts, axis=0)
+    return PairPolicy(game=game, probability=weight @ chances(tuple(types)), positions=positions)
 
 
 @functools.lru_cache(maxsize=1)
@@ -345,8 +350,7 @@ class Mixture(Population):
         weight = self.posterior
         if self.without != "weights":
             weight = mixture_weights(self.chance[:, pairs], _STRENGTH * weight)[0]
-        kept = {policy: share for policy, share in zip(self.types, weight.tolist(), strict=True) if share > _LITTLE}
-        found = PairPolicy(game=self.game, probability=weight @ self.chance, positions=mean_positions(self.game, kept))
+        found = mean_of(self.types, weight, least=_LITTLE)
         return found if self.without == "places" else dataclasses.replace(found, positions=waited(found, self.seen))
 
 

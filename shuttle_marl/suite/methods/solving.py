@@ -25,7 +25,7 @@ from shuttle_marl.suite.adapt import observed
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.method import find
-from shuttle_marl.suite.methods.adapters import chances, counted, mean_positions, mixture_weights, respond, struck
+from shuttle_marl.suite.methods.adapters import chances, counted, mean_of, mixture_weights, respond, struck
 from shuttle_marl.suite.methods.learned import boosted, boosted_game
 from shuttle_marl.suite.offline import LogSetting, fitted, in_game
 
@@ -45,19 +45,9 @@ _MARGIN: Final = 200
 """Strokes that are left for the end of the last rally."""
 
 
-def bc() -> Trained:
-    """The imitated average player."""
-    return Trained(player="bc", strokes=0)
-
-
-def random() -> Trained:
-    """Every legal stroke equally likely."""
-    return Trained(player="random", strokes=0)
-
-
-def minimax() -> Trained:
-    """Perfect play."""
-    return Trained(player="minimax", strokes=0)
+def named(setting: PlayerSetting, argument: str) -> Trained:  # noqa: ARG001
+    """A policy of the package, whose name is the argument."""
+    return Trained(player=argument, strokes=0)
 
 
 def minimax_deterministic(setting: PlayerSetting) -> Trained:
@@ -111,8 +101,7 @@ def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT), names
     number = max(1, min(setting.budget, _COUNTED) // _STROKES)
     seen = list(observed(game, (minimax_policy(game), setting.against), number, setting.seed))
     weight = mixture_weights(chances(types)[:, struck(seen) % game.n_base_pairs], np.ones(len(types)))[0]
-    places = mean_positions(game, dict(zip(types, weight.tolist(), strict=True)))
-    prior = PairPolicy(game=game, probability=weight @ chances(types), positions=places)
+    prior = mean_of(types, weight)
     used = sum(len(rally.own) if game.recovery is not None else int(rally.own.sum()) for rally in seen)
     return Trained(player=respond(counted(prior, seen), float(argument)), strokes=used)
 

@@ -37,19 +37,13 @@ _ITERATIONS: Final = 12
 """Iterations of a run with a small budget."""
 
 
-def ppo(setting: PlayerSetting) -> Trained:
-    """PPO (Schulman et al. 2017, arXiv 1707.06347)."""
-    return _trained(setting)
+def learner(setting: PlayerSetting, argument: str) -> Trained:
+    """The agent of a learning algorithm.
 
-
-def a2c(setting: PlayerSetting) -> Trained:
-    """A2C (Mnih et al. 2016, arXiv 1602.01783)."""
-    return _trained(setting, "a2c")
-
-
-def sac(setting: PlayerSetting) -> Trained:
-    """SAC (Haarnoja et al. 2018, arXiv 1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207)."""
-    return _trained(setting, "sac")
+    PPO (Schulman et al. 2017, arXiv 1707.06347), A2C (Mnih et al. 2016, arXiv 1602.01783), or SAC (Haarnoja et al. 2018, arXiv
+    1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207).
+    """
+    return _trained(setting, argument)
 
 
 def _trained(setting: PlayerSetting, algorithm: str = "ppo", **options: Any) -> Trained:
@@ -116,15 +110,6 @@ def ppo_restricted(setting: PlayerSetting) -> Trained:
         shares = [(1 - WEIGHT) / len(enemies)] * len(enemies)
         opponent = mixture([setting.against, *enemies], [WEIGHT, *shares])
     return Trained(player=player, strokes=used)
-
-
-def ppo_mixed(setting: PlayerSetting) -> Trained:
-    """PPO against the opponent and PPO in self-play, one of which is drawn at every choice."""
-    budget = setting.budget * 9 // 20  # the ends of rallies weigh more in short runs
-    (against, first), (blind, second) = (
-        _part(setting, name, opponent, budget) for name, opponent in (("against", setting.opponent), ("blind", None))
-    )
-    return Trained(player=mixture([against, blind], [WEIGHT, 1 - WEIGHT]), strokes=first + second)
 
 
 def fictitious_self_play(setting: PlayerSetting) -> Trained:
