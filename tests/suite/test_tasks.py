@@ -14,7 +14,10 @@ from shuttle_marl.base.programs import ProgramError
 from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.env.words import OVER, WAIT, TextRallyEnv, described, position, prompt, read_answer, text_env
 from shuttle_marl.game.observation import states_of
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.suite import store
+from shuttle_marl.suite.exploit import PlayerSetting
+from shuttle_marl.suite.method import find
 from shuttle_marl.suite.methods.chat import Chat
 from shuttle_marl.suite.offline import generate
 from shuttle_marl.suite.options import SuiteError
@@ -196,3 +199,13 @@ def test_two_players_play_in_words() -> None:
             strokes += 1
             env.step(str(seen).split("Legal strokes: ")[1].split(", ")[0])
     assert strokes > 0
+
+
+@pytest.mark.parametrize("budget", [20_000, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["ppo", "a2c", "sac", "ppo-self-play", "ppo-restricted"])
+def test_learners_fit_their_budgets(method: str, budget: int, tmp_path: Path) -> None:
+    # Rallies become longer while a player learns, most of all in self-play.
+    model = "default:recovery" if budget > 20_000 else f"{reduced_model()}:recovery"
+    setting = PlayerSetting(game=load_game(model), model=model, opponent="bc", budget=budget, seed=0, folder=tmp_path)
+    trained = find("exploit-v0", method)(setting)
+    assert budget / 2 < trained.strokes <= budget

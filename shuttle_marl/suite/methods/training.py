@@ -21,9 +21,8 @@ _SHARE: Final = 0.94
 """Fraction of the budget that is planned; the rest is for the ends of rallies, and for choices that are not the learner's."""
 _LESS: Final = 0.97
 """Factor of the planned strokes until they fit."""
-_SMALL: Final = 100_000
-_SHARE_OF_SMALL: Final = 0.85
-"""The same of a smaller budget, as in quick runs, whose few batches vary more."""
+_SHARES: Final = {50_000: 0.5, 200_000: 0.65}
+"""The same of budgets up to these: rallies become longer while a player learns, and few batches follow late."""
 _ROUNDS: Final = 24
 """Rounds of exact PSRO."""
 _BATCHES: Final = 100
@@ -67,7 +66,7 @@ def _trained(setting: PlayerSetting, algorithm: str = "ppo", **options: Any) -> 
         **options,
     )
     # Rallies are played to their end, so iterations are a little longer than their batches.
-    share = _SHARE_OF_SMALL if setting.budget < _SMALL else _SHARE
+    share = next((share for most, share in _SHARES.items() if setting.budget <= most), _SHARE)
     while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
         config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
     done = train(config)
