@@ -6,12 +6,12 @@ of the other parts of the state, separately for the striker's own last stroke an
 """
 
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from tensordict.nn import TensorDictModule
 from torch import nn
 from torch.distributions import Categorical, Distribution
 from torch.nn import functional
@@ -224,23 +224,19 @@ def make_q_network(game: Game, *, width: int, hidden: int) -> "StrokeValues":
     return StrokeValues(head(game, game.n_actions, width=width, hidden=hidden, scale=0.1))
 
 
-class StrokeValues(TensorDictModuleBase):
+class StrokeValues(TensorDictModule):
     """Values of all strokes in U states, or of R single strokes if ``row`` and ``played`` are present.
 
     Args:
         network: network from ``[U, 7]`` observations to ``[U, n]`` values.
     """
 
-    in_keys: ClassVar[list[str]] = ["observation", "row", "played"]
-    out_keys: ClassVar[list[str]] = ["action_value"]
-
     def __init__(self, network: nn.Module) -> None:
-        super().__init__()
-        self.network = network
+        super().__init__(network, in_keys=["observation", "row", "played"], out_keys=["action_value"])
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Set ``action_value``: ``[U, n]``, or ``[R, 1]`` of stroke ``played[r]`` in state ``row[r]``."""
-        value = self.network(tensordict["observation"])
+        value = self.module(tensordict["observation"])
         if "row" in tensordict.keys():  # noqa: SIM118  a tensordict iterates over its rows
             value = value[tensordict["row"], tensordict["played"]].unsqueeze(-1)
         return tensordict.set("action_value", value)
