@@ -23,18 +23,24 @@ def missing(reason: str) -> None:
     pytest.skip(reason)
 
 
-def node_readers(folder: Path, script: Path) -> list[str]:
-    """The command that runs a script with the official readers of MCAP and Arrow, which npm installs into a folder."""
-    program, npm = shutil.which("node"), shutil.which("npm")
+def installed(source: Path, folder: Path, what: str) -> str:
+    """Node, with whose npm the packages of a folder are installed into a copy of it."""
+    program, npm = node(), shutil.which("npm")
     if program is None or npm is None:
-        missing("needs Node and npm")
-    shutil.copytree(_READERS, folder, ignore=shutil.ignore_patterns("node_modules"), dirs_exist_ok=True)
-    shutil.copy(script, folder)
+        missing(f"needs {what}, or Node and npm to fetch it")
+    shutil.copytree(source, folder, ignore=shutil.ignore_patterns("node_modules"), dirs_exist_ok=True)
     install = [str(npm), "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
     done = subprocess.run(install, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
     if done.returncode:
-        missing(f"npm cannot install the readers: {done.stderr[-500:]}")
-    return [str(program), str(folder / script.name)]
+        missing(f"npm cannot fetch {what}: {done.stderr[-500:]}")
+    return str(program)
+
+
+def node_readers(folder: Path, script: Path) -> list[str]:
+    """The command that runs a script with the official readers of MCAP and Arrow, which npm installs into a folder."""
+    program = installed(_READERS, folder, "the readers")
+    shutil.copy(script, folder)
+    return [program, str(folder / script.name)]
 
 
 def chromium(folder: Path) -> str:
@@ -46,18 +52,10 @@ def chromium(folder: Path) -> str:
         return browser_program()
     except WatchError:
         pass
-    program, npm = node(), shutil.which("npm")
-    if program is None or npm is None:
-        missing("needs Chromium, or Node and npm to fetch it")
-    shutil.copytree(_BROWSER, folder, dirs_exist_ok=True)
     # It is unpacked into the folder for temporary files, which may hold another version or an incomplete one.
     place = {**os.environ, "TMPDIR": str(folder)}
-    done = subprocess.run(
-        [str(npm), "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=folder, capture_output=True, check=False
-    )
-    if done.returncode:
-        missing(f"Chromium cannot be fetched: {done.stderr.decode()[-500:]}")
-    said = subprocess.run([str(program), "where.mjs"], cwd=folder, env=place, capture_output=True, check=True).stdout
+    program = installed(_BROWSER, folder, "Chromium")
+    said = subprocess.run([program, "where.mjs"], cwd=folder, env=place, capture_output=True, check=True).stdout
     found = {name: shlex.quote(value) for name, value in json.loads(said).items()}
     # Its configuration looks for fonts in /tmp; without any font Chromium ends as soon as it draws text.
     fonts = folder / "fonts" / "fonts.conf"
