@@ -131,6 +131,7 @@ def main(name: str, folder: str, work: str) -> None:
     if (join := _JOIN_SESSION_KEYRING.get(os.uname().machine)) is not None:  # else units of a login share its keys
         ctypes.CDLL(None).syscall(*join)
     sys.path.append(folder)
+    Path(work).mkdir()  # beside what is shown of a Python that lies in /tmp
 
     def send(pipe: IO[bytes], **arrays: Any) -> None:
         pipe.write(message(**arrays))

@@ -203,7 +203,7 @@ class Session:
         elif isinstance(setting, AdaptSetting):
             self._opponents = list(setting.known.values())
         self._budget = getattr(setting, "budget", 0)
-        arguments = [f"{CODE}/apart.py", name, f"{CODE}/entry", "/tmp"]
+        arguments = [f"{CODE}/apart.py", name, f"{CODE}/entry", "/tmp/unit"]
         self._program = Program(boundary.command(folder, arguments), _SECONDS)
         states = np.arange(self.game.n_states)
         waiting = None if self.game.recovery is None else self.game.waiting.mask(self.game.base(states))
