@@ -4,7 +4,7 @@ import json
 import shutil
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pytest
@@ -201,8 +201,12 @@ def test_two_players_play_in_words() -> None:
     assert strokes > 0
 
 
-@pytest.mark.parametrize("budget", [20_000, pytest.param(100_000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("method", ["ppo", "a2c", "sac", "ppo-self-play", "ppo-restricted"])
+SLOW: Final = [
+    pytest.param(name, 100_000, marks=pytest.mark.slow) for name in ("ppo", "a2c", "sac", "ppo-self-play", "ppo-restricted")
+]
+
+
+@pytest.mark.parametrize(("method", "budget"), [("a2c", 20_000), ("ppo-self-play", 20_000), *SLOW])
 def test_learners_fit_their_budgets(method: str, budget: int, tmp_path: Path) -> None:
     # Rallies become longer while a player learns, most of all in self-play.
     model = "default:recovery" if budget > 20_000 else f"{reduced_model()}:recovery"
