@@ -31,10 +31,13 @@ def test_reports_are_figures_and_pages(tmp_path: Path) -> None:
     assert path.read_bytes() == found.html("zh") != found.html()
     assert "axelsen" in str(found.figures)
     assert found.html("zh") == sm.report(SAMPLE, "axelsen chou").html("zh"), "no sentence keeps the language of an earlier page"
-    scouted = sm.scouting_report("an-se-young", "chen-yufei", data=SAMPLE)
-    assert b"Chen" in scouted.html()
     with pytest.raises(ShuttleError, match="3 matches"):
         sm.report(SAMPLE, "viktor axelsen")
+
+
+@pytest.mark.slow
+def test_scouting_reports_are_pages() -> None:
+    assert b"Chen" in sm.scouting_report("an-se-young", "chen-yufei", data=SAMPLE).html()
 
 
 def test_the_network_of_an_agent_plays_as_its_table() -> None:

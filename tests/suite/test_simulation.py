@@ -62,7 +62,14 @@ def unit(task: str, method: str, folder: Path) -> tuple[dict[str, float], Outcom
     return dict(entry.scores), store.read_outcome(played, entry, arena_of(TASKS[task], reduced_model(), "dev", quick=True).game)
 
 
-@pytest.mark.parametrize(("task", "method"), [(task, method) for task in METHODS for method in METHODS[task]])
+@pytest.mark.parametrize(
+    ("task", "method"),
+    [
+        pytest.param(task, method, marks=pytest.mark.slow if place else ())
+        for task, methods in METHODS.items()
+        for place, method in enumerate(methods)
+    ],
+)
 def test_scores_equal_simulation(task: str, method: str, tmp_path: Path) -> None:
     arena = arena_of(TASKS[task], reduced_model(), "dev", quick=True)
     case, (scores, outcome) = TASKS[task].cases(arena)[0], unit(task, method, tmp_path)
