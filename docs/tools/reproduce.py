@@ -8,8 +8,8 @@ makes them anyway. Speeds, which differ between machines, are left out of both.
 A table is made from a result file by :mod:`docs.tools.tables`; the result file is made by a command. The result of a second run
 of that command is compared with the saved one, number by number, within a tolerance: 0 where a seed determines the result, a
 relative difference where versions of PyTorch or the machine change it. Speeds are compared within a factor of two, and differ by
-more between machines. ``--save`` keeps the time, the greatest difference and the game in ``reproduced.json``, and a result that
-differs. A time in words is an estimate.
+more between machines. ``--save`` keeps the time and the greatest difference in ``reproduced.json``, and a result that differs.
+A time in words is an estimate.
 """
 
 import dataclasses
@@ -37,6 +37,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.game import default_game
+from shuttle_marl.game.shipped import model_folder
 
 _PROVENANCE: Final = frozenset(
     {"command", "commit", "cpu", "cpu_seconds", "git", "machine", "packages", "platform", "python", "printed", "seconds"}
@@ -52,39 +53,60 @@ _BOARDS: Final = ("equilibrium-v0", "equilibrium-entrance-v0", "offline-v0")
 _QUICK: Final = 10.0
 """Time of a method whose row is quick [s]."""
 _AGAIN: Final = Path(__file__).with_name("reproduced.json")
-"""Seconds, greatest relative difference and game of reproduced tables, by name."""
+"""Seconds and greatest relative difference of reproduced tables, by name."""
 
 
 class ReproduceError(ShuttleError):
     """An unknown table, a command that fails, or another result."""
 
 
-def listed() -> Iterator[tuple[str, str, str, str, str, str]]:
-    """Every table: name, command, time (in seconds if it was measured), tolerance, greatest difference, and game of that run.
+def listed() -> Iterator[tuple[str, ...]]:
+    """Every table: name, command, time (in seconds if it was measured), tolerance, greatest difference, game and commit.
 
     Results that are shown beside others stand under their own name.
     """
     known = measured()
 
-    def times(name: str, estimate: str = "") -> tuple[str, str, str]:
+    def times(name: str, estimate: str = "") -> tuple[str, str]:
         if name not in known:
-            return estimate, "", ""
+            return estimate, ""
         found = known[name]["difference"]
-        return f"{known[name]['seconds']} s", "" if found is None else f"{found:.2g}", known[name]["game"]
+        return f"{known[name]['seconds']} s", "" if found is None else f"{found:.2g}"
 
     for name, result in RESULTS.items():
-        duration, found, game = times(name, result.estimate)
-        command = f"python -m {result.command}"
-        tolerance = f"{result.tolerance:g}" if result.compared else "not compared"
+        duration, found = times(name, result.estimate)
+        tolerance, origin = f"{result.tolerance:g}" if result.compared else "not compared", origin_of(file_of(name))
         for table in result.tables or (name,):
-            yield table, command, duration, tolerance, found, game
+            yield table, f"python -m {result.command}", duration, tolerance, found, *origin
     for table in COMPUTED:
-        duration, found, game = times(table)
-        yield table, f"python -m docs.tools.reproduce {table}", duration, "0", found, game
+        duration, found = times(table)
+        yield table, f"python -m docs.tools.reproduce {table}", duration, "0", found, *origin_of(ROOT)
+
+
+def file_of(name: str) -> Path:
+    """File of a result."""
+    return ROOT / RESULTS[name].folder / "results" / f"{name}.json"
+
+
+def origin_of(path: Path) -> tuple[str, str]:
+    """Game of a result, and the commit that wrote it; empty without git.
+
+    The game is that which the result names, or the shipped one if that is not newer.
+    """
+    asked = ["git", "log", "-1", "--format=%ct %h", "--"]
+    written, shipped = (
+        subprocess.run([*asked, each], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+        for each in (path, model_folder() / "game.safetensors")
+    )
+    if not written or not shipped:
+        return "", ""
+    named = re.search(r'"game(?:_hash)?": "([0-9a-f]{12})', path.read_text("utf-8")) if path.is_file() else None
+    game = named[1] if named else default_game().hash[:12] if int(written[0]) >= int(shipped[0]) else "an earlier one"
+    return game, written[1]
 
 
 def measured() -> dict[str, dict[str, Any]]:
-    """Seconds, greatest relative difference and game of reproduced tables, by name."""
+    """Seconds and greatest relative difference of reproduced tables, by name."""
     found: dict[str, dict[str, Any]] = json.loads(_AGAIN.read_text(encoding="utf-8"))
     return found
 
@@ -225,7 +247,7 @@ def check(table: str, *, save: bool = False) -> list[str]:
         new = remake(name, result)
         found, greatest = differences(saved(result.folder, name), json.loads(new), result.tolerance, result.speeds)
         if save and (found or greatest):
-            replace_file(ROOT / result.folder / "results" / f"{name}.json", f"{new.rstrip()}\n".encode())
+            replace_file(file_of(name), f"{new.rstrip()}\n".encode())
     elif name in COMPUTED:
         found = [] if _computed(name) == _shown(name) else [f"{name}: another table than the page shows"]
     else:
@@ -234,7 +256,6 @@ def check(table: str, *, save: bool = False) -> list[str]:
         about = {
             "seconds": round(time.perf_counter() - begun),
             "difference": None if found else greatest,
-            "game": default_game().hash[:12],
         }
         whole = json.dumps(dict(sorted({**measured(), name: about}.items())), indent=1)
         replace_file(_AGAIN, f"{whole}\n".encode())
@@ -291,7 +312,7 @@ def main(table: str = "", /, *, save: bool = False, part: str = "", seconds: flo
             raise ReproduceError(f"{len(failed)} of {len(names)} results differ or cannot be made: {', '.join(failed)}")
         return
     if not table:
-        rows = [("table", "command", "time", "tolerance", "found", "game"), *listed()]
+        rows = [("table", "command", "time", "tolerance", "found", "game", "commit"), *listed()]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             console.print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
