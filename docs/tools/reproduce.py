@@ -89,26 +89,22 @@ def file_of(name: str) -> Path:
 
 
 def origin_of(path: Path) -> tuple[str, str]:
-    """Game of a result, and the commit that wrote it; empty without git.
+    """Game of a result, and the commit that wrote it, empty without git.
 
     The game is that which the result names, or the shipped one if that is not newer.
     """
-    asked = ["git", "log", "-1", "--format=%ct %h", "--"]
+    asked = ("git", "log", "-1", "--format=%ct %h", "--")
     written, shipped = (
-        subprocess.run([*asked, each], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+        subprocess.run([*asked, each], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split() or ["0", ""]
         for each in (path, model_folder() / "game.safetensors")
     )
-    if not written or not shipped:
-        return "", ""
     named = re.search(r'"game(?:_hash)?": "([0-9a-f]{12})', path.read_text("utf-8")) if path.is_file() else None
-    game = named[1] if named else default_game().hash[:12] if int(written[0]) >= int(shipped[0]) else "an earlier one"
-    return game, written[1]
+    return named[1] if named else default_game().hash[:12] if written[0] >= shipped[0] else "earlier", written[1]
 
 
 def measured() -> dict[str, dict[str, Any]]:
     """Seconds and greatest relative difference of reproduced tables, by name."""
-    found: dict[str, dict[str, Any]] = json.loads(_AGAIN.read_text(encoding="utf-8"))
-    return found
+    return dict(json.loads(_AGAIN.read_text(encoding="utf-8")))
 
 
 def deviations(before: Any, after: Any, path: str = "") -> Iterator[tuple[float, str, str]]:
