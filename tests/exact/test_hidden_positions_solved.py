@@ -92,7 +92,7 @@ def test_matrix_games_equal_linear_programs() -> None:
 def test_values_of_random_games_are_those_of_linear_programs() -> None:
     """In every state, so that they are the fixed point of the equation that defines them."""
     mixed = 0
-    for seed in range(100):
+    for seed in range(60):
         game = with_recovery(random_game(seed, 3 + seed % 3), seed)
         found = solve(game)
         assert found.error_bound <= 2e-9
@@ -101,7 +101,7 @@ def test_values_of_random_games_are_those_of_linear_programs() -> None:
                 matrix = entries(game, state, found.value[1])
                 assert found.value[0][state] == pytest.approx(value_by_program(matrix), abs=1e-8)
                 mixed += matrix.min(axis=1).max() < matrix.max(axis=0).min() - 1e-6
-    assert mixed > 75, "states in which perfect play mixes"
+    assert mixed > 45, "states in which perfect play mixes"
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -103,6 +103,7 @@ def test_the_opponent_stands_where_the_last_stroke_went() -> None:
     assert distance[row, far] == pytest.approx(np.hypot(*(a - b)))
 
 
+@pytest.mark.slow
 def test_depth_of_a_small_game_as_json_and_tables(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     assert exact.main(["depth", "bc", "minimax", "--game", reduced_model(), "--json"]) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)

@@ -445,6 +445,7 @@ def test_the_video_alone_is_served_in_ranges(tmp_path: Path) -> None:
         assert get(address[1], "/video")[0] == 404
 
 
+@pytest.mark.slow
 def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) -> None:
     video, out = tmp_path / "match.webm", tmp_path / "match.csv"
     with av.open(str(video), "w") as container:
