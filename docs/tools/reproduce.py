@@ -14,6 +14,7 @@ A time in words is an estimate.
 
 import dataclasses
 import datetime
+import functools
 import json
 import math
 import os
@@ -93,13 +94,17 @@ def origin_of(path: Path) -> tuple[str, str]:
 
     The game is that which the result names, or the shipped one if that is not newer.
     """
-    asked = ("git", "log", "-1", "--format=%ct %h", "--")
-    written, shipped = (
-        subprocess.run([*asked, each], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split() or ["0", ""]
-        for each in (path, model_folder() / "game.safetensors")
-    )
+    (time_written, commit), (time_shipped, _) = written(path), written(model_folder() / "game.safetensors")
     named = re.search(r'"game(?:_hash)?": "([0-9a-f]{12})', path.read_text("utf-8")) if path.is_file() else None
-    return named[1] if named else default_game().hash[:12] if written[0] >= shipped[0] else "earlier", written[1]
+    return named[1] if named else default_game().hash[:12] if time_written >= time_shipped else "earlier", commit
+
+
+@functools.cache
+def written(path: Path) -> tuple[int, str]:
+    """Time of the last commit of a path [s], and its short hash; 0 and empty without git."""
+    asked = ["git", "log", "-1", "--format=%ct %h", "--", str(path)]
+    found = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    return (int(found[0]), found[1]) if found else (0, "")
 
 
 def measured() -> dict[str, dict[str, Any]]:

@@ -189,7 +189,7 @@ def test_a_tolerance_that_cannot_be_met_states_its_bound(capsys: pytest.CaptureF
 
 
 def test_programs_that_hang(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)  # for the log of what was played before
+    monkeypatch.chdir(tmp_path)  # the log of the matches before stays there
     name, game = f"program:{sys.executable} -S -c 'import sys; sys.stdin.read()'", ("--game", reduced_model())
     assert "no answer within 0.2 s" in failure(capsys, "evaluate", name, "--policy-timeout", "0.2", *game)
     assert "--policy-timeout -1" in failure(capsys, "evaluate", name, "--policy-timeout", "-1", *game)

@@ -50,7 +50,7 @@ def test_a_worse_stroke_changes_nothing_and_is_not_played() -> None:
     assert set(played) == {game.catalogue.shot[i] for i in range(3)}
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(games)
 def test_value_iteration_equals_policy_iteration(game: Game) -> None:
     solution = solve(game, tolerance=1e-10)
