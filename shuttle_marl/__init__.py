@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from shuttle_marl.recording import RallyLog, RallyLogWriter, RecordRallies
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, agent_network, train
 
-__version__ = "0.3.0.dev0"
+__version__ = "0.3.0"
 
 __all__ = [
     "A2CConfig",
