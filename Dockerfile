@@ -1,0 +1,10 @@
+# make dist && docker build -t shuttle-marl .
+FROM python:3.13-slim
+# For instance [train], for training with PyTorch.
+ARG EXTRAS=
+COPY dist/*.whl /tmp/
+RUN pip install --no-cache-dir "$(echo /tmp/*.whl)$EXTRAS" && rm /tmp/*.whl && useradd --create-home player
+USER player
+WORKDIR /home/player
+ENTRYPOINT ["shuttle-marl"]
+CMD ["league", "--matches", "200"]
