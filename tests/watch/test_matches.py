@@ -7,8 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -47,6 +48,7 @@ from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies, People, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE, StrokeValues
+from tests import golden
 from tests.reduced import reduced_game, reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -443,6 +445,41 @@ def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
         game = PAIR.seats[stroke.seat]
         good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
         assert (stroke.p_succ, stroke.p_ret) == pytest.approx((float(good), float(returned)), abs=1e-6)
+
+
+def test_replies_are_those_that_somebody_looked_at(answers: Answers) -> None:
+    plan = msgspec.structs.replace(PAIR_PLAN, points=3)
+    about = {"id": 0, "plan": plan}
+    first, second = (answers._played(messages.RallyRequest(rally=rally, **about)) for rally in (0, 1))
+    chosen = msgspec.structs.replace(plan, chosen={0: {0: int(first.stroke[0])}})
+    server = Person(seat=int(first.striker[0]), rally=0, stroke=1)
+    requests: dict[str, messages.Request] = {
+        "match": messages.MatchRequest(rally=0, **about),
+        "analysis": messages.AnalysisRequest(rally=1, **about),
+        "options": messages.OptionsRequest(rally=0, person=Person(seat=0, rally=0, stroke=0), **about),
+        "likeness": messages.LikenessRequest(id=0, plan=chosen, rally=0, person=server),
+        "styles": messages.StylesRequest(rally=0, **about),
+        "opening": messages.OpeningRequest(id=0, line=tuple(second.stroke[:2].tolist())),
+        "rally": messages.RallyRequest(rally=1, **about),
+        "hello": messages.HelloRequest(id=0),
+    }
+    golden.check("replies", {name: headed(answers(request)) for name, request in requests.items()}, 1e-3)
+
+
+def test_the_overview_of_a_match_is_one_that_somebody_looked_at(values: StrokeValues, tables: PolicyTables) -> None:
+    plan = Plan.parse({**PLAN, "points": 3, "seed": 23})
+    answers = Answers(tables, plan, STAGER)
+    answers._values = values
+    whole, part = (messages.MatchRequest(id=0, plan=plan, rally=3, partial=partial) for partial in (False, True))
+    analysis = messages.AnalysisRequest(id=0, plan=plan, rally=3)
+    golden.check("replies", {"whole match": headed(answers(whole)), "four rallies": headed(answers(part))}, 1e-3)
+    golden.check("replies", {"marked": headed(answers(analysis))}, 1e-3)
+
+
+def headed(reply: bytes) -> Any:
+    """The JSON of a reply, but for the version of the package."""
+    found, _ = json.JSONDecoder().raw_decode(reply[reply.index(b"{") :].decode(errors="replace"))
+    return {name: value for name, value in found.items() if name != "version"}
 
 
 def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answers) -> None:
