@@ -32,6 +32,7 @@ from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import layout
 from shuttle_marl.game.thresholds import ONE
+from tests import golden
 from tests.dynamics.rows import plain_rows
 from tests.exact.exact_games import game_without_outcomes
 
@@ -83,6 +84,7 @@ def test_late_strikers_are_found_in_matches_of_the_fit_and_in_others(fitted: tup
         assert (known == np.isfinite(rows.movement).all(axis=1)).all()
         assert (bits[known] == 1).mean() == pytest.approx(SHARE, abs=0.02)
         assert ((bits[known] == 1) == late[known]).mean() > 0.93
+    golden.check("dynamics", {"hurried": golden.weighted_sum(hurry.bits(rows).astype(float))})
     some = rows.match == 3
     assert hurry.fold[3] == 3
     assert np.array_equal(hurry.bits(rows.take(some)), hurry.bits(rows)[some])
@@ -135,6 +137,7 @@ def test_chances_of_hurried_receivers_are_recovered() -> None:
     trees, late = _fit_hurried(met, met.next_hurried == 1), met.next_hurried == 1
     lines = _hurried_lines(_out_of_fold_hurried(met, late), met, late)
     assert set(trees) == set(HURRIED)
+    golden.check("dynamics", {"lines of hurried receivers": lines})
     for contact, name in enumerate(HURRIED):
         those = met.next_contact == contact
         p = sigmoid(lines[contact, 0] * trees[name].logits(met.take(those).codes) + lines[contact, 1])
@@ -301,6 +304,7 @@ def test_the_mean_over_situations_is_what_the_data_bounds() -> None:
     game, situations = compiled([0.0, 0.6, 1.2], fault=0.5, returned=0.9, fault_range=(0.02, 0.10))
     fault = game.limits[..., 0].astype(float) / ONE
     duel, long = is_duel_pair(game), is_long_duel_pair(game)
+    golden.check("dynamics", {"compiled": golden.weighted_sum(game.threshold.astype(float))})
     # Half of the net shots of duels of two or more strokes belong to each of the twin states.
     assert duel.sum() == 2 * long.sum() > 0
     plain = fault[:, ~duel]

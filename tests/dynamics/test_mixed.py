@@ -30,6 +30,7 @@ from shuttle_marl.dynamics.skill import (
 from shuttle_marl.game.shipped import CARD, SKILL
 from shuttle_marl.game.skill import COMPONENTS, load_skill
 from shuttle_marl.game.stroke import N_SHOTS
+from tests import golden
 from tests.dynamics.rows import plain_rows
 
 CBPP = (
@@ -257,6 +258,9 @@ def test_a_model_folder_has_the_skill(case: tuple[dict[str, Predicted], F64, Fit
     # What a fit with a prior takes from the card.
     assert deviations_in(json.loads(json.dumps(card))) == pytest.approx(np.tile(SD, (3, 1)))
     assert deviations_in({}) is None
+    offset, deviation = (golden.weighted_sum(part.ravel().astype(float)) for part in (read.offset, read.deviation))
+    figures = {"offset": offset, "deviation": deviation, "summary": card["skill"]}
+    golden.check("dynamics", {"skill": figures}, 1e-3)
 
 
 def test_dates_of_matches() -> None:

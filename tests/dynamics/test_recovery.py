@@ -35,6 +35,7 @@ from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery
 from shuttle_marl.game.shipped import POSITIONS, load_game, model_folder, read_model_card
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 from shuttle_marl.game.tables import GameError
+from tests import golden
 from tests.dynamics.rows import plain_rows
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -103,6 +104,8 @@ def test_planted_effects_are_recovered(fitted: FittedRecovery) -> None:
         found = fitted.recovery.effect[:, SHOTS.index(shot), area, position] * STEP
         assert found[:, position < N_POSITIONS - 1] == pytest.approx(expected[:, position < N_POSITIONS - 1], abs=0.3)
     assert not fitted.recovery.effect[:, :N_SERVES].any()
+    people, effect = (golden.weighted_sum(part.ravel().astype(float)) for part in (fitted.recovery.people, fitted.recovery.effect))
+    golden.check("dynamics", {"recovery": {"coefficients": fitted.coefficients, "people": people, "effect": effect}})
 
 
 def test_positions_that_hardly_anybody_chooses_are_not_feasible(fitted: FittedRecovery) -> None:
