@@ -41,8 +41,8 @@ def drawing(svg: str) -> list[Any]:
 
 
 def artists(drawn: Any) -> list[Any]:
-    """Texts, lines, rectangles, polygons and images of a picture."""
-    found: list[Any] = []
+    """Size, texts, lines, rectangles, polygons and images of a picture."""
+    found: list[Any] = [drawn.get_size_inches()]
     for axes in drawn.axes:
         found += [[text.get_text(), *text.get_position()] for text in axes.texts]
         found += [line.get_xydata() for line in axes.lines]

@@ -53,7 +53,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         *("analysis", "coach", "data/test_simulated_strokes.py", "exact/test_exact_commands.py", "league/test_pair_league.py"),
         *("suite/test_offline.py", "watch/test_matches.py"),
     ),
-    "base": ("package", "data", "recording", "policy", "league", "coach", "watch"),
+    "base": ("package", "data", "recording", "policy", "league", "coach", "watch", "training/test_run_faults.py"),
     "coach": ("coach", "analysis"),
     "commands": (
         "package",
@@ -72,7 +72,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "recording": ("recording", "training/test_training_runs.py", "league"),
     "scene": ("scene", "watch"),
     "staging": ("staging", "scene"),
-    "training": ("training", "league"),
+    "training": ("training", "league", "package/test_golden.py"),
     "watch": ("watch",),
     "exact": ("exact", "suite/test_adapt.py"),
     "game": (

@@ -104,7 +104,9 @@ def test_planted_effects_are_recovered(fitted: FittedRecovery) -> None:
         found = fitted.recovery.effect[:, SHOTS.index(shot), area, position] * STEP
         assert found[:, position < N_POSITIONS - 1] == pytest.approx(expected[:, position < N_POSITIONS - 1], abs=0.3)
     assert not fitted.recovery.effect[:, :N_SERVES].any()
-    people, effect = (golden.weighted_sum(part.ravel().astype(float)) for part in (fitted.recovery.people, fitted.recovery.effect))
+    people, effect = (
+        golden.weighted_sum(part.ravel().astype(float)) for part in (fitted.recovery.people, fitted.recovery.effect)
+    )
     golden.check("dynamics", {"recovery": {"coefficients": fitted.coefficients, "people": people, "effect": effect}})
 
 
@@ -142,6 +144,24 @@ def test_shares_are_shrunk_to_those_of_the_cell_around() -> None:
     assert again is not None
     assert np.array_equal(again.recovery.people, found.recovery.people)
     assert people_at(again.recovery, unknown)[0].sum() == 0
+
+
+def test_strokes_of_which_something_is_unknown_and_serves_have_no_effect() -> None:
+    rows, predicted = strokes(20_000)
+    part = np.arange(len(rows)) % 4
+    waiting, shot = np.where((part == 0)[:, None], np.nan, rows.waiting), np.where(part == 1, 0, rows.codes["shot"])
+    changed = dataclasses.replace(rows, waiting=waiting.astype(np.float32), codes={**rows.codes, "shot": shot.astype(np.int16)})
+    unknown = {
+        name: dataclasses.replace(each, rows=changed, logit=np.where(part == 2, np.nan, each.logit))
+        for name, each in predicted.items()
+    }
+    found, expected = (
+        fit_recovery(rows, {name: each.take(part == 3) if kept else each for name, each in given.items()})
+        for kept, given in ((False, unknown), (True, predicted))
+    )
+    assert found is not None
+    assert expected is not None
+    assert np.array_equal(found.coefficients, expected.coefficients)
 
 
 def test_positions_are_named_from_the_forehand_side_of_the_receiver() -> None:

@@ -15,6 +15,7 @@ from shuttle_marl.staging.arm import LIMITS, SWING_1, SWING_2, SWING_LIMIT, Goal
 from shuttle_marl.staging.curves import curve, curve_at, slopes_through
 from shuttle_marl.staging.flight import GRAVITY, LENGTH, TERMINAL, Flights, fall, shoot
 from shuttle_marl.staging.rotation import exponential, from_yaw_pitch_roll, matrix, quaternion, turned
+from tests import golden
 from tests.staging.conftest import HANDS
 from tests.staging.motion_metrics import to_yaw_pitch_roll
 
@@ -205,6 +206,13 @@ def test_the_rally_stays_and_the_walk_ends_in_the_next_one(walks) -> None:
         assert np.abs(whole.position[-1] - following.position[0]).max() < 0.06
         assert np.abs(whole.shuttle[-1] - following.shuttle[0]).max() < 0.02
         assert np.abs(whole.position[n] - whole.position[n - 1]).max() < 0.06
+
+
+def test_walks_are_those_that_somebody_looked_at(walks) -> None:
+    for i, (rally, whole, _) in enumerate(walks):
+        added = {part: getattr(whole, part)[len(rally.time) :] for part in ("shuttle", "position", "rotation", "planted")}
+        hands = "-".join(rally.trajectory.rally.hands)
+        golden.check("walks", {f"{hands}, {i}, {part}": golden.weighted_sum(values) for part, values in added.items()}, 1e-3)
 
 
 def test_players_walk_and_their_feet_do_not_slide(walks) -> None:
