@@ -209,10 +209,12 @@ def test_the_rally_stays_and_the_walk_ends_in_the_next_one(walks) -> None:
 
 
 def test_walks_are_those_that_somebody_looked_at(walks) -> None:
+    found = {}
     for i, (rally, whole, _) in enumerate(walks):
-        added = {part: getattr(whole, part)[len(rally.time) :] for part in ("shuttle", "position", "rotation", "planted")}
-        hands = "-".join(rally.trajectory.rally.hands)
-        golden.check("walks", {f"{hands}, {i}, {part}": golden.weighted_sum(values) for part, values in added.items()}, 1e-3)
+        name = f"{'-'.join(rally.trajectory.rally.hands)}, {i}"
+        for part in ("shuttle", "position", "rotation", "planted"):
+            found[f"{name}, {part}"] = golden.weighted_sum(getattr(whole, part)[len(rally.time) :])
+    golden.check("walks", found, 1e-3)
 
 
 def test_players_walk_and_their_feet_do_not_slide(walks) -> None:

@@ -449,7 +449,7 @@ def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
 
 def test_replies_are_those_that_somebody_looked_at(answers: Answers) -> None:
     plan = msgspec.structs.replace(PAIR_PLAN, points=3)
-    about = {"id": 0, "plan": plan}
+    about: dict[str, Any] = {"id": 0, "plan": plan}
     first, second = (answers._played(messages.RallyRequest(rally=rally, **about)) for rally in (0, 1))
     chosen = msgspec.structs.replace(plan, chosen={0: {0: int(first.stroke[0])}})
     server = Person(seat=int(first.striker[0]), rally=0, stroke=1)
