@@ -9,12 +9,14 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.data import DataError, clean_matches, read_matches, upstream
 from shuttle_marl.data.schema import violations
+from shuttle_marl.data.strict_csv import StrictCsv
 from tests.data.upstream_layout import COLUMNS, HEADER, Layout, plain_game, write_rows
 
 NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"
@@ -198,3 +200,15 @@ def test_quoted_cells_with_commas_and_lines(tmp_path: Path) -> None:
     write_rows(path, rows)
     with pytest.raises(DataError, match=r"set1\.csv, line 8: unknown type"):
         clean_matches(tmp_path)
+
+
+def test_the_total_counts_rows_that_cannot_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_text('a,b\n1,2\n3\n,\n"4,5\n6,7",8\n9,10\n')
+    sheet = StrictCsv(path, ["a"])
+    assert (sheet.columns["b"], sheet.line.tolist()) == (("2", "10"), [2, 7])
+    assert (len(sheet), sheet.empty, sheet.others, sheet.total) == (2, 1, 2, 5)
+    assert [problem.line for problem in sheet.problems] == [3, 6]
+    assert sheet.unreadable.tolist() == [True, True]
+    kept = sheet.without(np.array([True, False]))
+    assert (kept.columns["b"], len(kept), kept.total) == (("10",), 1, 4)

@@ -1,11 +1,18 @@
-"""Limits of sizes, times and counts: a change of one is a decision, so their list is written down."""
+"""Limits of sizes, times and counts, and settings of learners: a change of one is a decision, so their list is written down."""
 
 import ast
+import dataclasses
 import importlib
 from pathlib import Path
 
 import shuttle_marl
 from shuttle_marl.data.schema import RANGES
+from shuttle_marl.dynamics.boosting import PARAMETERS
+from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
+from shuttle_marl.league import LeagueConfig
+from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig
+from shuttle_marl.training.league.config import LeagueTrainingConfig
+from shuttle_marl.training.q_learning import QConfig
 from tests import golden
 
 PACKAGE = Path(shuttle_marl.__file__).parent
@@ -21,3 +28,16 @@ def test_limits_are_those_that_somebody_decided() -> None:
                 found[f"{module}.{name}"] = getattr(importlib.import_module(module), name)
     assert len(found) > 100
     golden.check("limits", found | {"ranges of columns": RANGES})
+
+
+def test_settings_of_learners_are_those_that_somebody_chose() -> None:
+    settings = (PPOConfig, A2CConfig, SACConfig, QConfig, LeagueTrainingConfig, EnsembleConfig, LeagueConfig)
+    found = {
+        setting.__name__: {
+            field.name: field.default
+            for field in dataclasses.fields(setting)
+            if isinstance(field.default, bool | int | float | str | tuple)
+        }
+        for setting in settings
+    }
+    golden.check("limits", found | {"trees": PARAMETERS, "quick": dataclasses.asdict(QUICK)})
