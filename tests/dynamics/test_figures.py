@@ -16,6 +16,16 @@ from shuttle_marl.dynamics.features import Rows, codes_of_pairs, rows_from_strok
 from shuttle_marl.dynamics.fit import intended_targets, layouts_of
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.habits import plays_of_strokes, tally
+from shuttle_marl.dynamics.models import (
+    all_targets,
+    fit_binary,
+    fit_choice,
+    fit_success,
+    fit_target,
+    judged,
+    mean_probabilities,
+)
+from shuttle_marl.dynamics.network import EnsembleConfig
 from shuttle_marl.game.shipped import default_game, load_game, model_folder
 from tests import golden
 
@@ -67,6 +77,22 @@ def test_chances_of_the_shipped_models(opposite: bool, models: FittedModels) -> 
         for shifted, average in ((choices.shifted_choice, models.choice), (choices.shifted_targets, models.targets))
     ]
     golden.check("dynamics", {f"chances, {opposite=}": found})
+
+
+def test_networks_after_one_epoch(models: FittedModels, rows: Rows) -> None:
+    """Targets, success with unknown targets, and returns of a seed."""
+    config = EnsembleConfig(epochs=1, batch=512, folds=2, members=2)
+    parts = judged(rows)
+    (known, _), (good, returned) = parts["success"], parts["return"]
+    target = fit_target(rows, intended_targets(models.m_target, models.m_succ.network, rows), config, 1)
+    success = fit_success(known, mean_probabilities(target, known.codes), config, 2)
+    found = {
+        "target": target.logits(known.codes),
+        "success": all_targets(success, known),
+        "return": fit_binary("return", good, returned, config, 3).logits(known.codes),
+        "choice": fit_choice(rows, config, 4).logits(known.codes),
+    }
+    golden.check("dynamics", {"after one epoch": {name: sums(logits[:, ::10]) for name, logits in found.items()}}, 1e-2)
 
 
 def test_support_and_layout_of_the_sample(models: FittedModels, rows: Rows) -> None:
