@@ -87,8 +87,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "suite": ("suite", "experiments/test_suite.py"),
 }
 """Folders and files of the tests of each package."""
-LIMITS: Final = "package/test_limits.py"
-"""Tests of all packages."""
+GENERAL: Final = "package/test_limits.py", "package/test_command_line.py"
+"""Tests of all packages: limits and settings, and the help of all commands."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
 MODULES: Final = "shuttle_marl/watch/page/node_modules"
 """Folder of the page's tools, which copies link to."""
@@ -176,7 +176,10 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
         if isinstance(node, ast.If) and isinstance(node.body[-1], ast.Raise):
             yield make(node.test, ast.Constant(False), function, True)
         for child in ast.iter_child_nodes(node):
-            if not _is_excluded(node, child):
+            if isinstance(child, ast.arguments):  # defaults are computed where the function is defined
+                for default in filter(None, (*child.defaults, *child.kw_defaults)):
+                    yield from visit(default, "", "", guard)
+            elif not _is_excluded(node, child):
                 yield from visit(child, scope, function, guard or _is_guard(node, child))
 
     def make(node: Any, variant: ast.AST, function: str, guard: bool) -> Mutant:
@@ -310,7 +313,7 @@ def _record(files: list[str], template: Path, jobs: int, kept: Path) -> dict[str
 
 def _test_files(file: str) -> list[str]:
     """Test files of the package of a file."""
-    found = [ROOT / "tests" / name for name in (*TESTS[file.split("/")[1]], LIMITS)]
+    found = [ROOT / "tests" / name for name in (*TESTS[file.split("/")[1]], *GENERAL)]
     files = {test for path in found for test in (path.glob("test_*.py") if path.is_dir() else [path])}
     return [test.relative_to(ROOT).as_posix() for test in sorted(files)]
 

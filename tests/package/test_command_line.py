@@ -237,6 +237,10 @@ def test_a_command_that_is_nearly_one(typed: str, meant: str, capsys: pytest.Cap
     assert f"no command '{typed}'; did you mean {meant}" in capsys.readouterr().err
 
 
+def test_the_pages_of_commands_are_their_help() -> None:
+    command_reference.main(check=True)
+
+
 def test_completion_knows_every_form_and_option(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--completion", "bash"]) == 0
     found = re.search(r"^COMPLETION_SPEC = (.*)$", capsys.readouterr().out, re.MULTILINE)
