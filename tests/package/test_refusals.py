@@ -1,0 +1,115 @@
+"""What is refused at doors of the package, and what the message says; other refusals are tested beside what they guard."""
+
+import importlib.util
+import io
+import sys
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from mcap.opcode import Opcode
+
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.programs import Program, ProgramError
+from shuttle_marl.commands import suite
+from shuttle_marl.data.column_map import ColumnMap
+from shuttle_marl.env.batched import RallyEnv
+from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import States
+from shuttle_marl.league import LeagueConfig
+from shuttle_marl.policy import registry
+from shuttle_marl.policy.plain_network import _state_dictionary
+from shuttle_marl.recording.chunks import FRAME, records
+from shuttle_marl.recording.log_file import read_record, read_summary
+from shuttle_marl.suite.registry import write_data
+from shuttle_marl.suite.results import _compare
+from shuttle_marl.suite.run import _files
+from shuttle_marl.watch.server import check_video
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD = FRAME.pack(Opcode.HEADER, 3) + b"abc"
+
+
+REFUSED = (ShuttleError, TypeError, ValueError)
+
+
+def a_list_of_numbers(_: Path) -> None:
+    content = io.BytesIO()
+    torch.save([1, 2], content)
+    _state_dictionary(content.getvalue())
+
+
+def a_link(folder: Path) -> None:
+    (folder / "file.py").write_text("x = 1\n")
+    (folder / "other.py").symlink_to(folder / "file.py")
+    _files(folder)
+
+
+def a_dead_program(_: Path) -> None:
+    program = Program([sys.executable, "-c", ""], 30.0)
+    program.write(b"{}\n")
+    with pytest.raises(ProgramError, match="exited"):
+        program.read_line()
+    program.write(b"{}\n")
+
+
+def states_without_history(_: Path) -> None:
+    registry.resolve("bc:history", default_game()).probabilities(States(game=default_game(), state=np.zeros(1, np.int32)))
+
+
+def footer(start: int) -> bytes:
+    """A file of nothing but a footer."""
+    return MAGIC + FRAME.pack(Opcode.FOOTER, 20) + start.to_bytes(8, "little") + bytes(12) + MAGIC
+
+
+REFUSALS: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "option": (lambda _: RallyEnv(**{"bach": 4}), r"got an unexpected keyword argument 'bach'; did you mean batch"),
+    "program": (a_dead_program, "it is not asked again"),
+    "board": (lambda _: suite.board(()), "nothing to show: name run folders"),
+    "columns": (lambda _: ColumnMap._checked({"columns": {"player": "who"}}), r"\[columns\] lacks .*shot"),
+    "setting": (lambda _: ColumnMap._checked({"columms": {}}), "no setting 'columms'; did you mean columns"),
+    "column": (lambda _: ColumnMap._checked({"columns": {"color": "x"}}), "no column 'color'; did you mean score"),
+    "pool": (lambda _: LeagueConfig(pool=("bc", "random", "bc")), "--pool names bc twice; name every entrant once"),
+    "history": (states_without_history, "states without history"),
+    "weights": (a_list_of_numbers, "no state dictionary"),
+    "key": (lambda _: registry.register("bc", lambda *_: None), "'bc' is registered already; choose another"),
+    "data": (lambda folder: write_data("exploit-v0", folder, "dev", "default", None), "exploit-v0 has no data; offline-v0"),
+    "score": (lambda _: _compare({"score": 0.4}, {"score": 0.5}), r"score is 0\.500000000, not 0\.4"),
+    "link": (a_link, "other.py: is a link or a device; commit to regular files"),
+    "half a record": (lambda _: list(records(RECORD[:-1])), "a record is cut off"),
+    "half a head": (lambda _: list(records(RECORD + RECORD[:5])), "a record is cut off"),
+    "no record": (lambda _: read_record(io.BytesIO(RECORD), 4, len(RECORD), Opcode.HEADER), "no HEADER record at byte 4"),
+    "another record": (lambda _: read_record(io.BytesIO(RECORD), 0, len(RECORD), Opcode.CHUNK), "no whole CHUNK record"),
+    "a short record": (lambda _: read_record(io.BytesIO(RECORD), 0, len(RECORD) - 1, Opcode.HEADER), "no whole HEADER record"),
+    "not closed": (lambda _: read_summary(io.BytesIO(bytes(99)), 99), "it was not closed"),
+    "no summary": (lambda _: read_summary(io.BytesIO(footer(0)), len(footer(0))), "it has no summary"),
+    "summary behind": (lambda _: read_summary(io.BytesIO(footer(9)), len(footer(9))), "it has no summary"),
+    "other summary": (lambda _: read_summary(io.BytesIO(footer(8)), len(footer(8))), "checksum"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_what_is_refused_is_said(name: str, tmp_path: Path) -> None:
+    act, says = REFUSALS[name]
+    with pytest.raises(REFUSED, match=says):
+        act(tmp_path)
+
+
+def test_whole_records_are_read() -> None:
+    assert list(records(RECORD + RECORD)) == [(Opcode.HEADER, b"abc")] * 2
+    assert read_record(io.BytesIO(b"-" + RECORD), 1, 1 + len(RECORD), Opcode.HEADER) == b"abc"
+    end = footer(8)[8:-12]
+    content = MAGIC + RECORD + end + zlib.crc32(RECORD + end).to_bytes(4, "little") + MAGIC
+    assert read_summary(io.BytesIO(content), len(content)) == (8, [(Opcode.HEADER, b"abc")])
+
+
+def test_a_video_needs_its_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "av" else object())
+    with pytest.raises(REFUSED, match=r"--video needs av: "):
+        check_video(tmp_path / "a.mp4")
+    with pytest.raises(REFUSED, match=r"expected a name that ends in \.mp4 or \.webm"):
+        check_video(tmp_path / "a.avi")
