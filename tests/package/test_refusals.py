@@ -6,7 +6,7 @@ import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def footer(start: int) -> bytes:
 
 
 REFUSALS: dict[str, tuple[Callable[[Path], Any], str]] = {
-    "option": (lambda _: RallyEnv(**{"bach": 4}), r"got an unexpected keyword argument 'bach'; did you mean batch"),
+    "option": (lambda _: RallyEnv(**cast("Any", {"bach": 4})), r"got an unexpected keyword argument 'bach'; did you mean batch"),
     "program": (a_dead_program, "it is not asked again"),
     "board": (lambda _: suite.board(()), "nothing to show: name run folders"),
     "columns": (lambda _: ColumnMap._checked({"columns": {"player": "who"}}), r"\[columns\] lacks .*shot"),

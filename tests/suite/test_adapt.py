@@ -68,6 +68,13 @@ def test_populations_share_no_player_and_follow_from_their_seed(arena: Arena) ->
         again = opponent(Arena(game=GAME, split="dev"), family, 3)
         assert [policy.hash for policy in again.policies] == [policy.hash for policy in one.policies]
         assert again.starts == one.starts
+    found = {}
+    for family in FAMILIES:
+        for number in range(3 if family in ("switcher", "synthetic") else 1):
+            opposed = opponent(arena, family, number)
+            sums = [golden.weighted_sum(policy.pair_probabilities()) for policy in opposed.policies]
+            found[f"{family} {number}"] = {"policies": sums, "starts": opposed.starts, "learns": opposed.learns}
+    golden.check("opponents", found)
     switcher = opponent(arena, "switcher", 0)
     assert 100 <= switcher.starts[1] <= 400
     assert switcher.at(switcher.starts[1] - 1) is switcher.policies[0]
