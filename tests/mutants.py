@@ -87,8 +87,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "suite": ("suite", "experiments/test_suite.py"),
 }
 """Folders and files of the tests of each package."""
-GENERAL: Final = "package/test_limits.py", "package/test_refusals.py", "package/test_command_line.py"
-"""Tests of all packages: limits and settings, refusals, and the help of all commands."""
+GENERAL: Final = tuple(f"package/test_{name}.py" for name in ("limits", "refusals", "command_line", "printed"))
+"""Tests of all packages: limits and settings, refusals, and what commands print."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
 MODULES: Final = "shuttle_marl/watch/page/node_modules"
 """Folder of the page's tools, which copies link to."""
