@@ -17,6 +17,7 @@ from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, recover
 from shuttle_marl.recording.chunks import FRAME, decode, encode
+from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import VERSION, DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recover import salvage
@@ -239,3 +240,31 @@ def test_a_full_disk_without_reserves_leaves_whole_batches(tmp_path: Path) -> No
 def test_a_disk_that_is_full_from_the_start(tmp_path: Path) -> None:
     assert "nothing was recorded" in fill(tmp_path / "a.mcap", 5_000, reserve=True)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "says"),
+    [
+        ("first_rally", 3, None),
+        ("first_rally", 4, None),  # rallies between them were lost
+        ("first_rally", 2, "its index is out of order"),
+        ("rallies", 0, "its index is out of order"),
+        ("strokes", 1 << 62, "its index holds numbers that no log reaches"),
+    ],
+)
+def test_indexes_with_a_right_checksum(
+    column: str, value: int, says: str | None, tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies]
+) -> None:
+    path, part, about = tmp_path / "a.mcap", rallies(3), header()
+    log = LogFileWriter(path, about, fsync_seconds=60)
+    for first in (0, 3):
+        log.write(first, encode(first, part, len(about.strokes)), part)
+    place = ("first_rally", "rallies", "strokes").index(column)
+    log._index[1] = (*log._index[1][:place], value, *log._index[1][place + 1 :])
+    log.close()
+    if says is None:
+        with RallyLog(path) as opened:
+            assert opened.first_rally.tolist() == [0, value]
+    else:
+        with pytest.raises(DamagedLogError, match=says):
+            RallyLog(path)
