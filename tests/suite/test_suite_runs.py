@@ -23,7 +23,7 @@ from shuttle_marl.suite.board import render
 from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.method import sources
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.registry import TASKS
+from shuttle_marl.suite.registry import TASKS, task_of_run
 from shuttle_marl.suite.results import Row, difference, summarise, verify_run
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified
@@ -82,6 +82,18 @@ def test_a_model_folder_that_a_run_names_is_not_opened(tmp_path: Path) -> None:
         verify_run(folder)
     with pytest.raises(SuiteError, match=r"not shipped; name it with --game"):
         summarise(folder)
+
+
+def test_the_game_of_a_run_is_the_one_that_its_reader_names() -> None:
+    game = store.GameOf(model="default", hash="0" * 64)
+    config = store.RunConfig(task="exploit-v0", method="ppo", split="dev", quick=False, budget=10**6, seeds=1, game=game)
+    for model, found in ((None, "default"), (reduced_model(), reduced_model())):
+        task, arena, cases = task_of_run(config, model)
+        assert (task.name, arena.split, arena.quick, arena.budget) == ("exploit-v0", "dev", False, 10**6)
+        assert arena.model == f"{found}:recovery"
+        assert {case.budget for case in cases} == {10**6}
+    with pytest.raises(SuiteError, match="names no budget; budgets are never pooled"):
+        task_of_run(dataclasses.replace(config, budget=None))
 
 
 def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
