@@ -143,9 +143,11 @@ def test_areas_are_cut_where_the_data_cut_them() -> None:
     x = np.array([-73.6, -73.4, 73.4, 73.6, 0, 0, 0, 0]) * unit
     y = np.array([50, 50, 50, 50, 113.9, 114.1, 275.9, 276.1]) * unit
     assert court.area_of(x, y).tolist() == [0, 1, 1, 2, 1, 4, 4, 7]
-    assert court.in_court(np.array([0.0, 2.6, 0.0, np.nan]), np.array([6.7, 1.0, 6.71, 1.0])).tolist() == [
-        True,
-        False,
-        False,
-        False,
-    ]
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.25])
+def test_lines_belong_to_the_court(margin: float) -> None:
+    side, end = court.HALF_WIDTH + margin, court.HALF_LENGTH + margin
+    x = np.array([side, -side, 0.0, 0.0, np.nan, 0.0, side + 1e-6, -side - 1e-6, 0.0, 0.0])
+    y = np.array([1.0, 1.0, end, -margin, 1.0, np.nan, 1.0, 1.0, end + 1e-6, -margin - 1e-6])
+    assert court.in_court(x, y, margin).tolist() == [True] * 4 + [False] * 6

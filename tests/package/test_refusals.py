@@ -25,9 +25,12 @@ from shuttle_marl.policy import registry
 from shuttle_marl.policy.plain_network import _state_dictionary
 from shuttle_marl.recording.chunks import FRAME, records
 from shuttle_marl.recording.log_file import read_record, read_summary
+from shuttle_marl.staging import StagingError
+from shuttle_marl.staging.assemble import _check
 from shuttle_marl.suite.registry import write_data
 from shuttle_marl.suite.results import _compare
 from shuttle_marl.suite.run import _files
+from shuttle_marl.training import PPOConfig
 from shuttle_marl.watch.server import check_video
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -78,6 +81,12 @@ REFUSALS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "weights": (a_list_of_numbers, "no state dictionary"),
     "key": (lambda _: registry.register("bc", lambda *_: None), "'bc' is registered already; choose another"),
     "data": (lambda folder: write_data("exploit-v0", folder, "dev", "default", None), "exploit-v0 has no data; offline-v0"),
+    "no opponent": (lambda _: PPOConfig(opponent=()), "--opponent: expected one or more policies, or self"),
+    "self with others": (lambda _: PPOConfig(opponent=("bc", "self")), "self cannot be combined with other opponents"),
+    "nearly self": (lambda _: PPOConfig(opponent=("slef",)), "--opponent slef: no such policy; did you mean self"),
+    "bonus in self-play": (lambda _: PPOConfig(opponent=("self",), bonus=("smash=0.1",)), "not available in self-play"),
+    "large bonus": (lambda _: PPOConfig(bonus=("smash=1.1",)), "--bonus smash=1.1: expected SHOT=POINTS"),
+    "resume or overwrite": (lambda _: PPOConfig(resume=True, overwrite=True), "give one of them"),
     "score": (lambda _: _compare({"score": 0.4}, {"score": 0.5}), r"score is 0\.500000000, not 0\.4"),
     "link": (a_link, "other.py: is a link or a device; commit to regular files"),
     "half a record": (lambda _: list(records(RECORD[:-1])), "a record is cut off"),
@@ -97,6 +106,18 @@ def test_what_is_refused_is_said(name: str, tmp_path: Path) -> None:
     act, says = REFUSALS[name]
     with pytest.raises(REFUSED, match=says):
         act(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("option", "accepted", "refused"),
+    [("fps", (25, 1000), (24, 1001)), ("lead_in", (1.0, 3600.0), (0.99, 3600.5)), ("importance", (0.0, 1.0), (-0.01, 1.01))],
+)
+def test_bounds_of_staging(option: str, accepted: tuple[float, float], refused: tuple[float, float]) -> None:
+    for value in accepted:
+        _check(**cast("Any", {"fps": 50, "lead_in": 2.0, "importance": 0.5, option: value}))
+    for value in refused:
+        with pytest.raises(StagingError, match=f"{value}.*: expected "):
+            _check(**cast("Any", {"fps": 50, "lead_in": 2.0, "importance": 0.5, option: value}))
 
 
 def test_whole_records_are_read() -> None:
