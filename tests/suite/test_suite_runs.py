@@ -25,6 +25,7 @@ from shuttle_marl.suite.method import sources
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS, task_of_run
 from shuttle_marl.suite.results import Row, difference, summarise, verify_run
+from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified
 
@@ -179,6 +180,7 @@ def test_references_bound_the_scale(tmp_path: Path) -> None:
     assert summary(played(tmp_path / "e", "minimax", "equilibrium-entrance-v0"))["score"] == pytest.approx(0, abs=1e-6)
     one, some = (summary(played(tmp_path, name))["scores"]["score"]["value"] for name in ("constant", "constant-by-incoming"))
     assert one < some < 100 * response
+    golden.check("player_methods", {"constant": one, "constant-by-incoming": some})
 
 
 def test_perfect_play_has_to_mix_where_positions_are_hidden(tmp_path: Path) -> None:
@@ -193,11 +195,13 @@ def test_estimates_of_the_opponent_are_answered(tmp_path: Path) -> None:
     found = summary(played(tmp_path, "restricted-counts", "exploit-v0"))
     assert 0.25 * found["scores"]["best"]["value"] < found["score"] <= found["scores"]["best"]["value"] + 1e-6
     assert 0 < found["strokes"] <= 20_000
+    golden.check("player_methods", {"restricted-counts": {**found["scores"], "strokes": found["strokes"]}})
 
 
 def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
     found = summary(played(tmp_path, "fictitious-play", "equilibrium-entrance-v0"))
     assert 0 < found["score"] < 0.2 * 50 * best_response(table("bc")).value.odds().value
+    golden.check("player_methods", {"fictitious-play": found["scores"]})
 
 
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
