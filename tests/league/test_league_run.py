@@ -96,6 +96,13 @@ def test_the_figures_are_the_written_ones(finished: Path) -> None:
     golden.check("league", report | {"made_by": None, "report.html": heads, "cells": cells, "results.csv": rows})
 
 
+def test_the_page_shows_where_entrants_lose_most(tmp_path: Path) -> None:
+    run_league(LeagueConfig(pool=("bc", "safe"), game=reduced_model(), matches=2, holes=2, out=tmp_path / "run"))
+    page = (tmp_path / "run" / "report.html").read_text()
+    of_holes = page[page.index("loses a rally") :]
+    golden.check("league", {"holes": re.findall("<t[dh][^>]*>([^<]*)", of_holes[: of_holes.rindex("</table>")])})
+
+
 def test_curves_are_those_of_agents_whose_runs_exist(tmp_path: Path) -> None:
     (tmp_path / METRICS).write_text('{"strokes": 10, "seconds": 1.5, "rally_win": 0.6}\n{"strokes": 20, "sec')
     agents = [f"agent:{tmp_path}/agent", f"agent:{tmp_path}/agent@greedy"]

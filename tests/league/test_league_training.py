@@ -9,7 +9,8 @@ import shutil
 import signal
 import sys
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -31,9 +32,9 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
 from shuttle_marl.training.league.population import TABLES, Payoffs
-from shuttle_marl.training.league.run import MAIN, train_league
+from shuttle_marl.training.league.run import MAIN, _League, train_league
 from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised, uniform
-from shuttle_marl.training.league.state import LEAGUE, LeagueState, Member
+from shuttle_marl.training.league.state import LEAGUE, LeagueState, Member, TurnResult
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.recording.conftest import read_rallies
 from tests.recovery import Prefers, small_recovery_game
@@ -250,6 +251,32 @@ def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, mod
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@pytest.mark.parametrize(("won", "joins"), [(0.69, False), (0.71, True)])
+def test_exploiters_join_when_they_beat_the_latest_of_the_population(won: float, joins: bool) -> None:
+    met: list[list[str]] = []
+
+    def match_wins(_: str, others: list[str]) -> np.ndarray:
+        met.append(others)
+        return np.array([won, won])
+
+    league = SimpleNamespace(
+        config=SimpleNamespace(max_opponents=2),
+        state=SimpleNamespace(best=None, population=[SimpleNamespace(hash=name) for name in "abc"]),
+        payoffs=SimpleNamespace(match_wins=match_wins),
+    )
+    assert _League._succeeded(cast(_League, league), "league-exploiter", cast(TurnResult, SimpleNamespace(hash="x")), []) == joins
+    assert met == [["b", "c"]]
+
+
+@pytest.mark.parametrize(("best", "joins"), [(None, False), (0.5, False), (0.3, True)])
+def test_main_exploiters_join_when_they_win_half_of_what_can_be_won(best: float | None, joins: bool) -> None:
+    league = SimpleNamespace(
+        state=SimpleNamespace(best=None if best is None else SimpleNamespace(exploitability=best)),
+        payoffs=SimpleNamespace(odds=lambda *_: [SimpleNamespace(value=0.1), SimpleNamespace(value=0.2)]),
+    )
+    assert _League._succeeded(cast(_League, league), "main-exploiter", cast(TurnResult, SimpleNamespace(hash="x")), []) == joins
+
+
 def test_workers_end_with_the_league(model: str, tmp_path: Path) -> None:
     process, worker = _with_worker(LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run"))
     os.kill(process.pid, signal.SIGKILL)

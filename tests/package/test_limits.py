@@ -8,7 +8,7 @@ from pathlib import Path
 import shuttle_marl
 from shuttle_marl.data.schema import RANGES
 from shuttle_marl.dynamics.boosting import PARAMETERS
-from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
+from shuttle_marl.dynamics.network import QUICK, EnsembleConfig, NetworkSpec
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig
@@ -31,7 +31,7 @@ def test_limits_are_those_that_somebody_decided() -> None:
 
 
 def test_settings_of_learners_are_those_that_somebody_chose() -> None:
-    settings = (PPOConfig, A2CConfig, SACConfig, QConfig, LeagueTrainingConfig, EnsembleConfig, LeagueConfig)
+    settings = (PPOConfig, A2CConfig, SACConfig, QConfig, LeagueTrainingConfig, EnsembleConfig, NetworkSpec, LeagueConfig)
     found = {
         setting.__name__: {
             field.name: field.default
