@@ -1,4 +1,4 @@
-"""Mutation test: small changes of the code, each of which at least one fast test should notice.
+"""Mutation test: small changes of the code, each of which at least one test should notice.
 
     python -m tests.mutants [--modules game exact …] [--n 100] [--seed 0] [--jobs 2] [--json]
 
@@ -6,8 +6,8 @@ A mutation replaces one comparison, arithmetic or boolean operator, number, trut
 check pass that raises. Decorators, annotations, ``__all__`` and error messages stay. Changes of guards (conditions under which
 something is raised, and limits) are drawn twice as often as others. Each mutant of a random sample is a copy of the repository in
 a temporary folder. Compiled functions, those that they inline and constants are compiled anew for it; after other changes the
-machine code of the mutant before is used. The test files that call the changed function run on it, the quickest first, until a
-test fails. The output has the keys:
+machine code of the mutant before is used. The test files whose fast tests call the changed function run on it, the quickest
+first, until a test fails; if no fast test calls it, the slow tests of its package run. The output has the keys:
 
 - ``tried``: mutants of the sample; ``equivalent``: those that no test can notice, listed in ``equivalent_mutants.toml``.
 - ``killed``: a test failed; ``timeouts``: the tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
@@ -216,20 +216,23 @@ def _is_excluded(node: ast.AST, child: ast.AST) -> bool:
 
 @dataclasses.dataclass
 class Task:
-    """Test files to run, on a mutant or to record their calls, and how that ended: an exit status, or None after a timeout."""
+    """Tests to run, on a mutant or to record their calls, and how that ended: an exit status, or None after a timeout."""
 
     files: list[str]
     mutant: Mutant | None = None
+    slow: bool = False
     status: int | None = None
     seconds: float = 0.0
     calls: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def verdict(self) -> str:
-        return "timeouts" if self.status is None else "survived" if self.status in (0, 5) else "killed"
+        if self.status is None:
+            return "survived" if self.slow else "timeouts"  # slow tests may take longer without any fault
+        return "survived" if self.status in (0, 5) else "killed"
 
 
-def _run_tests(copied: Path, files: list[str], record: bool, machine_code: str) -> None:
+def _run_tests(copied: Path, task: Task, machine_code: str) -> None:
     """Run tests of a copy in this process, which is a fork; exit with the status of pytest."""
     os.setsid()
     os.chdir(copied)
@@ -240,11 +243,12 @@ def _run_tests(copied: Path, files: list[str], record: bool, machine_code: str) 
     # Beside the copy, in which a test compares all files with those of the repository.
     output = os.open(copied.parent / f"output-{os.getpid()}.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1), os.dup2(output, 2)
-    if record:
+    if not task.mutant:
         os.environ |= {calls.FILE: f"{copied}-calls-{os.getpid()}.txt", calls.ROOT: str(copied)}
         os.environ["PYTHONPATH"] += f"{os.pathsep}{_startup(copied)}"
         calls.start()
-    status = pytest.main(["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "no:xdist", *files])
+    marked = "slow" if task.slow else "not slow"
+    status = pytest.main(["-x", "-q", "-m", marked, "-p", "no:cacheprovider", "-p", "no:xdist", *task.files])
     os._exit(int(status))
 
 
@@ -270,9 +274,7 @@ def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterato
                 machine_code = f"{folder}-machine-code" if task.mutant.function else f"{folder}/machine-code"
                 (folder / task.mutant.file).unlink()
                 (folder / task.mutant.file).write_bytes(task.mutant.source())
-            process = multiprocessing.get_context("fork").Process(
-                target=_run_tests, args=(folder, task.files, not task.mutant, machine_code)
-            )
+            process = multiprocessing.get_context("fork").Process(target=_run_tests, args=(folder, task, machine_code))
             process.start()
             running[process.sentinel] = process, task, folder, time.monotonic()
         multiprocessing.connection.wait(list(running), 1.0)
@@ -327,7 +329,7 @@ def main(
     calls: Path | None = None,
     json: bool = False,
 ) -> None:
-    """Run the fast tests on mutants of the code.
+    """Run tests on mutants of the code.
 
     Args:
         modules: packages to change.
@@ -361,7 +363,7 @@ def main(
         for mutant in todo:
             files = sorted(_test_files(mutant.file), key=lambda file: seen[file]["seconds"])
             callers = [file for file in files if f"{mutant.file}:{mutant.function}" in seen[file]["calls"]]
-            tasks.append(Task(callers or files, mutant))
+            tasks.append(Task(callers or files, mutant, slow=bool(mutant.function) and not callers))
         for task in run(tasks, template, jobs, timeout):
             assert task.mutant is not None
             counts[task.verdict] += 1

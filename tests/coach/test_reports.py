@@ -38,7 +38,7 @@ from shuttle_marl.exact import Odds
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import BWF, Rules, Score
-from shuttle_marl.game.shipped import RELIABLE, model_folder, real_strokes, resolve_game
+from shuttle_marl.game.shipped import RELIABLE, default_game, model_folder, real_strokes, resolve_game
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
@@ -164,6 +164,16 @@ def test_a_court_is_drawn_as_a_receiver_of_the_hand_stands() -> None:
         place = {text: float(x) for x, text in re.findall(r"<text[^>]*translate\(([\d.]+) [^>]*>(77|23)<", drawn)}
         assert (place["77"] < place["23"]) == (hand == "right")
         assert "the opponent's forehand side 77" in drawn
+
+
+@pytest.mark.parametrize(("language", "every"), [("en", 1), ("zh", 5), ("id", 5)])
+def test_names_of_strokes_are_those_that_somebody_read(language: Language, every: int) -> None:
+    words, catalogue = Words(language), default_game().catalogue
+    names = {
+        catalogue.names[stroke]: words.stroke(catalogue, stroke, "their", met=stroke % 10 - 1, hands=("right", "left"))
+        for stroke in range(0, len(catalogue.names), every)
+    }
+    golden.check("words", {language: names})
 
 
 def test_a_stroke_between_two_sides_is_straight_or_cross_court() -> None:

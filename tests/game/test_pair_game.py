@@ -196,3 +196,12 @@ def test_damaged_skill(tmp_path: Path, name: str) -> None:
         (folder / CARD).write_bytes(seal(card))
     with pytest.raises(GameError, match="no readable skill of players"):
         load_skill(folder)
+
+
+def test_people_change_seats_with_their_hands() -> None:
+    people = pairs.People(players=(A, B), date=datetime.date(2020, 5, 1), model=reduced_model(), hands=("right", "left"))
+    assert (people.swapped.players, people.swapped.hands) == ((B, A), ("left", "right"))
+    assert people.swapped.swapped == people
+    assert people.opposite
+    assert people.swapped.opposite
+    assert people.title == f"{A} against {B} as of 2020-05-01"

@@ -15,6 +15,7 @@ from shuttle_marl.league.entrants import enter
 from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.ratings import (
     ELO,
+    _information,
     bradley_terry,
     exact_ratings,
     misfit,
@@ -295,3 +296,16 @@ def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytes
         assert 32 <= matches <= 64
         assert all(a <= b for a, b in zip(cells, all_cells, strict=True))
         assert matches == 64 or abs(log_likelihood_ratio(cells, 200.0)) >= BOUND
+
+
+def test_the_covariance_of_ratings_inverts_the_curvature_and_fixes_the_mean() -> None:
+    """Three entrants in a row, of whom neighbours played one match, and two who met nobody else."""
+    played = np.zeros((5, 5))
+    for one, other in ((0, 1), (1, 2), (3, 4)):
+        played[one, other] = played[other, one] = 1
+    curvature, covariance = _information(played, np.zeros(5))
+    assert curvature == pytest.approx(played / 4)
+    mean = np.zeros((5, 5))
+    mean[:3, :3], mean[3:, 3:] = 1 / 3, 1 / 2
+    whole = np.diag(curvature.sum(axis=1)) - curvature + mean
+    assert covariance @ whole == pytest.approx(np.eye(5), abs=1e-12)

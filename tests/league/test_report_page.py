@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
 
+from shuttle_marl import __version__
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
 from shuttle_marl.exact import visits
@@ -161,6 +162,16 @@ def test_runs_side_by_side(tmp_path: Path, small_model: str, capsys: pytest.Capt
     for expected in ("t1: rank", "t2: rank", "safe", "entropy 0.1", "entropy 0.2", "e0.1-0", "0.2100", "100 %", "is better than"):
         assert expected in words, expected
     assert "0.2000 to 0.2200" in words
+    golden.check("pages", {"runs side by side": shown(words)})
+
+
+def shown(words: list[str]) -> list[str]:
+    """The words of a page without scripts, styles, and what changes with the version."""
+    return [word.strip() for word in words if word.strip() and len(word) < 300 and __version__ not in word]
+
+
+def test_the_words_of_a_page_are_those_that_somebody_read() -> None:
+    golden.check("pages", {"tournament": shown(parsed(page(tournament())).words)})
 
 
 def test_one_training_run_has_its_last_evaluation_and_settings(tmp_path: Path) -> None:
@@ -169,6 +180,7 @@ def test_one_training_run_has_its_last_evaluation_and_settings(tmp_path: Path) -
         assert expected in words, expected
     assert "seeds" not in words
     assert "Comparison" not in words
+    golden.check("pages", {"a training run": shown(words)})
 
 
 def test_what_cannot_be_compared(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import io
+import math
 import sys
 import zlib
 from collections.abc import Callable
@@ -13,26 +14,34 @@ import pytest
 import torch
 from mcap.opcode import Opcode
 
-from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.analysis.decisions import Rating, rated
+from shuttle_marl.base.errors import ShuttleError, seed_number
 from shuttle_marl.base.programs import Program, ProgramError
 from shuttle_marl.commands import suite
 from shuttle_marl.data.column_map import ColumnMap
+from shuttle_marl.data.readers.pipeline import _rate
 from shuttle_marl.env.batched import RallyEnv
+from shuttle_marl.exact import restricted_response
+from shuttle_marl.exact.meta_games import alpha_rank
 from shuttle_marl.game import default_game
-from shuttle_marl.game.policy import States
+from shuttle_marl.game.policy import States, TemperedPolicy
+from shuttle_marl.game.scoring import Rules
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.plain_network import _state_dictionary
 from shuttle_marl.recording.chunks import FRAME, records
 from shuttle_marl.recording.log_file import read_record, read_summary
-from shuttle_marl.staging import StagingError
 from shuttle_marl.staging.assemble import _check
 from shuttle_marl.suite.registry import write_data
 from shuttle_marl.suite.results import _compare
 from shuttle_marl.suite.run import _files
 from shuttle_marl.training import PPOConfig
-from shuttle_marl.watch.server import check_video
+from shuttle_marl.training.config import seconds_of
+from shuttle_marl.watch.server import bind, check_video
+from tests.reduced import reduced_game
 
+GAME = reduced_game()
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = FRAME.pack(Opcode.HEADER, 3) + b"abc"
 
@@ -108,16 +117,47 @@ def test_what_is_refused_is_said(name: str, tmp_path: Path) -> None:
         act(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("option", "accepted", "refused"),
-    [("fps", (25, 1000), (24, 1001)), ("lead_in", (1.0, 3600.0), (0.99, 3600.5)), ("importance", (0.0, 1.0), (-0.01, 1.01))],
-)
-def test_bounds_of_staging(option: str, accepted: tuple[float, float], refused: tuple[float, float]) -> None:
+def of_staging(**options: float) -> None:
+    _check(**cast("Any", {"fps": 50, "lead_in": 2.0, "importance": 0.5, **options}))
+
+
+def of_alpha_rank(**options: float) -> None:
+    alpha_rank([[0.5, 0.6], [0.4, 0.5]], **cast("Any", options))
+
+
+BOUNDS: dict[str, tuple[Callable[[Any], Any], tuple[Any, ...], tuple[Any, ...]]] = {
+    "frames a second": (lambda value: of_staging(fps=value), (25, 1000), (24, 1001)),
+    "time before the serve": (lambda value: of_staging(lead_in=value), (1.0, 3600.0), (0.99, 3600.5)),
+    "importance": (lambda value: of_staging(importance=value), (0.0, 1.0), (-0.01, 1.01)),
+    "seed": (seed_number, (0, (1 << 64) - 1), (-1, 1 << 64)),
+    "deviation": (lambda value: Rating(deviation=value), (0.0, 1000.0), (-0.1, 1000.5)),
+    "volatility": (lambda value: Rating(volatility=value), (1e-9, 1.0), (0.0, 1.01)),
+    "points of a rating": (lambda value: Rating(points=value), (-1e9, 1e9), (math.nan, math.inf)),
+    "quality": (lambda value: rated(Rating(), [value]), (0.0, 1.0), (-0.01, 1.01)),
+    "points of a game": (lambda value: Rules(points=value), (2, 30), (1, 31)),
+    "lead": (lambda value: Rules(clear=value), (1, 21), (0, 22)),
+    "cap": (lambda value: Rules(cap=value), (21, 127), (20, 128)),
+    "games": (lambda value: Rules(games=value), (1, 63), (0, 64)),
+    "temperature": (lambda value: TemperedPolicy(base=cast("Any", None), temperature=value), (0.0, 1e9), (-0.01, math.inf)),
+    "alpha": (lambda value: of_alpha_rank(alpha=value), (1e-9, math.inf), (0.0, -1.0)),
+    "population": (lambda value: of_alpha_rank(population=value), (2, 50), (1, 0)),
+    "noise": (lambda value: of_alpha_rank(noise=value, alpha=math.inf), (1e-9, 0.99), (0.0, 1.0)),
+    "rate of a video": (lambda value: _rate(Path("a.json"), value), ("1", "10000", "30000/1001", ""), ("0.99", "10001", "0")),
+    "time of a budget": (seconds_of, ("0.1s", "5m", "1h"), ("0s", "-1s", "5", "5d")),
+    "share": (lambda value: restricted_response(tabulate(registry.resolve("bc", GAME), GAME), value), (0.0, 1.0), (-0.01, 1.01)),
+    "port": (lambda value: bind("127.0.0.1", value).close(), (0,), (-1, 1 << 16)),
+}
+"""For each number: what takes it, the least and the greatest that is accepted, and what is refused beside them."""
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_numbers_are_accepted_up_to_their_bounds(name: str) -> None:
+    act, accepted, refused = BOUNDS[name]
     for value in accepted:
-        _check(**cast("Any", {"fps": 50, "lead_in": 2.0, "importance": 0.5, option: value}))
+        act(value)
     for value in refused:
-        with pytest.raises(StagingError, match=f"{value}.*: expected "):
-            _check(**cast("Any", {"fps": 50, "lead_in": 2.0, "importance": 0.5, option: value}))
+        with pytest.raises(ShuttleError, match=r"expected|--budget|--port"):
+            act(value)
 
 
 def test_whole_records_are_read() -> None:
