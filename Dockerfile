@@ -3,8 +3,8 @@ FROM python:3.13-slim
 # For instance [train], for training with PyTorch.
 ARG EXTRAS=
 COPY dist/*.whl /tmp/
-RUN pip install --no-cache-dir "$(echo /tmp/*.whl)$EXTRAS" && rm /tmp/*.whl && useradd --create-home player
+RUN pip install --no-cache-dir "$(echo /tmp/*.whl)$EXTRAS" && rm /tmp/*.whl && useradd --create-home --home-dir /shuttle player
 USER player
-WORKDIR /home/player
+WORKDIR /shuttle
 ENTRYPOINT ["shuttle-marl"]
 CMD ["league", "--matches", "200"]
