@@ -44,8 +44,6 @@ from tests.reduced import reduced_game
 GAME = reduced_game()
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = FRAME.pack(Opcode.HEADER, 3) + b"abc"
-
-
 REFUSED = (ShuttleError, TypeError, ValueError)
 
 
