@@ -10,7 +10,7 @@ machine code of the mutant before is used. The test files whose fast tests call 
 first, until a test fails; if no fast test calls it, the slow tests of its package run. The output has the keys:
 
 - ``tried``: mutants of the sample; ``equivalent``: those that no test can notice, listed in ``equivalent_mutants.toml``.
-- ``killed``: a test failed; ``timeouts``: the tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
+- ``killed``: a test failed; ``timeouts``: the fast tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
 - ``share``: fraction of mutants noticed, killed or timed out, of those that are not equivalent; ``guards``: ``tried`` and
   ``share`` of those in guards.
 - ``survivors``: file, line, and the source before and after of each survivor.

@@ -1,4 +1,4 @@
-"""Figures of fits and of the shipped models that somebody looked at, on the simulated sample."""
+"""Fits to the simulated sample, and the shipped models, compared with golden files."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ def rows() -> Rows:
 
 
 def sums(value: Any) -> Any:
-    """Weighted sums of the arrays of a structure; where a number is not finite counts too."""
+    """Weighted sums of the arrays of a structure, and of the masks of their finite numbers."""
     if dataclasses.is_dataclass(value):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
@@ -80,7 +80,7 @@ def test_chances_of_the_shipped_models(opposite: bool, models: FittedModels) -> 
 
 
 def test_networks_after_one_epoch(models: FittedModels, rows: Rows) -> None:
-    """Targets, success with unknown targets, and returns of a seed."""
+    """Logits of targets, success with unknown targets, returns and choices, for fixed seeds."""
     config = EnsembleConfig(epochs=1, batch=512, folds=2, members=2)
     parts = judged(rows)
     (known, _), (good, returned) = parts["success"], parts["return"]

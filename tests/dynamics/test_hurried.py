@@ -84,7 +84,7 @@ def test_late_strikers_are_found_in_matches_of_the_fit_and_in_others(fitted: tup
         assert (known == np.isfinite(rows.movement).all(axis=1)).all()
         assert (bits[known] == 1).mean() == pytest.approx(SHARE, abs=0.02)
         assert ((bits[known] == 1) == late[known]).mean() > 0.93
-    golden.check("dynamics", {"hurried": golden.weighted_sum(hurry.bits(rows).astype(float))})
+    golden.check("dynamics", {"hurried": golden.weighted_sum(hurry.bits(rows))})
     some = rows.match == 3
     assert hurry.fold[3] == 3
     assert np.array_equal(hurry.bits(rows.take(some)), hurry.bits(rows)[some])
@@ -304,7 +304,7 @@ def test_the_mean_over_situations_is_what_the_data_bounds() -> None:
     game, situations = compiled([0.0, 0.6, 1.2], fault=0.5, returned=0.9, fault_range=(0.02, 0.10))
     fault = game.limits[..., 0].astype(float) / ONE
     duel, long = is_duel_pair(game), is_long_duel_pair(game)
-    golden.check("dynamics", {"compiled": golden.weighted_sum(game.threshold.astype(float))})
+    golden.check("dynamics", {"compiled": golden.weighted_sum(game.threshold)})
     # Half of the net shots of duels of two or more strokes belong to each of the twin states.
     assert duel.sum() == 2 * long.sum() > 0
     plain = fault[:, ~duel]

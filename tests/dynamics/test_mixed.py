@@ -258,7 +258,7 @@ def test_a_model_folder_has_the_skill(case: tuple[dict[str, Predicted], F64, Fit
     # What a fit with a prior takes from the card.
     assert deviations_in(json.loads(json.dumps(card))) == pytest.approx(np.tile(SD, (3, 1)))
     assert deviations_in({}) is None
-    offset, deviation = (golden.weighted_sum(part.ravel().astype(float)) for part in (read.offset, read.deviation))
+    offset, deviation = (golden.weighted_sum(part.ravel()) for part in (read.offset, read.deviation))
     figures = {"offset": offset, "deviation": deviation, "summary": card["skill"]}
     golden.check("dynamics", {"skill": figures}, 1e-3)
 

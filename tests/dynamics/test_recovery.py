@@ -104,9 +104,7 @@ def test_planted_effects_are_recovered(fitted: FittedRecovery) -> None:
         found = fitted.recovery.effect[:, SHOTS.index(shot), area, position] * STEP
         assert found[:, position < N_POSITIONS - 1] == pytest.approx(expected[:, position < N_POSITIONS - 1], abs=0.3)
     assert not fitted.recovery.effect[:, :N_SERVES].any()
-    people, effect = (
-        golden.weighted_sum(part.ravel().astype(float)) for part in (fitted.recovery.people, fitted.recovery.effect)
-    )
+    people, effect = (golden.weighted_sum(part.ravel()) for part in (fitted.recovery.people, fitted.recovery.effect))
     golden.check("dynamics", {"recovery": {"coefficients": fitted.coefficients, "people": people, "effect": effect}})
 
 

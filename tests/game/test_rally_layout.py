@@ -143,6 +143,8 @@ def test_areas_are_cut_where_the_data_cut_them() -> None:
     x = np.array([-73.6, -73.4, 73.4, 73.6, 0, 0, 0, 0]) * unit
     y = np.array([50, 50, 50, 50, 113.9, 114.1, 275.9, 276.1]) * unit
     assert court.area_of(x, y).tolist() == [0, 1, 1, 2, 1, 4, 4, 7]
+    inside = court.in_court(np.array([0.0, 2.6, 0.0, np.nan]), np.array([6.7, 1.0, 6.71, 1.0]))
+    assert inside.tolist() == [True, False, False, False]
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.25])

@@ -249,8 +249,6 @@ def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, mod
     assert final(tmp_path / "run") == final(whole)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 @pytest.mark.parametrize(("won", "joins"), [(0.69, False), (0.71, True)])
 def test_exploiters_join_when_they_beat_the_latest_of_the_population(won: float, joins: bool) -> None:
     met: list[list[str]] = []
@@ -277,6 +275,8 @@ def test_main_exploiters_join_when_they_win_half_of_what_can_be_won(best: float 
     assert _League._succeeded(cast(_League, league), "main-exploiter", cast(TurnResult, SimpleNamespace(hash="x")), []) == joins
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_workers_end_with_the_league(model: str, tmp_path: Path) -> None:
     process, worker = _with_worker(LeagueTrainingConfig(**{**SMALL, "workers": 2}, game=model, out=tmp_path / "run"))
     os.kill(process.pid, signal.SIGKILL)

@@ -299,7 +299,7 @@ def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytes
 
 
 def test_the_covariance_of_ratings_inverts_the_curvature_and_fixes_the_mean() -> None:
-    """Three entrants in a row, of whom neighbours played one match, and two who met nobody else."""
+    """Entrants 0, 1 and 2 form a chain, with one match between neighbours; entrants 3 and 4 played only each other, once."""
     played = np.zeros((5, 5))
     for one, other in ((0, 1), (1, 2), (3, 4)):
         played[one, other] = played[other, one] = 1

@@ -1,4 +1,4 @@
-"""What commands print for people, on a small game: tables and sentences that somebody looked at."""
+"""The console output of commands on a small game, compared with a golden file."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What is refused at doors of the package, and what the message says; other refusals are tested beside what they guard."""
+"""Errors for invalid arguments, options and files, with their messages; others are tested beside the code that raises them."""
 
 import importlib.util
 import io
@@ -31,7 +31,7 @@ from shuttle_marl.league import LeagueConfig
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.plain_network import _state_dictionary
 from shuttle_marl.recording.chunks import FRAME, records
-from shuttle_marl.recording.log_file import read_record, read_summary
+from shuttle_marl.recording.log_file import MAGIC, read_record, read_summary
 from shuttle_marl.staging.assemble import _check
 from shuttle_marl.suite.registry import write_data
 from shuttle_marl.suite.results import _compare
@@ -42,7 +42,6 @@ from shuttle_marl.watch.server import bind, check_video
 from tests.reduced import reduced_game
 
 GAME = reduced_game()
-MAGIC = b"\x89MCAP0\r\n"
 RECORD = FRAME.pack(Opcode.HEADER, 3) + b"abc"
 REFUSED = (ShuttleError, TypeError, ValueError)
 
@@ -154,7 +153,7 @@ def test_numbers_are_accepted_up_to_their_bounds(name: str) -> None:
     for value in accepted:
         act(value)
     for value in refused:
-        with pytest.raises(ShuttleError, match=r"expected|--budget|--port"):
+        with pytest.raises(ShuttleError, match="expected"):
             act(value)
 
 
