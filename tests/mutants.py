@@ -2,12 +2,13 @@
 
     python -m tests.mutants [--modules game exact …] [--n 100] [--seed 0] [--jobs 2] [--json]
 
-A mutation replaces one comparison, arithmetic or boolean operator, number, truth value, ``not`` or returned value, or lets a
-check pass that raises. Decorators, annotations, ``__all__`` and error messages stay. Changes of guards (conditions under which
-something is raised, and limits) are drawn twice as often as others. Each mutant of a random sample is a copy of the repository in
-a temporary folder. Compiled functions, those that they inline and constants are compiled anew for it; after other changes the
-machine code of the mutant before is used. The test files whose fast tests call the changed function run on it, the quickest
-first, until a test fails; if no fast test calls it, the slow tests of its package run. The output has the keys:
+A mutation (:mod:`tests.mutations`) replaces one comparison, arithmetic or boolean operator, number, truth value, ``not`` or
+returned value, or lets a check pass that raises. Changes of guards (conditions under which something is raised, and limits) are
+drawn twice as often as others. All tests run first, to record which functions each of them calls. A mutant of a Python function
+is a fork of a process that has imported everything; the fast tests that call the function run on it, the quickest first, until
+one fails, then the others of their files. Other mutants (compiled functions, constants, and functions that imports call) are
+copies of the repository, on which the test files of the package run; if no fast test calls a function, its slow tests. The output
+has the keys:
 
 - ``tried``: mutants of the sample; ``equivalent``: those that no test can notice, listed in ``equivalent_mutants.toml``.
 - ``killed``: a test failed; ``timeouts``: the fast tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
@@ -16,11 +17,12 @@ first, until a test fails; if no fast test calls it, the slow tests of its packa
 - ``survivors``: file, line, and the source before and after of each survivor.
 """
 
-import ast
-import copy
 import dataclasses
+import functools
+import gc
 import hashlib
 import importlib
+import itertools
 import json as json_
 import multiprocessing
 import multiprocessing.connection
@@ -32,18 +34,18 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import CodeType, FunctionType
 from typing import Any, Final, Literal, get_args
 
 import pytest
 import tyro
 
-from tests import calls
-from tests.calls import is_compiled
+from tests import instrumentation
+from tests.mutations import ROOT, Mutant, mutants
 
-ROOT: Final = Path(__file__).resolve().parents[1]
 Module = Literal[
     "analysis", "base", "coach", "commands", "data", "dynamics", "env", "exact", "game", "kernel", "league", "pages", "policy",
     "recording", "scene", "staging", "suite", "training", "watch",
@@ -92,138 +94,20 @@ GENERAL: Final = tuple(f"package/test_{name}.py" for name in ("limits", "refusal
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
 MODULES: Final = "shuttle_marl/watch/page/node_modules"
 """Folder of the page's tools, which copies link to."""
-OPERATORS: Final = {
-    **{"Lt": "LtE GtE", "LtE": "Lt Gt", "Gt": "GtE LtE", "GtE": "Gt Lt", "Eq": "NotEq", "NotEq": "Eq", "Is": "IsNot"},
-    **{"IsNot": "Is", "In": "NotIn", "NotIn": "In", "And": "Or", "Or": "And", "Add": "Sub", "Sub": "Add", "Mult": "Div"},
-    **{"Div": "Mult", "FloorDiv": "Mult", "Mod": "FloorDiv", "Pow": "Mult", "BitAnd": "BitOr", "BitOr": "BitAnd"},
-    **{"BitXor": "BitAnd", "LShift": "RShift", "RShift": "LShift"},
-}
-"""Classes of :mod:`ast` that replace an operator, one at a time."""
 LIBRARIES: Final = ("numba", "scipy.optimize", "scipy.stats", "torch", "pandas", "pyarrow.csv", "hypothesis", "sybil", "msgspec")
 """Imported once, before the processes of the tests are forked."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Mutant:
-    """One change of a file.
-
-    Attributes:
-        file: path in the repository.
-        function: qualified name of the innermost function around the change; empty if there is none or it is compiled.
-        line: number of the first changed line.
-        before, after: source lines without and with the change.
-        guard: whether the change is one of a guard.
-        lines: numbers of the changed lines, from 0, the last excluded; ``new``: what stands there instead.
-    """
-
-    file: str
-    function: str
-    line: int
-    before: str
-    after: str
-    guard: bool
-    lines: tuple[int, int] = dataclasses.field(repr=False)
-    new: bytes = dataclasses.field(repr=False)
-
-    def source(self) -> bytes:
-        """Content of the changed file."""
-        old, (first, last) = (ROOT / self.file).read_bytes().splitlines(keepends=True), self.lines
-        return b"".join([*old[:first], self.new, *old[last:]])
-
-
-def variants(node: ast.AST) -> Iterator[ast.AST]:
-    """Copies of a node with one change of its own."""
-
-    def changed(**fields: Any) -> ast.AST:
-        new = copy.copy(node)
-        vars(new).update(fields)
-        return new
-
-    def is_sequence(x: ast.AST) -> bool:  # other operators would only raise TypeError
-        return isinstance(x, ast.JoinedStr | ast.List | ast.Tuple) or (isinstance(x, ast.Constant) and isinstance(x.value, str))
-
-    def others(op: ast.AST) -> list[Any]:
-        return [getattr(ast, name)() for name in OPERATORS.get(type(op).__name__, "").split()]
-
-    match node:
-        case ast.Compare(ops=ops):
-            yield from (changed(ops=[*ops[:at], op, *ops[at + 1 :]]) for at in range(len(ops)) for op in others(ops[at]))
-        case ast.BinOp(op=op) | ast.AugAssign(op=op) | ast.BoolOp(op=op):
-            if not any(map(is_sequence, ast.iter_child_nodes(node))):
-                yield from (changed(op=other) for other in others(op))
-        case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
-            yield operand
-        case ast.Constant(value=bool(value)):
-            yield changed(value=not value)
-        case ast.Constant(value=int(value) | float(value)):
-            yield changed(value=value + 1)
-        case ast.Return(value=value) if value is not None and not (isinstance(value, ast.Constant) and value.value is None):
-            yield changed(value=ast.Constant(None))
-
-
-def mutants(file: str, source: str) -> Iterator[Mutant]:
-    """All mutants of a file."""
-    lines = source.encode().splitlines(keepends=True)
-
-    def visit(node: ast.AST, scope: str, function: str, guard: bool) -> Iterator[Mutant]:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            is_function = isinstance(node, ast.FunctionDef)
-            function = scope + node.name if is_function and not is_compiled(node) else ""
-            scope += f"{node.name}.<locals>." if is_function else f"{node.name}."
-            node.decorator_list = []
-        elif isinstance(node, ast.expr | ast.Return | ast.AugAssign):
-            yield from (make(node, variant, function, guard) for variant in variants(node))
-        if isinstance(node, ast.If) and isinstance(node.body[-1], ast.Raise):
-            yield make(node.test, ast.Constant(False), function, True)
-        for child in ast.iter_child_nodes(node):
-            if isinstance(child, ast.arguments):  # defaults are computed where the function is defined
-                for default in filter(None, (*child.defaults, *child.kw_defaults)):
-                    yield from visit(default, "", "", guard)
-            elif not _is_excluded(node, child):
-                yield from visit(child, scope, function, guard or _is_guard(node, child))
-
-    def make(node: Any, variant: ast.AST, function: str, guard: bool) -> Mutant:
-        first, last = node.lineno - 1, node.end_lineno
-        text = ast.unparse(variant) if isinstance(variant, ast.stmt | ast.Constant) else f"({ast.unparse(variant)})"
-        head, tail = lines[first][: node.col_offset], lines[last - 1][node.end_col_offset :]
-        new = head + text.encode() + tail + b"\n" * (last - 1 - first)  # other lines keep their numbers
-        before, after = (b" ".join(x.split()).decode() for x in (b"".join(lines[first:last]), new))
-        return Mutant(file, function, node.lineno, before, after, guard, (first, last), new)
-
-    yield from visit(ast.parse(source), "", "", False)
-
-
-def _is_guard(node: ast.AST, child: ast.AST) -> bool:
-    """Whether a child is the condition of an error, or a limit."""
-    match node:
-        case ast.If(test=test, body=[*_, ast.Raise()]):
-            return child is test
-        case ast.AnnAssign(target=ast.Name(id=name), value=value) | ast.Assign(targets=[ast.Name(id=name)], value=value):
-            return child is value and name.lstrip("_").startswith(("MAX", "MOST", "LEAST", "MIN", "LONGEST", "LIMIT"))
-    return False
-
-
-def _is_excluded(node: ast.AST, child: ast.AST) -> bool:
-    if child in (getattr(node, "annotation", None), getattr(node, "returns", None)):
-        return True
-    match child:
-        case ast.Assign(targets=[ast.Name(id="__all__")]) | ast.If(test=ast.Name(id="TYPE_CHECKING")):
-            return True
-        case ast.Raise() | ast.JoinedStr() | ast.keyword(arg="strict") | ast.Call(func=ast.Attribute(value=ast.Name(id="_LOG"))):
-            return True
-    return False
 
 
 @dataclasses.dataclass
 class Task:
     """Tests to run, on a mutant or to record their calls, and how that ended: an exit status, or None after a timeout."""
 
-    files: list[str]
+    tests: list[str]
     mutant: Mutant | None = None
     slow: bool = False
+    limit: float = 3600.0
     status: int | None = None
     seconds: float = 0.0
-    calls: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def verdict(self) -> str:
@@ -232,83 +116,245 @@ class Task:
         return "survived" if self.status in (0, 5) else "killed"
 
 
-def _run_tests(copied: Path, task: Task, machine_code: str) -> None:
-    """Run tests of a copy in this process, which is a fork; exit with the status of pytest."""
-    os.setsid()
-    os.chdir(copied)
-    os.environ |= {"PYTHONPATH": str(copied), "NUMBA_CACHE_DIR": machine_code}
-    for name in [name for name in sys.modules if name.split(".")[0] in ("shuttle_marl", "tests", "conftest", "docs")]:
-        del sys.modules[name]
-    sys.path[:] = [str(copied), *(path for path in sys.path if path and Path(path).resolve() != ROOT)]
-    # Beside the copy, in which a test compares all files with those of the repository.
-    output = os.open(copied.parent / f"output-{os.getpid()}.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-    os.dup2(output, 1), os.dup2(output, 2)
-    if not task.mutant:
-        os.environ |= {calls.FILE: f"{copied}-calls-{os.getpid()}.txt", calls.ROOT: str(copied)}
-        os.environ["PYTHONPATH"] += f"{os.pathsep}{_startup(copied)}"
-        calls.start()
-    marked = "slow" if task.slow else "not slow"
-    status = pytest.main(["-x", "-q", "-m", marked, "-p", "no:cacheprovider", "-p", "no:xdist", *task.files])
-    os._exit(int(status))
-
-
-def _startup(copied: Path) -> Path:
-    """Folder of what each interpreter runs first."""
-    folder = Path(f"{copied}-startup")
-    folder.mkdir(exist_ok=True)
-    (folder / "sitecustomize.py").write_text("from tests import calls\n\ncalls.start()\n")
-    return folder
-
-
-def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterator[Task]:
-    """Run tasks in parallel, without a mutation in the template, else in copies of it: links, until a file is replaced."""
-    waiting, slots = tasks[::-1], [template.with_name(f"copy-{job}") for job in range(jobs)]
+def run(tasks: list[Task], target: Callable[[Task, int], None], jobs: int) -> Iterator[Task]:
+    """Call a function with each task, and the number of its place among those that run, in forks of this process."""
+    waiting, places = tasks[::-1], list(range(jobs))
     running: dict[int, Any] = {}
     while waiting or running:
-        while waiting and len(running) < jobs:
-            task, folder, machine_code = waiting.pop(), template, ""
-            if task.mutant:
-                folder = slots.pop()
-                shutil.copytree(template, folder, symlinks=True, copy_function=os.link)
-                # The folder has the same name as for the mutant before, so what that compiled is found.
-                machine_code = f"{folder}-machine-code" if task.mutant.function else f"{folder}/machine-code"
-                (folder / task.mutant.file).unlink()
-                (folder / task.mutant.file).write_bytes(task.mutant.source())
-            process = multiprocessing.get_context("fork").Process(target=_run_tests, args=(folder, task, machine_code))
+        while waiting and places:
+            task, place = waiting.pop(), places.pop()
+            process = multiprocessing.get_context("fork").Process(target=target, args=(task, place))
             process.start()
-            running[process.sentinel] = process, task, folder, time.monotonic()
+            running[process.sentinel] = process, task, place, time.monotonic()
         multiprocessing.connection.wait(list(running), 1.0)
-        for sentinel, (process, task, folder, start) in list(running.items()):
+        for sentinel, (process, task, place, start) in list(running.items()):
             task.seconds = time.monotonic() - start
-            if process.is_alive() and task.seconds <= timeout:
+            if process.is_alive() and task.seconds <= task.limit:
                 continue
             task.status = process.exitcode
             if process.is_alive():
                 os.killpg(process.pid, signal.SIGKILL)
             process.join()
-            if task.mutant:
-                done = folder.rename(tempfile.mkdtemp(dir=template.parent))  # a test's process may still write there
-                shutil.rmtree(done, ignore_errors=True)
-                slots.append(folder)
-            elif task.verdict == "survived":
-                task.calls = sorted(set(Path(f"{folder}-calls-{process.pid}.txt").read_text().splitlines()))
-            else:
-                output = (folder.parent / f"output-{process.pid}.txt").read_text()
-                print(f"{task.files[0]} fails without a mutation:\n{output[-3000:]}", file=sys.stderr, flush=True)
+            places.append(place)
             del running[sentinel]
             yield task
 
 
-def _record(files: list[str], template: Path, jobs: int, kept: Path) -> dict[str, dict[str, Any]]:
-    """For each test file, the functions that it calls and the seconds that it takes."""
-    found = json_.loads(kept.read_text()) if kept.exists() else {}
+def _enter(root: Path, output: Path, machine_code: Path, *startup: Path) -> None:
+    """Let this process, which is a fork, run the tests of a copy."""
+    os.setsid()
+    os.chdir(root)
+    os.environ |= {"PYTHONPATH": os.pathsep.join(map(str, (root, *startup))), "NUMBA_CACHE_DIR": str(machine_code)}
+    for name in [name for name in sys.modules if name.split(".")[0] in ("shuttle_marl", "tests", "conftest", "docs")]:
+        del sys.modules[name]
+    sys.path[:] = [str(root), *(path for path in sys.path if path and Path(path).resolve() != ROOT)]
+    _write_to(output)
+
+
+def _write_to(output: Path) -> None:
+    file = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(file, 1), os.dup2(file, 2)
+
+
+def _pytest(tests: list[str], plugin: object = None, slow: bool = False) -> int:
+    flags = ["-x", "-q", "-m", "slow" if slow else "not slow", "-p", "no:cacheprovider", "-p", "no:xdist"]
+    return int(pytest.main([*flags, *tests], plugins=[plugin] if plugin else []))
+
+
+def _run_copy(template: Path, task: Task, place: int) -> None:
+    """Run tests of a copy with a mutation: links, until a file is replaced."""
+    # The folder has the same name as for the mutant before, so what that compiled is found.
+    root, mutant = template.with_name(f"copy-{place}"), task.mutant
+    assert mutant is not None
+    if root.exists():
+        done = root.rename(tempfile.mkdtemp(dir=template.parent))  # a test's process may still write there
+        shutil.rmtree(done, ignore_errors=True)
+    shutil.copytree(template, root, symlinks=True, copy_function=os.link)
+    (root / mutant.file).unlink()
+    (root / mutant.file).write_bytes(mutant.source())
+    _enter(root, Path(f"{root}.txt"), Path(f"{root}-machine-code") if mutant.function else root / "machine-code")
+    os._exit(_pytest(task.tests, slow=task.slow))
+
+
+class _Forks:
+    """Plugin of pytest: after the collection, runs tests on mutants of functions, each in a fork."""
+
+    def __init__(self, template: Path, tasks: list[Task], jobs: int, results: multiprocessing.connection.Connection) -> None:
+        self.template, self.tasks, self.jobs, self.results = template, tasks, jobs, results
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        self.session, self.items = session, {item.nodeid: item for item in session.items}
+        numbers = {id(task): number for number, task in enumerate(self.tasks)}
+        for task in run(self.tasks, self._run, self.jobs):
+            self.results.send((numbers[id(task)], task.status, task.seconds))
+        return True
+
+    def _run(self, task: Task, place: int) -> None:
+        os.setsid()
+        work = self.template.with_name(f"fork-{place}")
+        shutil.rmtree(work, ignore_errors=True)
+        mutant, temporary = task.mutant, work / "temporary"
+        assert mutant is not None
+        changed = work / "changed" / mutant.file
+        for folder in (changed.parent, temporary):
+            folder.mkdir(parents=True)
+        changed.write_bytes(mutant.source())
+        _write_to(work / "output.txt")
+        os.environ[instrumentation.CHANGED] = str(work / "changed")
+        instrumentation.change()
+        _exchange(self.template / mutant.file, mutant)
+        vars(vars(self.session.config)["_tmp_path_factory"])["_basetemp"] = temporary
+        items = [self.items[test] for test in task.tests]
+        for item, following in zip(items, [*items[1:], None], strict=True):
+            self.session.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+            if self.session.testsfailed:
+                os._exit(1)
+        os._exit(0)
+
+
+def _exchange(path: Path, mutant: Mutant) -> None:
+    """Let the mutant's function, where it was imported, run the code of the mutant."""
+
+    def inner(code: CodeType) -> Iterator[CodeType]:
+        for constant in code.co_consts:
+            if isinstance(constant, CodeType):
+                yield constant
+                yield from inner(constant)
+
+    new = {(code.co_qualname, code.co_firstlineno): code for code in inner(compile(mutant.source(), path, "exec"))}
+    outer = mutant.function.split(".<locals>")[0]
+    for function in [each for each in gc.get_objects() if isinstance(each, FunctionType)]:
+        code = function.__code__
+        if code.co_qualname == outer and code.co_filename == str(path):
+            function.__code__ = new[outer, code.co_firstlineno]
+
+
+def _serve(template: Path, tasks: list[Task], jobs: int, results: multiprocessing.connection.Connection) -> None:
+    """Collect all tests, and send how each task ended."""
+    _enter(template, template.with_name("forks.txt"), template.with_name("machine-code"), _startup(template, "change"))
+    os.environ[instrumentation.ROOT] = str(template)
+    os._exit(
+        _pytest(sorted({test.split("::")[0] for task in tasks for test in task.tests}), _Forks(template, tasks, jobs, results))
+    )
+
+
+def run_forks(template: Path, tasks: list[Task], jobs: int) -> Iterator[Task]:
+    """Run tests on mutants of functions: in one process that imports everything once."""
+    receiver, sender = multiprocessing.Pipe(duplex=False)
+    process = multiprocessing.get_context("fork").Process(target=_serve, args=(template, tasks, jobs, sender))
+    process.start()
+    sender.close()
+    for _ in tasks:
+        try:
+            number, status, seconds = receiver.recv()
+        except EOFError:
+            raise SystemExit(template.with_name("forks.txt").read_text()[-3000:]) from None
+        yield dataclasses.replace(tasks[number], status=status, seconds=seconds)
+    process.join()
+
+
+class _Marks:
+    """Plugin of pytest: marks where tests, and fixtures that several tests share, begin and end."""
+
+    def __init__(self, mark: Callable[[str], None]) -> None:
+        self.mark = mark
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        fixtures = [name for name, found in vars(item)["_fixtureinfo"].name2fixturedefs.items() if found[-1].scope != "function"]
+        return (yield from self._timed("test", item.nodeid, fixtures))
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[Any]) -> Iterator[None]:
+        if fixturedef.scope == "function":
+            return (yield)
+        return (yield from self._timed("fixture", fixturedef.argname, []))
+
+    def _timed(self, kind: str, name: str, fixtures: list[str]) -> Any:
+        start = time.monotonic()
+        self.mark(json_.dumps([kind, name, fixtures]))
+        try:
+            return (yield)
+        finally:
+            self.mark(json_.dumps(["end", time.monotonic() - start]))
+
+
+def _record_file(template: Path, task: Task, place: int) -> None:
+    """Note which functions the tests of a file call."""
+    output = _output(template, *task.tests)
+    os.environ |= {instrumentation.FILE: f"{output}.calls", instrumentation.ROOT: str(template)}
+    _enter(template, output, template.with_name("machine-code"), _startup(template, "note_calls"))
+    mark = instrumentation.note_calls()
+    os._exit(_pytest(task.tests, _Marks(mark)))
+
+
+def _output(template: Path, file: str) -> Path:
+    return template.with_name(f"{file.replace('/', '-')}.txt")
+
+
+def _startup(template: Path, function: str) -> Path:
+    """Folder of what each interpreter runs first: a function of :mod:`tests.instrumentation`."""
+    folder = template.with_name(f"startup-{function}")
+    folder.mkdir(exist_ok=True)
+    (folder / "sitecustomize.py").write_text(f"from tests import instrumentation\n\ninstrumentation.{function}()\n")
+    return folder
+
+
+@dataclasses.dataclass
+class Calls:
+    """What a test, or a fixture that several share, takes and calls."""
+
+    seconds: float = 0.0
+    functions: set[str] = dataclasses.field(default_factory=set)
+    fixtures: list[str] = dataclasses.field(default_factory=list)
+
+
+def _read_calls(lines: list[str]) -> tuple[dict[str, Calls], set[str]]:
+    """For each test its calls, and the functions that imports call."""
+    found: dict[tuple[str, str], Calls] = defaultdict(Calls)
+    stack = [Calls()]
+    imports: set[str] = set()
+    for line in lines:
+        if not line.startswith("["):
+            (imports if line.startswith(instrumentation.IMPORT) else stack[-1].functions).add(
+                line.removeprefix(instrumentation.IMPORT)
+            )
+            continue
+        kind, *fields = json_.loads(line)
+        if kind == "end":
+            stack.pop().seconds += fields[0]
+            stack[-1].seconds -= fields[0]
+        else:
+            stack.append(found[kind, fields[0]])
+            stack[-1].fixtures = fields[1]
+    tests = {name: each for (kind, name), each in found.items() if kind == "test"}
+    for each in tests.values():
+        for fixture in each.fixtures:
+            each.seconds += found["fixture", fixture].seconds
+            each.functions |= found["fixture", fixture].functions
+    return tests, imports
+
+
+def _record(files: list[str], template: Path, jobs: int, folder: Path) -> dict[str, dict[str, Any]]:
+    """For each test file: ``tests``, each with its seconds and the functions that it calls, and those that ``imports`` call."""
+    found = {file: json_.loads(path.read_text()) for file in files if (path := folder / f"{file}.json").exists()}
     digests = {file: hashlib.sha256((ROOT / file).read_bytes()).hexdigest() for file in files}
     tasks = [Task([file]) for file in files if found.get(file, {}).get("digest") != digests[file]]
-    for task in run(tasks, template, jobs, 3600.0):
+    failing = []
+    for task in run(tasks, functools.partial(_record_file, template), jobs):
+        (file,), output = task.tests, _output(template, *task.tests)
         if task.verdict == "survived":
-            found[task.files[0]] = {"digest": digests[task.files[0]], "seconds": task.seconds, "calls": task.calls}
-            kept.write_text(json_.dumps(found))
-    if failing := [task.files[0] for task in tasks if task.verdict != "survived"]:
+            tests, imports = _read_calls(Path(f"{output}.calls").read_text().splitlines())
+            found[file] = {"digest": digests[file], "imports": sorted(imports)}
+            found[file]["tests"] = {name: [each.seconds, sorted(each.functions)] for name, each in tests.items()}
+            path = folder / f"{file}.json"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(json_.dumps(found[file]))
+        else:
+            failing.append(file)
+            print(output.read_text()[-3000:], file=sys.stderr, flush=True)
+    if failing:
         raise SystemExit(f"tests fail without a mutation: {', '.join(failing)}")
     return found
 
@@ -320,13 +366,37 @@ def _test_files(file: str) -> list[str]:
     return [test.relative_to(ROOT).as_posix() for test in sorted(files)]
 
 
+def _tasks(todo: list[Mutant], recorded: dict[str, dict[str, Any]], timeout: float) -> tuple[list[Task], list[Task]]:
+    """Tests for each mutant: in a fork of a process that has imported everything, and in a copy."""
+    imports = {name for file in recorded.values() for name in file["imports"]}
+    forks, copies = [], []
+    for mutant in todo:
+        name = f"{mutant.file}:{mutant.function}"
+        tests = {file: recorded[file]["tests"] for file in _test_files(mutant.file)}
+        calling = {test: seconds for file in tests.values() for test, (seconds, called) in file.items() if name in called}
+        files = sorted(tests, key=lambda file: sum(seconds for seconds, _ in tests[file].values()))
+        if mutant.function:
+            callers = {test.split("::")[0] for test in calling}
+            files = [file for file in files if file in callers or name in recorded[file]["imports"]] or files
+        first = sorted(calling, key=lambda test: calling[test])
+        # Then others of these files: some find a cached result where they call the function on their own.
+        rest = [test for file in files for test in tests[file] if test not in calling]
+        limit = timeout + 2 * sum(seconds for file in files for seconds, _ in tests[file].values())
+        if mutant.function and first and name not in imports:
+            forks.append(Task([*first, *rest], mutant, limit=limit))
+        else:
+            slow = bool(mutant.function) and not first and name not in imports
+            copies.append(Task(files, mutant, slow=slow, limit=timeout if slow else limit))
+    return forks, copies
+
+
 def main(
     modules: tuple[Module, ...] = get_args(Module),
     n: int = 100,
     seed: int = 0,
     jobs: int = 2,
     timeout: float = 600.0,
-    calls: Path | None = None,
+    recorded: Path | None = None,
     json: bool = False,
 ) -> None:
     """Run tests on mutants of the code.
@@ -337,7 +407,7 @@ def main(
         seed: random seed.
         jobs: number of processes.
         timeout: seconds after which tests are stopped.
-        calls: JSON file that keeps which functions each test file calls, to save that first run when only tests change.
+        recorded: folder that keeps which functions the tests call, to save that first run when only tests change.
         json: print JSON.
     """
     for library in LIBRARIES:
@@ -357,14 +427,10 @@ def main(
         shutil.copytree(ROOT, template, symlinks=True, ignore=shutil.ignore_patterns(*ignored))
         if (ROOT / MODULES).exists():
             (template / MODULES).symlink_to(ROOT / MODULES)
-        tests = sorted({file for mutant in todo for file in _test_files(mutant.file)})
-        seen = _record(tests, template, jobs, calls or Path(folder) / "calls.json")
-        tasks = []
-        for mutant in todo:
-            files = sorted(_test_files(mutant.file), key=lambda file: seen[file]["seconds"])
-            callers = [file for file in files if f"{mutant.file}:{mutant.function}" in seen[file]["calls"]]
-            tasks.append(Task(callers or files, mutant, slow=bool(mutant.function) and not callers))
-        for task in run(tasks, template, jobs, timeout):
+        files = sorted({file for mutant in todo for file in _test_files(mutant.file)})
+        forks, copies = _tasks(todo, _record(files, template, jobs, recorded or Path(folder)), timeout)
+        ended = (run_forks(template, forks, jobs), run(copies, functools.partial(_run_copy, template), jobs))
+        for task in itertools.chain(*ended):
             assert task.mutant is not None
             counts[task.verdict] += 1
             guards[task.verdict] += task.mutant.guard

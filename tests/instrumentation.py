@@ -1,7 +1,7 @@
-"""Which functions of the package are called, in a process of tests, its forks, and the interpreters that it starts.
+"""Instrumentation of the package for :mod:`tests.mutants`, in a process of tests and the interpreters that it starts.
 
-:func:`start` lets functions, as they are imported from then on, append their names to a file when they are called first. A
-profile function would be called for every call of every library, and not in other threads.
+:func:`note_calls` lets functions, as they are imported from then on, append their names to a file when they are called first. A
+profile function would be called for every call of every library, and not in other threads. :func:`change` exchanges modules.
 """
 
 import ast
@@ -10,36 +10,57 @@ import importlib.machinery
 import os
 import resource
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any, Final, cast
 
 FILE: Final = "SHUTTLE_MARL_CALLS"
 """Variable of the environment: file of the names, one in a line."""
 ROOT: Final = "SHUTTLE_MARL_ROOT"
 """Variable of the environment: copy of the repository, whose functions are noted."""
+CHANGED: Final = "SHUTTLE_MARL_CHANGED"
+"""Variable of the environment: folder of changed files, as in the repository."""
+IMPORT: Final = "import "
+"""Before the name of a function that the import of a module calls."""
 COMPILERS: Final = {"compiled", "_compiled", "inlined", "cached"}
 """Decorators of functions that do not run as Python."""
 COMPILED: Final = {"count_rally"}
 """Functions that are compiled beside their form in Python."""
 
 
-def start() -> None:
-    """Note calls from now on."""
+def note_calls() -> Callable[[str], None]:
+    """Note calls from now on; return a function that writes a line between them, after which all are noted again."""
     root, called, write = Path(os.environ[ROOT]), set[str](), os.write  # which tests replace
+    package = str(root / "shuttle_marl")
     file = os.open(os.environ[FILE], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     compile_, builtins_ = importlib.machinery.SourceFileLoader.source_to_code, cast(Any, builtins)
 
+    def write_line(line: str) -> None:
+        sizes = resource.getrlimit(resource.RLIMIT_FSIZE)  # which tests lower
+        resource.setrlimit(resource.RLIMIT_FSIZE, (sizes[1], sizes[1]))
+        write(file, f"{line}\n".encode())
+        resource.setrlimit(resource.RLIMIT_FSIZE, sizes)
+
     def note(name: str) -> None:
         if name not in called:
-            called.add(name)
-            sizes = resource.getrlimit(resource.RLIMIT_FSIZE)  # which tests lower
-            resource.setrlimit(resource.RLIMIT_FSIZE, (sizes[1], sizes[1]))
-            write(file, f"{name}\n".encode())
-            resource.setrlimit(resource.RLIMIT_FSIZE, sizes)
+            line = f"{IMPORT}{name}" if is_import(sys._getframe(1)) else name
+            called.add(line)
+            write_line(line)
+
+    def is_import(frame: FrameType | None) -> bool:
+        while frame:
+            if frame.f_code.co_name == "<module>" and frame.f_code.co_filename.startswith(package):
+                return frame.f_globals["__name__"] != "__main__"
+            frame = frame.f_back
+        return False
+
+    def mark(line: str) -> None:
+        called.clear()
+        write_line(line)
 
     def source_to_code(loader: Any, data: Any, path: Any, **options: Any) -> Any:
-        if Path(str(path)).is_relative_to(root / "shuttle_marl"):
+        if str(path).startswith(package):
             source, data = Path(path).relative_to(root).as_posix(), ast.parse(data)
             for function, name in list(_functions(data)):
                 at = function.lineno
@@ -51,6 +72,21 @@ def start() -> None:
     builtins_.note_call = note
     sys.pycache_prefix = f"{root}-bytecode"
     importlib.machinery.SourceFileLoader.source_to_code = source_to_code  # type: ignore
+    return mark
+
+
+def change() -> None:
+    """Import files of the package from the folder of changed files from now on, if they are there."""
+    if CHANGED not in os.environ:
+        return
+    root, changed = Path(os.environ[ROOT]), Path(os.environ[CHANGED])
+    get_code = importlib.machinery.SourceFileLoader.get_code
+    new = {str(root / path.relative_to(changed)): path.read_bytes() for path in changed.rglob("*.py")}
+
+    def get_changed(loader: Any, fullname: Any) -> Any:
+        return compile(new[loader.path], loader.path, "exec") if loader.path in new else get_code(loader, fullname)
+
+    importlib.machinery.SourceFileLoader.get_code = get_changed  # type: ignore
 
 
 def is_compiled(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> bool:
