@@ -5,7 +5,9 @@ the handle in the fingers, which is how a player changes the grip. The shoulder 
 from an arm held out to the right and forward) after a twist about the arm, so that no pose that a player takes lies near a
 singularity. All other joints are hinges. The free arm is the mirror image of the same model.
 
-Inverse kinematics is damped least squares with the geometric Jacobian (Buss & Kim 2005), each step clipped to the limits.
+Inverse kinematics is damped least squares with the geometric Jacobian (Buss & Kim 2005), each step clipped to the limits. A
+step that does not bring the arm nearer is taken again with more damping (Marquardt 1963): without that the arm jumps between
+its limits where no pose reaches the goal, and rounding decides where it stops.
 """
 
 import functools
@@ -66,6 +68,8 @@ _BEGINS: Final = (RAISE, TWIST, ELBOW, BEND, ROLL)
 """Angles at whose pivots the bones begin."""
 _ROWS: Final = 12
 """Residuals of one arm: three each for point, shaft, normal and elbow."""
+_DAMPING, _LEAST_DAMPING = 1e-2, 1e-4
+"""First and least damping of the steps."""
 _HOLD: Final = 0.03
 """Weight of staying near :data:`RELAXED`."""
 
@@ -265,44 +269,71 @@ def _residuals(arm: Arm, goal: tuple[F64, F64, float], racket: Mat, axes: F64, p
 
 
 @compiled
+def _normal_equations(q: F64, jacobian: F64, residual: F64, square: F64, slope: F64) -> float:
+    """Write the normal equations of the residuals and of staying near :data:`RELAXED`; return the sum of squares."""
+    cost = 0.0
+    for k in range(_ROWS):
+        cost += residual[k] * residual[k]
+    for i in range(_N):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(_ROWS):
+                total += jacobian[k, i] * jacobian[k, j]
+            square[i, j] = total
+            square[j, i] = total
+        square[i, i] += _HOLD * _HOLD
+        off = RELAXED[i] - q[i]
+        cost += _HOLD * _HOLD * off * off
+        slope[i] = _HOLD * _HOLD * off
+        for k in range(_ROWS):
+            slope[i] += jacobian[k, i] * residual[k]
+    return cost
+
+
+@compiled
+def _step(q: F64, square: F64, slope: F64, damping: float, work: tuple[F64, F64, F64, F64, F64], to: F64) -> float:
+    """Write the damped step from ``q``, within the limits, to ``to``; return its largest change of an angle."""
+    damped, right, factor, b, move = work
+    damped[:], right[:] = square, slope
+    for i in range(_N):
+        damped[i, i] += damping
+    _cholesky_solve(damped, right, factor, b, move)
+    # Angles pushed against their limits are fixed, and the step is solved again for the others.
+    for i in range(_N):
+        if (q[i] <= LIMITS[i, 0] + 1e-9 and move[i] < 0) or (q[i] >= LIMITS[i, 1] - 1e-9 and move[i] > 0):
+            damped[i, :], damped[:, i], damped[i, i], right[i] = 0.0, 0.0, 1.0, 0.0
+    _cholesky_solve(damped, right, factor, b, move)
+    for i in range(_N):
+        to[i] = q[i] + min(max(move[i], -0.5), 0.5)
+    _clip(to)
+    change = 0.0
+    for i in range(_N):
+        change = max(change, abs(to[i] - q[i]))
+    return change
+
+
+@compiled
 def _solve(angles: F64, target: F64, weight: F64, reach: F64, arm: Arm, rounds: int) -> None:
-    """Damped least squares of :func:`solve` for each row of ``angles``, in place."""
+    """The Levenberg-Marquardt method of :func:`solve` for each row of ``angles``, in place."""
     axes, pivots = np.empty((_N, 3)), np.empty((_N, 3))
     jacobian, residual = np.empty((_ROWS, _N)), np.empty(_ROWS)
-    square, slope = np.empty((_N, _N)), np.empty(_N)
-    factor, b, move = np.empty((_N, _N)), np.empty(_N), np.empty(_N)
+    square, slope, to = np.empty((_N, _N)), np.empty(_N), np.empty(_N)
+    new_square, new_slope = np.empty((_N, _N)), np.empty(_N)
+    work = (np.empty((_N, _N)), np.empty(_N), np.empty((_N, _N)), np.empty(_N), np.empty(_N))
     for n in range(len(angles)):
-        q = angles[n]
-        for step in range(rounds):
-            racket = _pose(q, arm, axes, pivots)[4]
-            _residuals(arm, (target[n], weight[n], reach[n]), racket, axes, pivots, jacobian, residual)
-            damping = 1e-2 if step < rounds // 2 else 1e-4
-            for i in range(_N):
-                for j in range(i + 1):
-                    total = 0.0
-                    for k in range(_ROWS):
-                        total += jacobian[k, i] * jacobian[k, j]
-                    square[i, j] = total
-                    square[j, i] = total
-                square[i, i] += _HOLD * _HOLD + damping
-                total = _HOLD * _HOLD * (RELAXED[i] - q[i])
-                for k in range(_ROWS):
-                    total += jacobian[k, i] * residual[k]
-                slope[i] = total
-            _cholesky_solve(square, slope, factor, b, move)
-            # Angles pushed against their limits are fixed, and the step is solved again for the others.
-            for i in range(_N):
-                if (q[i] <= LIMITS[i, 0] + 1e-9 and move[i] < 0) or (q[i] >= LIMITS[i, 1] - 1e-9 and move[i] > 0):
-                    square[i, :], square[:, i], square[i, i], slope[i] = 0.0, 0.0, 1.0, 0.0
-            _cholesky_solve(square, slope, factor, b, move)
-            change = 0.0
-            for i in range(_N):
-                b[i] = q[i]
-                q[i] += min(max(move[i], -0.5), 0.5)
-            _clip(q)
-            for i in range(_N):
-                change = max(change, abs(q[i] - b[i]))
-            if step > rounds // 3 and change < 2e-4:
+        q, goal, damping = angles[n], (target[n], weight[n], reach[n]), _DAMPING
+        _residuals(arm, goal, _pose(q, arm, axes, pivots)[4], axes, pivots, jacobian, residual)
+        cost = _normal_equations(q, jacobian, residual, square, slope)
+        for _ in range(rounds):
+            change = _step(q, square, slope, damping, work, to)
+            _residuals(arm, goal, _pose(to, arm, axes, pivots)[4], axes, pivots, jacobian, residual)
+            new = _normal_equations(to, jacobian, residual, new_square, new_slope)
+            if new < cost:
+                q[:], square[:], slope[:], cost = to, new_square, new_slope, new
+                damping = max(damping / 4, _LEAST_DAMPING)
+            else:
+                damping *= 8
+            if change < 2e-4:
                 break
 
 
