@@ -79,7 +79,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "exact": ("exact", "suite/test_adapt.py"),
     "game": (
         *("game", "policy", "exact/test_lists.py", "exact/test_minimax.py", "kernel/test_kernel_draws.py"),
-        *("kernel/test_matches_kernel.py", "env/test_rally_env.py", "suite/test_targets.py"),
+        *("kernel/test_matches_kernel.py", "kernel/test_recovery_kernel.py", "env/test_rally_env.py"),
+        *("env/test_recovery_envs.py", "suite/test_targets.py"),
     ),
     "league": ("league",),
     "policy": (

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from shuttle_marl.base.arrays import Bools
 from shuttle_marl.game import court, default_game
+from shuttle_marl.game.recovery import CENTRE, POSITIONS, position_box, position_of
 from shuttle_marl.game.tables import ROOT, Game, GameError
 from shuttle_marl.game.tabulated import layout
 from tests.exact import exact_games
@@ -145,6 +146,55 @@ def test_areas_are_cut_where_the_data_cut_them() -> None:
     assert court.area_of(x, y).tolist() == [0, 1, 1, 2, 1, 4, 4, 7]
     inside = court.in_court(np.array([0.0, 2.6, 0.0, np.nan]), np.array([6.7, 1.0, 6.71, 1.0]))
     assert inside.tolist() == [True, False, False, False]
+
+
+def test_a_cut_belongs_to_the_inner_area() -> None:
+    x = np.array([-court.SIDE_CUT, court.SIDE_CUT, 0.0, 0.0, 9.0, -9.0, np.nan, 0.0])
+    y = np.array([0.0, 0.0, court.MIDDLE_CUT, court.BACK_CUT, 9.0, -1.0, 1.0, np.nan])
+    assert court.area_of(x, y).tolist() == [1, 1, 1, 4, 8, 0, -1, -1]
+
+
+def test_areas_count_from_the_forehand_side_of_the_front() -> None:
+    areas = np.arange(9)
+    assert court.third_of(areas).tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    assert court.mirrored(areas).tolist() == [2, 1, 0, 5, 4, 3, 8, 7, 6]
+    assert [court.seen_by(hand, 3) for hand in ("left", "right", None)] == [5, 3, 3]
+    assert court.steps_between(areas, 5).tolist() == [3, 2, 1, 2, 1, 0, 3, 2, 1]
+    assert court.steps_between(areas[:, None], areas)[0].tolist() == [0, 1, 2, 1, 2, 3, 2, 3, 4]
+    assert court.AREAS[court.N_SIDES * court.BACK + court.FOREHAND] == "back-right"
+    assert court.N_THIRDS * court.N_SIDES == court.N_AREAS == 9
+    assert court.AREA_WORDS[3:6] == ("middle forehand", "middle centre", "middle backhand")
+
+
+def test_boxes_of_areas_tile_the_half() -> None:
+    unit = court.LENGTH / 660  # of the data
+    across = [(-2.59, -73.5 * unit), (-73.5 * unit, 73.5 * unit), (73.5 * unit, 2.59)]
+    along = [(0, 114 * unit), (114 * unit, 276 * unit), (276 * unit, 6.7)]
+    boxes = np.array([[across[area % 3], along[area // 3]] for area in range(9)])
+    assert np.array([court.area_box(area) for area in range(9)]) == pytest.approx(boxes)
+    assert court.area_centre(np.arange(9).reshape(3, 3)) == pytest.approx(boxes.mean(axis=-1).reshape(3, 3, 2))
+
+
+def test_a_serve_flies_diagonally_between_service_line_and_middle() -> None:
+    areas, unit = np.arange(9), court.LENGTH / 660
+    assert court.service_area(areas, from_right=True).tolist() == [0, 1, 0, 3, 4, 3, 6, 7, 6]
+    assert court.service_area(areas, from_right=False).tolist() == [2, 1, 2, 5, 4, 5, 8, 7, 8]
+    side, front, middle = (73.5 * unit, 2.59), (1.98, 114 * unit), (114 * unit, 276 * unit)
+    for area, from_right, box in (
+        (2, True, ((-2.59, -73.5 * unit), front)), (1, True, ((-73.5 * unit, 0), front)), (0, False, (side, front)),
+        (1, False, ((0, 73.5 * unit), front)), (5, False, (side, middle)),
+    ):  # fmt: skip
+        assert np.array(court.service_box(area, from_right)) == pytest.approx(np.array(box)), (area, from_right)
+
+
+def test_positions_are_cells_of_the_half() -> None:
+    x = np.array([0.56, 0.55, 0.0, -0.55, -0.56, 0.0, 0.0, 0.0, 1.0])
+    y = np.array([1.0, 1.0, 3.19, 1.0, 1.0, 3.2, 4.39, 4.4, 6.0])
+    assert position_of(x, y).tolist() == [0, 1, 1, 1, 2, 4, 4, 7, 6]
+    across, along = [(0.55, 2.59), (-0.55, 0.55), (-2.59, -0.55)], [(-3.2, 0.0), (-4.4, -3.2), (-6.7, -4.4)]
+    assert [position_box(position) for position in range(9)] == [(across[p % 3], along[p // 3]) for p in range(9)]
+    assert POSITIONS[2:4] == ("front-backhand", "middle-forehand")
+    assert CENTRE == 4
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.25])
