@@ -1,17 +1,25 @@
 """Fixed-point probabilities, and strokes decided by them."""
 
 import dataclasses
+import hashlib
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.recovery import STEP, Recovery
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, strike
-from shuttle_marl.game.tables import HURRY_ONE, GameError
+from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.tabulated import thresholds
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.thresholds import ONE, with_fault_odds
+from tests.exact.exact_games import tiring_game
+from tests.recovery import with_recovery
 
 probability = st.floats(0.0, 1.0)
 
@@ -92,3 +100,94 @@ def test_the_receiver_becomes_the_striker_in_the_state_that_follows() -> None:
     assert set(outcome.tolist()) == set(range(len(OUTCOMES)))
     assert over.any()
     assert go_on.any()
+
+
+def recovery_game() -> Game:
+    """A small game with few positions, three levels of effort, and some probabilities of 0 and almost 1."""
+    game = with_recovery(tiring_game(), 3, positions=3)
+    assert game.recovery is not None
+    threshold, hurry = game.threshold.copy(), game.hurry.copy()
+    # Neither faults nor winners; no winners; only faults or winners but for the last draw; all met above, and all but one below.
+    threshold[::7, :2], threshold[1::7, 1] = 0, threshold[1::7, 0]
+    threshold[2::28], threshold[16::28, 1:] = ONE - 1, ONE - 1
+    threshold[3::7, 2], threshold[4::7, 2] = threshold[3::7, 1], ONE - 1
+    hurry[5::9], hurry[6::9] = 0, HURRY_ONE - 1
+    return dataclasses.replace(
+        game, threshold=threshold, hurry=hurry, recovery=Recovery(game.recovery.people, game.recovery.effect // 4)
+    )
+
+
+def test_positions_multiply_odds_and_leave_the_mean_of_people() -> None:
+    game = recovery_game()
+    recovery, waiting, catalogue = game.recovery, game.waiting, game.catalogue
+    assert recovery is not None
+    most = 0.0
+    for pair in range(0, game.n_base_pairs, 13):
+        state, k, stroke = (int(table[pair]) for table in (game.base_pair_state, game.base_pair_rank, game.base_pair_stroke))
+        own, incoming, contact, _, _, _, hurried = game.observation(state).tolist()
+        areas = [*catalogue.area.tolist(), 9]
+        shot = catalogue.shot[incoming] if incoming < game.n_strokes else 13
+        people = recovery.people[shot, areas[own], areas[incoming], contact, hurried] / CHOICE_ONE
+        if shot == 13:
+            people = np.eye(9)[4]
+        where = np.flatnonzero(people)
+        assert game.people_positions(state).tolist() == people.tolist()
+        assert np.flatnonzero(waiting.mask(np.array(state))).tolist() == where.tolist()
+        assert waiting.position[state].tolist() == [*where, *[-1] * (9 - len(where))]
+        rows = waiting.row(np.array(state), np.array(k), where)
+        assert rows.tolist() == [waiting.start[state] + k * len(where) + i for i in range(len(where))]
+        effect = np.exp(STEP * recovery.effect[:, catalogue.shot[stroke], areas[stroke], where])
+        if catalogue.is_serve[stroke]:
+            effect[:] = 1
+        limits, late = waiting.limits[0, rows] / ONE, waiting.hurry[rows] / HURRY_ONE
+        before, hurry = game.threshold[pair] / ONE, game.hurry[pair] / HURRY_ONE
+        assert (limits[:, 0] == before[0]).all()
+        wins, weight = (limits[:, 1] - limits[:, 0]) / (1 - limits[:, 0]), people[where]
+        above = (1 - limits[:, 2]) / (1 - limits[:, 1])
+        met = weight * (1 - wins)
+        for found, mean, ratio, by, unit in (
+            (wins, (before[1] - before[0]) / (1 - before[0]), effect[0], weight, 1 / ONE / (1 - before[0])),
+            (above, (1 - before[2]) / (1 - before[1]), effect[1], met, 1 / ONE / (1 - limits[:, 1].max())),
+            (late[:, 0], hurry[0], effect[2], met * (1 - above), 1 / HURRY_ONE),
+            (late[:, 1], hurry[1], effect[2], met * above, 1 / HURRY_ONE),
+        ):
+            expected = _with_mean(mean, ratio, by)
+            if unit < 0.01:
+                most = max(most, float(np.abs(found - expected).max() / unit))
+    assert most < 6, "units of the tables, where a part is conditional on another rounded one"
+    for effort, odds in enumerate(game.fault_odds.tolist()):
+        assert np.array_equal(waiting.limits[effort], with_fault_odds(waiting.limits[0], odds))
+    tables = b"".join(table.tobytes() for table in waiting)
+    assert hashlib.sha256(tables).hexdigest()[:16] == "80f05d10ec831107", "the same on every machine"
+
+
+def _with_mean(mean: float, ratio: F64, weight: F64) -> F64:
+    """Probabilities whose odds differ by ratios, with a weighted mean."""
+    if not 0 < mean < 1 or not weight.any():
+        return np.full(len(ratio), mean)
+    odds = mean / (1 - mean) * ratio
+
+    def off(scale: float) -> float:
+        p = odds * np.exp(scale) / (1 + odds * np.exp(scale))
+        return float(weight @ p / weight.sum() - mean)
+
+    scale = np.exp(brentq(off, -9, 9, xtol=1e-12))
+    return np.asarray(odds * scale / (1 + odds * scale))
+
+
+def test_positions_in_tables_that_do_not_fit_are_refused() -> None:
+    recovery = recovery_game().recovery
+    assert recovery is not None
+    people, effect = recovery.people, recovery.effect
+    most = np.clip(effect, -4096, 4096)
+    most[0, 0, 0, :2] = 4096, -4096
+    assert Recovery(people, most).hash != recovery.hash != Recovery(people[..., ::-1], effect).hash
+    assert repr(recovery) == f"Recovery(hash='{recovery.hash[:12]}')"
+    for wrong in (people[:-1], people[..., :8], np.where(np.arange(9) == 8, people + 1, people).astype(np.uint16)):
+        with pytest.raises(ShuttleError, match="probabilities of nine positions in every cell"):
+            Recovery(wrong, effect)
+    low, high = most.copy(), most.copy()
+    low[2, 12, 8, 8], high[2, 12, 8, 8] = -4097, 4097
+    for beyond in (low, high, effect[:2], effect[:, :12], effect[..., :8]):
+        with pytest.raises(ShuttleError, match="at most 4096 steps"):
+            Recovery(people, beyond)
