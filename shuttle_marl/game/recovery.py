@@ -181,9 +181,9 @@ def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recover
     old = threshold.astype(np.int64)
     good, returned = ONE - fault, ONE - winner
     with np.errstate(invalid="ignore", divide="ignore"):
-        wins = spread.shares(np.where(good > 0, (winner - fault) / good, 0.0), ratio[0], weight)
+        wins = spread.shares((winner - fault) / good, ratio[0], weight)
         met = weight * (1 - wins)
-        above = spread.shares(np.where(returned > 0, (ONE - below) / returned, 0.0), ratio[1], met)
+        above = spread.shares((ONE - below) / returned, ratio[1], met)
         late = [
             spread.shares(hurry[:, contact] / np.float64(_HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
             for contact in (0, 1)
