@@ -1,5 +1,6 @@
 """The game of a pair: skill of players, dates, and the tables of both seats."""
 
+import dataclasses
 import datetime
 import hashlib
 import json
@@ -15,7 +16,18 @@ from safetensors.numpy import load as load_arrays
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.game import pairs
-from shuttle_marl.game.pairs import game_of_people, pair_game, people_of, trained_game
+from shuttle_marl.game.pairs import (
+    game_between,
+    game_of_people,
+    looks_of,
+    opponent_tables,
+    pair_game,
+    people_of,
+    seat_names,
+    trained_game,
+    without_recovery,
+    without_skill,
+)
 from shuttle_marl.game.shipped import CARD, SKILL, load_game, model_folder, origin_of, read_model_card
 from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS, Catalogue
@@ -171,13 +183,25 @@ def test_a_model_without_skill(tmp_path: Path) -> None:
         load_skill(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["unsorted days", "unsorted players", "group", "shape", "finite", "names", "hash"])
+@pytest.mark.parametrize("name", [
+    "unsorted days", "same days", "unsorted players", "gap in players", "group", "discipline", "hand", "unknown hand", "shape", "finite",
+    "names", "no list", "numbers", "hash",
+])  # fmt: skip
 def test_damaged_skill(tmp_path: Path, name: str) -> None:
     folder = shutil.copytree(reduced_model(), tmp_path / "model")
     content = (folder / SKILL).read_bytes()
-    arrays, names = dict(load_arrays(content)), list(skill().players)
+    arrays, names = dict(load_arrays(content)), list[Any](skill().players)
     if name == "unsorted days":
         arrays["day"] = arrays["day"][::-1].copy()
+    if name == "same days":
+        arrays["day"][1] = arrays["day"][0]
+    if name == "gap in players":
+        arrays["player"][-2:] += 1
+    for part in ("discipline", "hand"):
+        if name == part:
+            arrays[part][3] = 2
+    if name == "unknown hand":
+        arrays["hand"][3] = -2
     if name == "unsorted players":
         arrays["player"] = arrays["player"][::-1].copy()
     if name == "group":
@@ -188,7 +212,9 @@ def test_damaged_skill(tmp_path: Path, name: str) -> None:
         arrays["deviation"][3] = np.nan
     if name == "names":
         names[0] = "average"
-    changed = tensor_bytes(arrays, {"skill": json.dumps({"players": names})})
+    if name == "numbers":
+        names[0] = 1
+    changed = tensor_bytes(arrays, {"skill": json.dumps({"players": dict.fromkeys(names) if name == "no list" else names})})
     (folder / SKILL).write_bytes(changed if name != "hash" else content + b" ")
     if name != "hash":
         card = read_model_card(folder)
@@ -205,3 +231,116 @@ def test_people_change_seats_with_their_hands() -> None:
     assert people.opposite
     assert people.swapped.opposite
     assert people.title == f"{A} against {B} as of 2020-05-01"
+    assert dataclasses.replace(people, date=None).title == f"{A} against {B}"
+
+
+LEFT_WOMAN = "kodai-naraoka"  # in the random skill of the small model; kento-momota is a left-handed man there
+
+
+@pytest.mark.parametrize(
+    ("variant", "policies", "hands", "athletes"),
+    [
+        ("", ("bc", "minimax"), ("right", "right"), ("male", "male")),
+        ("", (f"bc:{A}", "bc"), ("right", "right"), ("male", "male")),
+        ("", (f"bc:{B}@0.5", "bc"), ("left", "left"), ("male", "male")),
+        ("", ("bc", LEFT_WOMAN), ("left", "left"), ("female", "female")),
+        ("", (f"bc:{A}", WOMAN), ("right", "right"), ("male", "female")),
+        (":opposite", ("bc", f"bc:{B}"), ("right", "left"), ("male", "male")),
+        (":opposite", (f"bc:{LEFT_WOMAN}", "bc"), ("left", "right"), ("female", "female")),
+        (":opposite", (f"bc:{A}", f"bc:{B}"), ("right", "left"), ("male", "male")),
+        (":women", ("bc", "bc"), ("right", "right"), ("female", "female")),
+        (":men", (f"bc:{WOMAN}", "bc"), ("right", "right"), ("male", "male")),
+        (":men-opposite", ("bc", "bc"), ("right", "left"), ("male", "male")),
+    ],
+)
+def test_looks_of_imitated_players(
+    variant: str, policies: tuple[str, str], hands: tuple[str, str], athletes: tuple[str, str]
+) -> None:
+    looks = looks_of(load_game(f"{reduced_model()}{variant}"), policies)
+    assert looks == (hands, athletes)
+    assert looks.left == (hands[0] == "left", hands[1] == "left")
+
+
+def test_looks_of_the_players_of_a_pair() -> None:
+    assert looks_of(pair(), ("bc", "bc")) == (("right", "left"), ("male", "male"))
+    assert looks_of(pair(LEFT_WOMAN, WOMAN), (f"bc:{B}", "bc")) == (("left", "right"), ("female", "female"))
+    assert looks_of(fixed_game(), (f"bc:{B}", "bc")) == (("right", "right"), ("male", "male"))
+
+
+def test_different_hands_meet_in_a_game_of_their_own() -> None:
+    game, opposite = reduced_game(), load_game(f"{reduced_model()}:opposite")
+    for policies in ((f"bc:{A}", f"bc:{B}"), (f"bc:{B}@greedy", WOMAN)):
+        assert game_between(game, policies) is opposite
+        assert game_between(load_game(f"{reduced_model()}:men"), policies) is load_game(f"{reduced_model()}:men-opposite")
+    for policies in ((f"bc:{A}", "bc"), (f"bc:{B}", f"bc:{LEFT_WOMAN}"), (f"bc:{A}", f"bc:{WOMAN}"), ("bc", "minimax")):
+        assert game_between(game, policies) is game
+    for other in (opposite, pair(), fixed_game()):
+        assert game_between(other, (f"bc:{A}", f"bc:{B}")) is other
+
+
+def test_only_a_pair_has_players() -> None:
+    people = people_of(pair().seats[1])
+    assert people.players == (A, B)
+    assert people.profile is load_game(f"{reduced_model()}:men-opposite")
+    assert people.skill is skill()
+    assert people_of(pair("average", "average")).profile is reduced_game()
+    with pytest.raises(GameError, match="not the game of two players"):
+        people_of(reduced_game())
+
+
+def test_seats_are_named_by_policies_and_players() -> None:
+    assert seat_names(reduced_game(), ("bc", "minimax")) == ("bc", "minimax")
+    assert seat_names(pair(), ("bc", "minimax")) == (f"{A} (bc)", f"{B} (minimax)")
+    assert seat_names(pair(), (f"bc:{A}", B)) == (A, B)
+    assert seat_names(pair(), (B, A)) == (f"{A} ({B})", f"{B} ({A})")
+
+
+def test_the_same_game_without_skill_or_recovery() -> None:
+    game, both, equal = reduced_game(), pair(), pair(A, "chou-tien-chen")
+    for each in (both, both.seats[1]):
+        assert without_skill(each) is load_game(f"{reduced_model()}:opposite")
+    for each in (game, equal, equal.seats[0]):
+        assert without_skill(each) is game
+    assert without_recovery(both) is both
+    hidden = load_game(f"{reduced_model()}:recovery")
+    assert without_recovery(hidden) is game
+    for each in (
+        pair_game(A, B, game=f"{reduced_model()}:recovery"),
+        dataclasses.replace(fixed_game(), recovery=hidden.recovery),
+    ):
+        for tables in (each, each.seats[1]):
+            plain = without_recovery(tables)
+            assert (tables.recovery is None, plain.recovery) == (False, None)
+            assert plain.threshold.tobytes() == tables.threshold.tobytes()
+
+
+def test_the_opponent_of_a_learner_strikes_with_the_other_tables() -> None:
+    both = pair()
+    assert opponent_tables(reduced_game(), 1) is reduced_game()
+    assert opponent_tables(both, 0) is both.seats[1]
+    assert opponent_tables(both, np.ones(3, np.int8)) is both.seats[0]
+    for seat in (2, -1, np.array([0, 1])):
+        with pytest.raises(GameError, match="expected 0 or 1 for all rows"):
+            opponent_tables(both, seat)
+
+
+def test_variances_of_both_players_add_up() -> None:
+    table = skill()
+    knots = table.knot(A, "2020-01-01"), table.knot(B, "2020-01-01")
+    own, other = (table.deviation[knot, :, role].astype(float) ** 2 for role, knot in enumerate(knots))
+    assert np.array_equal(table.variances(A, B, "2020-01-01"), own + other)
+    assert np.array_equal(table.variances("average", B, "2020-01-01"), other)
+    assert table.variances("average", "average").tolist() == np.zeros((3, 7)).tolist()
+
+
+def test_offsets_are_limited_and_strokes_go_on_ending_rallies() -> None:
+    game = fixed_game()
+    threshold = game.threshold.copy()
+    threshold[::3, :2], threshold[1::3, :2] = (0, 1), 0
+    game = dataclasses.replace(game, threshold=threshold)
+    offset = np.zeros((3, len(SHOTS)))
+    tables = [pairs._with_skill(game, offset + sign * size) for sign in (1, -1) for size in (4, 5)]
+    assert np.array_equal(tables[0], tables[1])
+    assert np.array_equal(tables[2], tables[3])
+    assert (tables[0][::3, 1] == 1).all()
+    assert not tables[0][1::3, :2].any()
