@@ -184,8 +184,8 @@ def test_a_model_without_skill(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [
-    "unsorted days", "same days", "unsorted players", "gap in players", "group", "discipline", "hand", "unknown hand", "shape", "finite",
-    "names", "no list", "numbers", "hash",
+    "unsorted days", "same days", "unsorted players", "gap in players", "group", "discipline", "hand", "unknown hand", "shape",
+    "finite", "names", "no list", "numbers", "hash",
 ])  # fmt: skip
 def test_damaged_skill(tmp_path: Path, name: str) -> None:
     folder = shutil.copytree(reduced_model(), tmp_path / "model")

@@ -19,14 +19,14 @@ def test_wrong_rallies() -> None:
     serve = int(np.flatnonzero(catalogue.is_serve)[0])
     reply = int(np.flatnonzero(~catalogue.is_serve)[0])
 
-    def checked(**changes: object) -> None:
+    def checked(**changes: object) -> Rally:
         fields: dict[str, Any] = {"catalogue": catalogue, "server": 0, "stroke": np.array([serve]), "ending": WINNER, **changes}
-        Rally(**{"hurried": np.zeros(np.shape(fields["stroke"]), np.bool_), **fields}).checked()
+        return Rally(**{"hurried": np.zeros(np.shape(fields["stroke"]), np.bool_), **fields}).checked()
 
     checked()
     checked(server=1, hands=("left", "right"), waited=np.array([8]), ending=0)
     checked(stroke=np.array([serve, reply]), waited=np.array([0, 8]), hurried=np.array([False, True]), ending=5)
-    checked(stroke=np.array([], dtype=np.int64), ending=2)
+    assert checked(stroke=np.array([], dtype=np.int64), ending=2).open
     checked(stroke=np.array([serve, len(catalogue) - 1]))
     for changes, message in (
         ({"stroke": np.array([], dtype=np.int64)}, "without strokes"),
