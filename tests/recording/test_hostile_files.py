@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import errno
+import io
 import json
 import os
 import sys
@@ -15,14 +16,15 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.records import Chunk
+from mcap.opcode import Opcode
+from mcap.records import Chunk, Message
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands import analysis, recording
-from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.chunks import FRAME, message_of_chunk
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, recover
+from shuttle_marl.recording.chunks import FRAME, message_of_chunk, records
 from shuttle_marl.recording.header import DamagedLogError
-from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.log_file import MAGIC, read_record, read_summary, unfinished
 from shuttle_marl.recording.replay import check
 from tests.recording.conftest import read_all, read_rallies
 from tests.recording.mutate import Mutator
@@ -265,6 +267,88 @@ def test_a_chunk_of_many_records_is_refused() -> None:
     chunk = Chunk("zstd", zstandard.compress(zeros), 0, 0, uncompressed_crc=crc, uncompressed_size=size)
     with pytest.raises(DamagedLogError, match="more than 8 records"):
         message_of_chunk(body_of(chunk))
+
+
+def chunk_of(content: bytes, crc: int | None = None) -> bytes:
+    """Body of a chunk whose sizes and, by default, checksum are right."""
+    checksum = zlib.crc32(content) if crc is None else crc
+    return body_of(Chunk("zstd", zstandard.compress(content), 0, 0, uncompressed_crc=checksum, uncompressed_size=len(content)))
+
+
+def record_of(message: Message) -> bytes:
+    builder = RecordBuilder()
+    message.write(builder)
+    return builder.end()
+
+
+def test_a_chunk_holds_one_message_of_at_most_eight_records(monkeypatch: pytest.MonkeyPatch) -> None:
+    message, empty = Message(channel_id=1, log_time=2, publish_time=2, sequence=3, data=b"data"), bytes(FRAME.size)
+    record = record_of(message)
+    assert message_of_chunk(chunk_of(record)) == message
+    assert message_of_chunk(chunk_of(record + 7 * empty)) == message
+    with pytest.raises(DamagedLogError, match="more than 8 records"):
+        message_of_chunk(chunk_of(record + 8 * empty))
+    for count in (0, 2):
+        with pytest.raises(DamagedLogError, match=f"^{count} messages in a chunk, expected 1"):
+            message_of_chunk(chunk_of(count * record + empty))
+    monkeypatch.setattr(chunks, "MAX_CHUNK", len(record))
+    assert message_of_chunk(chunk_of(record)) == message
+    with pytest.raises(DamagedLogError, match=f"a chunk of {len(record) + 9} bytes packed as 'zstd'"):
+        message_of_chunk(chunk_of(record + empty))
+
+
+def test_records_end_where_the_data_does() -> None:
+    whole = FRAME.pack(7, 2) + b"ab" + FRAME.pack(8, 0)
+    assert list(records(whole)) == [(7, b"ab"), (8, b"")]
+    assert list(records(b"")) == []
+    for length in range(1, len(whole)):
+        if length != FRAME.size + 2:
+            with pytest.raises(DamagedLogError, match="a record is cut off"):
+                list(records(whole[:length]))
+
+
+def test_a_record_is_read_where_all_of_it_stands() -> None:
+    content = FRAME.pack(Opcode.HEADER, 3) + b"abc" + FRAME.pack(Opcode.CHUNK, 0)
+    file, size = io.BytesIO(content), len(content)
+    assert read_record(file, 0, size, Opcode.HEADER) == b"abc"
+    assert read_record(file, 0, FRAME.size + 3, Opcode.HEADER) == b"abc"
+    assert read_record(file, size - FRAME.size, size, Opcode.CHUNK) == b""
+    for offset in (-1, size - FRAME.size + 1):
+        with pytest.raises(DamagedLogError, match=f"no CHUNK record at byte {offset}"):
+            read_record(file, offset, size, Opcode.CHUNK)
+    for expected, cut in ((Opcode.METADATA, size), (Opcode.HEADER, FRAME.size + 2)):
+        with pytest.raises(DamagedLogError, match=f"no whole {expected.name} record at byte 0"):
+            read_record(file, 0, cut, expected)
+
+
+def closed_file(start: int, body: bytes = b"", crc: int | None = None) -> bytes:
+    """A file of nothing but magic bytes, a summary and a footer that names the start of the summary."""
+    frame = FRAME.pack(Opcode.FOOTER, 20) + start.to_bytes(8, "little") + bytes(8)
+    checksum = zlib.crc32(body + frame) if crc is None else crc
+    return MAGIC + body + frame + checksum.to_bytes(4, "little") + MAGIC
+
+
+def test_a_summary_stands_between_the_magic_bytes_and_the_footer() -> None:
+    def summary_of(content: bytes) -> tuple[int, list[tuple[int, bytes]]]:
+        return read_summary(io.BytesIO(content), len(content))
+
+    record = FRAME.pack(5, 1) + b"x"
+    assert summary_of(closed_file(8)) == (8, [])
+    assert summary_of(closed_file(8, record)) == (8, [(5, b"x")])
+    assert summary_of(MAGIC + b"data" + closed_file(12, record)[8:]) == (12, [(5, b"x")])
+    for start in (7, 9):
+        with pytest.raises(DamagedLogError, match="it has no summary"):
+            summary_of(closed_file(start))
+    with pytest.raises(DamagedLogError, match="the checksum of its summary does not match"):
+        summary_of(closed_file(8, record, crc=1))
+    assert len(closed_file(8)) == 45
+    with pytest.raises(DamagedLogError, match="too short for a rally log"):
+        summary_of(bytes(44))
+    not_closed = [bytes(45), closed_file(8)[:-8] + bytes(8), closed_file(8).replace(FRAME.pack(Opcode.FOOTER, 20), bytes(9))]
+    not_closed.append(closed_file(8).replace(FRAME.pack(Opcode.FOOTER, 20), FRAME.pack(Opcode.FOOTER, 21)))
+    for content in not_closed:
+        with pytest.raises(DamagedLogError, match="it was not closed"):
+            summary_of(content)
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from mcap.records import Message
 from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, recover
-from shuttle_marl.recording.chunks import FRAME, decode, encode
+from shuttle_marl.recording.chunks import FRAME, decode, encode, from_arrow, to_arrow
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import VERSION, DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
@@ -114,6 +115,74 @@ def test_batches_of_another_version(
     monkeypatch.setattr(chunks, "VERSION", VERSION + 1)
     with pytest.raises(DamagedLogError, match="other columns"):
         decode(message, about)
+
+
+def message_of(data: bytes, log_time: int = 0) -> Message:
+    return Message(channel_id=1, log_time=log_time, publish_time=log_time, sequence=0, data=data)
+
+
+def test_a_message_is_one_batch_of_limited_size(
+    header: Callable[..., LogHeader], rallies: Callable[..., Rallies], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about, part = header(), rallies(3)
+    data = bytes(encode(5, part, len(about.strokes)))
+    right = message_of(data, 5_000_000)
+    first, found = decode(right, about)
+    assert (first, same(found, part)) == (5, True)
+    monkeypatch.setattr(chunks, "MAX_RALLIES", 3)
+    monkeypatch.setattr(chunks, "MAX_STROKES", len(part.stroke))
+    assert decode(right, about)[0] == 5
+    monkeypatch.setattr(chunks, "MAX_STROKES", len(part.stroke) - 1)
+    with pytest.raises(DamagedLogError, match=f"{len(part.stroke)} strokes in a batch, expected at most {len(part.stroke) - 1}"):
+        decode(right, about)
+    monkeypatch.setattr(chunks, "MAX_RALLIES", 2)
+    with pytest.raises(DamagedLogError, match="batches in a message: 3 rallies; expected 1 of at most 2 rallies"):
+        decode(right, about)
+    with pa.ipc.open_stream(data) as stream:
+        (batch,) = stream
+    for batches, says in (([], "none"), ([batch, batch], "3 rallies and 3 rallies")):
+        sink = pa.BufferOutputStream()
+        with pa.ipc.new_stream(sink, batch.schema) as writer:
+            for each in batches:
+                writer.write_batch(each)
+        with pytest.raises(DamagedLogError, match=f"batches in a message: {says}; expected 1"):
+            decode(message_of(sink.getvalue().to_pybytes(), 5_000_000), about)
+
+
+def test_a_batch_stands_where_its_time_says(header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
+    about, part = header(), rallies(3)
+    whole = to_arrow(part, len(about.strokes))
+    for batch, first, log_time in ((whole, 5, 5), (whole, -1, -1_000_000), (whole, None, 0), (whole.slice(0, 0), 0, 0)):
+        metadata = {"version": "4"} | ({} if first is None else {"first_rally": str(first)})
+        marked = batch.replace_schema_metadata(metadata)
+        sink = pa.BufferOutputStream()
+        with pa.ipc.new_stream(sink, marked.schema) as writer:
+            writer.write_batch(marked)
+        with pytest.raises(DamagedLogError, match="a batch without a place in the log"):
+            decode(message_of(sink.getvalue().to_pybytes(), log_time), about)
+
+
+def test_a_rally_has_strokes_and_a_position_for_each(header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
+    part = rallies(3)
+    about, n = header(), len(part.stroke)
+    none = dataclasses.replace(part, length=np.array([part.length[0] + part.length[1], 0, part.length[2]], np.int32))
+    with pytest.raises(DamagedLogError, match="a rally without strokes"):
+        decode(message_of(bytes(encode(0, none, len(about.strokes)))), about)
+    placed = header(columns=("waited",))
+    for position, says in ((-1, "position -1 in a batch, expected less than 9"), (9, "position 9"), (0, ""), (8, "")):
+        waited = np.zeros(n, np.int8)
+        waited[-1] = position
+        message = message_of(bytes(encode(0, dataclasses.replace(part, waited=waited), len(about.strokes))))
+        if says:
+            with pytest.raises(DamagedLogError, match=says):
+                decode(message, placed)
+        else:
+            assert decode(message, placed)[1].waited.tolist() == waited.tolist()
+    batch = to_arrow(dataclasses.replace(part, waited=np.zeros(n, np.int8)), len(about.strokes))
+    shorter = pa.array([[0] * (length - (row == 1)) for row, length in enumerate(part.length)], batch.schema.field("waited").type)
+    at = batch.schema.get_field_index("waited")
+    with pytest.raises(DamagedLogError, match="number of strokes differs from the length of its waited"):
+        from_arrow(batch.set_column(at, batch.schema.field("waited"), shorter))
 
 
 def test_numbers_that_point_nowhere(tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
@@ -249,6 +318,8 @@ def test_a_disk_that_is_full_from_the_start(tmp_path: Path) -> None:
         ("first_rally", 4, None),  # rallies between them were lost
         ("first_rally", 2, "its index is out of order"),
         ("rallies", 0, "its index is out of order"),
+        ("rallies", 1, None),
+        ("strokes", (1 << 62) - 1, None),
         ("strokes", 1 << 62, "its index holds numbers that no log reaches"),
     ],
 )
@@ -264,7 +335,13 @@ def test_indexes_with_a_right_checksum(
     log.close()
     if says is None:
         with RallyLog(path) as opened:
-            assert opened.first_rally.tolist() == [0, value]
+            assert int(getattr(opened, column)[1]) == value
+            assert opened.batch(0)[0] == 0
+            if value == 3:
+                assert opened.batch(1)[0] == 3
+            else:
+                with pytest.raises(DamagedLogError, match="batch 1 is not what the index says"):
+                    opened.batch(1)
     else:
         with pytest.raises(DamagedLogError, match=says):
             RallyLog(path)
