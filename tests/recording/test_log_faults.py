@@ -1,14 +1,16 @@
 """Files that were cut off or changed, processes that were killed, disks that are full."""
 
 import dataclasses
+import errno
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -16,9 +18,9 @@ import pytest
 from mcap.records import Message
 from mcap.writer import Writer
 
-from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, recover
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, file_writer, recover
 from shuttle_marl.recording.chunks import FRAME, decode, encode, from_arrow, to_arrow
-from shuttle_marl.recording.file_writer import LogFileWriter
+from shuttle_marl.recording.file_writer import LogFileWriter, NoRoomError, Sink
 from shuttle_marl.recording.header import VERSION, DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recover import salvage
@@ -202,6 +204,140 @@ def test_numbers_that_point_nowhere(tmp_path: Path, header: Callable[..., LogHea
             log.append(part)
         with pytest.raises(DamagedLogError, match=says):
             read_all(path)
+
+
+def test_a_batch_that_is_too_large_is_not_written(
+    tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, part, about = tmp_path / "a.mcap", rallies(3), header()
+    data = encode(0, part, len(about.strokes))
+    sizes = {"MAX_CHUNK": len(data), "MAX_RALLIES": 3, "MAX_STROKES": len(part.stroke)}
+    for name, size in sizes.items():
+        monkeypatch.setattr(file_writer, name, size)
+    log = LogFileWriter(path, about, fsync_seconds=60)
+    log.write(0, data, part)
+    for name, size in sizes.items():
+        monkeypatch.setattr(file_writer, name, size - 1)
+        with pytest.raises(RecordingError, match="a batch of 3 rallies is too large; choose fewer rallies per batch"):
+            log.write(3, data, part)
+        monkeypatch.setattr(file_writer, name, size)
+    assert log.rallies == 3
+    log.close()
+    log.close()
+    log.abort()
+    log.sync()
+    with pytest.raises(RecordingError, match="is closed; nothing more can be recorded in it"):
+        log.write(3, data, part)
+    assert read_all(path) == 3
+
+
+def test_batches_are_flushed_to_the_disk_after_some_seconds(
+    tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, synced, part, about = [100.0], [], rallies(3), header()
+    monkeypatch.setattr(file_writer, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(os, "fsync", lambda _: synced.append(now[0]))
+    log = LogFileWriter(tmp_path / "a.mcap", about, fsync_seconds=5)
+    for batch, when in enumerate((105.0, 105.5, 110.0, 110.5, 110.75)):
+        now[0] = when
+        log.write(3 * batch, encode(3 * batch, part, len(about.strokes)), part)
+    assert synced == [105.5, 110.75]
+    log.sync()
+    assert synced == [105.5, 110.75, 110.75]
+    log.close()
+    assert len(synced) == 4
+    log.sync()
+    assert len(synced) == 4
+
+
+@pytest.fixture
+def sink(tmp_path: Path) -> Iterator[Sink]:
+    made = Sink(tmp_path / "a")
+    yield made
+    made.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="needs to set room aside")
+def test_room_is_set_aside_in_steps_as_long_as_there_is_some(sink: Sink, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, int]] = []
+    errors: list[int] = []
+
+    def allocate(_: int, offset: int, length: int) -> None:
+        asked.append((offset, length))
+        if errors:
+            raise OSError(errors.pop(0), "why")
+
+    monkeypatch.setattr(os, "posix_fallocate", allocate)
+    step = 1 << 20
+    sink.reserve(10)
+    assert asked == [(0, step)]
+    sink.write(b"abc")
+    assert (sink.tell(), sink.length) == (3, 0)
+    sink.commit()
+    assert (sink.tell(), sink.length) == (3, 3)
+    sink.reserve(step - 3)
+    assert len(asked) == 1
+    sink.reserve(step - 2)
+    assert asked[1:] == [(step, 3)]
+    sink.reserve(2 * step)
+    assert asked[2:] == [(step + 3, step)]
+    errors[:] = [errno.ENOSPC]
+    sink.reserve(2 * step + 7)
+    assert asked[3:] == [(2 * step + 3, 7), (2 * step + 3, 7)]
+    del asked[:]
+    errors[:] = [errno.ENOSPC, errno.EFBIG]
+    with pytest.raises(NoRoomError) as refused:
+        sink.reserve(2 * step + 8)
+    assert refused.value.errno == errno.EFBIG
+    assert len(asked) == 2
+    for error in (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS):
+        errors[:] = [error]
+        sink.reserve(2 * step + 8)
+    assert len(asked) == 5
+    errors[:] = [errno.EIO]
+    with pytest.raises(OSError, match="why") as failed:
+        sink.reserve(2 * step + 8)
+    assert type(failed.value) is OSError
+    assert len(asked) == 6
+
+
+def test_a_commit_writes_all_or_nothing(sink: Sink, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, left = os.write, [9]
+
+    def little(handle: int, data: memoryview) -> int:
+        if not left[0]:
+            raise OSError(errno.ENOSPC, "full")
+        left[0] -= 1
+        return write(handle, data[:2])
+
+    monkeypatch.setattr(os, "write", little)
+    sink.write(b"abc")
+    sink.write(b"de")
+    sink.commit()
+    assert (sink.length, left) == (5, [6])
+    left[0] = 1
+    sink.write(b"fghij")
+    with pytest.raises(OSError, match="full"):
+        sink.commit()
+    assert (sink.length, sink.tell()) == (5, 5)
+    assert (tmp_path / "a").read_bytes() == b"abcde"
+    left[0] = 9
+    sink.write(b"klm")
+    sink.commit()
+    assert (sink.length, sink.tell()) == (8, 8)
+    assert (tmp_path / "a").read_bytes() == b"abcdeklm"
+
+
+def test_room_that_was_set_aside_is_given_back(sink: Sink, tmp_path: Path) -> None:
+    sink.reserve(100)
+    sink.write(b"abc")
+    sink.commit()
+    if hasattr(os, "posix_fallocate"):
+        assert (tmp_path / "a").stat().st_size == 1 << 20
+    sink.close()
+    assert (tmp_path / "a").read_bytes() == b"abc"
+    with pytest.raises(FileExistsError):
+        Sink(tmp_path / "a")
 
 
 WRITER = """

@@ -11,9 +11,22 @@ import pyarrow.parquet
 import pytest
 
 from shuttle_marl.game import default_game
+from shuttle_marl.game.draws import stream
 from shuttle_marl.league import LeagueConfig
-from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RallyRecorder, RecordingError, Sampling, recover
+from shuttle_marl.recording import (
+    LogHeader,
+    Player,
+    Rallies,
+    RallyLog,
+    RallyLogWriter,
+    RallyRecorder,
+    RecordingError,
+    Sampling,
+    recover,
+)
+from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.recorder import free_name
 from shuttle_marl.recording.replay import check
 from tests.recording.conftest import read_rallies
 from tests.tournaments import play_league
@@ -164,6 +177,92 @@ def test_what_may_be_asked_for() -> None:
             Sampling.parse(text)
     with pytest.raises(RecordingError, match="sample:N"):
         LogHeader(seed=0, game="", strokes=(), policies=(), record="half")
+
+
+def test_headers_have_limits(header) -> None:
+    long = "x" * 1000
+    for fine in (
+        {"strokes": (long,), "policies": (Player(name=long),), "pair": Pair(players=(long, long))},
+        {"matches_per_draw": 1, "part": 0, "first_rally": 0, "pairings": (0, 2**64 - 1)},
+        {"matches_per_draw": 2**32 - 1, "part": 2**31 - 1, "first_rally": 2**62 - 1, "pairings": ()},
+    ):
+        assert header(**fine).software == header().software
+    for wrong, says in (
+        ({"strokes": (long + "x",)}, "strokes and policies: expected names of up to 1000 characters"),
+        ({"policies": (Player(name="a"), Player(name=long + "x"))}, "strokes and policies: expected names"),
+        ({"pair": Pair(players=("a", long + "x"))}, "players: expected names of up to 1000 characters"),
+        ({"matches_per_draw": 0}, "matches_per_draw 0: expected a number from 1 up to 4294967296"),
+        ({"matches_per_draw": 2**32}, "matches_per_draw 4294967296: expected"),
+        ({"part": -1}, "part -1: expected a number from 0 up to 2147483648"),
+        ({"part": 2**31}, "part 2147483648: expected"),
+        ({"first_rally": -1}, "first_rally -1: expected a number from 0 up to 4611686018427387904"),
+        ({"first_rally": 2**62}, "first_rally 4611686018427387904: expected"),
+        ({"pairings": (0, 2**64)}, "pairings: expected keys from 0 up to"),
+        ({"pairings": (-1, 0)}, "pairings: expected keys from 0 up to"),
+    ):
+        with pytest.raises(RecordingError, match=says):
+            header(**wrong)
+
+
+def test_headers_without_strokes_or_of_no_version_are_refused(header) -> None:
+    empty = header(strokes=()).to_metadata()
+    with pytest.raises(RecordingError, match=r"its header is not one of version 4 \(no strokes"):
+        LogHeader.from_metadata(empty)
+    with pytest.raises(RecordingError, match="schema version None, this program reads version 4"):
+        LogHeader.from_metadata({})
+    made = header(part=3, first_rally=9, pair=Pair(players=("a", "b"), date="2020-01-02"))
+    found = LogHeader.from_metadata(made.to_metadata())
+    assert (found, found.part, found.first_rally, found.pair) == (made, 3, 9, made.pair)
+    assert '"pair"' not in header().to_metadata()["header"]
+
+
+def test_keys_of_draws(header, rallies) -> None:
+    """Each way of numbering the draws, from the definition."""
+    some = dataclasses.replace(rallies(5), match=np.array([0, 3, 4, 7, 7], np.uint32), rally=np.array([0, 1, 2, 0, 1], np.uint16))
+    some = dataclasses.replace(some, pairing=np.array([0, 0, 1, 2, 2], np.uint32), server=np.array([0, 1, 1, 0, 1], np.uint8))
+    keys = header().pairings
+    rows = list(zip(some.pairing, some.match, some.rally, some.server, strict=True))
+    expected = {
+        "league": [stream(7, keys[p], int(m) // 3, 2 * int(r) + int(s)) for p, m, r, s in rows],
+        "rally_v0": [stream(7, int(m)) for _, m, _, _ in rows],
+        "match_v0": [stream(7, int(m), int(r)) for _, m, r, _ in rows],
+        "training": [stream(keys[p], int(m)) for p, m, _, _ in rows],
+    }
+    for draws, wanted in expected.items():
+        assert header(draws=draws, matches_per_draw=3).rally_key(some).tolist() == [key.item() for key in wanted]
+    with pytest.raises(RecordingError, match="the draws of this log are unknown"):
+        header(draws="unknown").rally_key(some)
+
+
+def test_writers_and_recorders_have_options(tmp_path: Path, rallies, header, monkeypatch: pytest.MonkeyPatch) -> None:
+    for options, says in (({"batch_rallies": 0}, "batch_rallies 0"), ({"max_bytes": 0}, "max_bytes 0")):
+        with pytest.raises(RecordingError, match=says):
+            RallyLogWriter(tmp_path / "a.mcap", header(), **options)
+    with pytest.raises(RecordingError, match="--record none records nothing"):
+        RallyRecorder.create(tmp_path / "a.mcap", header(), "none")
+    assert list(tmp_path.iterdir()) == []
+    with RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=1, max_bytes=1) as log:
+        log.append(rallies(2))
+        assert (log.rallies, log.flush()) == (2, 2)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.1.mcap", "a.mcap"]
+    with RallyLogWriter(tmp_path / "b.mcap", header(), batch_rallies=2) as log:
+        log.append(rallies(1))
+        size = log._file.size
+        log.flush(sync=False)
+        monkeypatch.setattr(log, "_max_bytes", log._file.size)
+        assert log._file.size > size
+        log.append(rallies(2))
+        log.append(rallies(1))
+        assert log.rallies == 3
+        assert log._file.header.part == 1
+    assert len(read_rallies(tmp_path / "b.mcap")) == 4
+
+
+def test_free_names_are_counted_from_two(log_file: Path) -> None:
+    assert free_name(log_file.with_name("other.mcap")) == log_file.with_name("other.mcap")
+    assert free_name(log_file) == log_file.with_name("rallies-2.mcap")
+    log_file.with_name("rallies-2.1.mcap.part").touch()
+    assert free_name(log_file) == log_file.with_name("rallies-3.mcap")
 
 
 def test_one_in_n_at_random_and_cells_together(header) -> None:
