@@ -19,6 +19,7 @@ from mcap.records import Message
 from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, file_writer, recover
+from shuttle_marl.recording import log_file as log_file_module
 from shuttle_marl.recording.chunks import FRAME, decode, encode, from_arrow, to_arrow
 from shuttle_marl.recording.file_writer import LogFileWriter, NoRoomError, Sink
 from shuttle_marl.recording.header import VERSION, DamagedLogError
@@ -204,6 +205,49 @@ def test_numbers_that_point_nowhere(tmp_path: Path, header: Callable[..., LogHea
             log.append(part)
         with pytest.raises(DamagedLogError, match=says):
             read_all(path)
+
+
+def test_indexes_and_headers_of_another_kind_are_refused(
+    log_file: Path, tmp_path: Path, header: Callable[..., LogHeader], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value, says in (
+        ("INDEX_NAME", "other", "the index of its rallies is missing"),
+        ("INDEX_SCHEMA", pa.schema([pa.field("first_rally", pa.uint64(), nullable=False)]), "its index has other columns"),
+        ("METADATA", "other", "the header is missing"),
+        ("PROFILE", "other", "an MCAP file of profile 'other', expected 'shuttle_marl'"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(file_writer, name, value)
+            RallyLogWriter(tmp_path / f"{name}.mcap", header()).close()
+        with pytest.raises(RecordingError, match=says):
+            RallyLog(tmp_path / f"{name}.mcap")
+    content = log_file.read_bytes()
+    at = content.index(b"application/vnd.apache.arrow.stream") + 200
+    log_file.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
+    with pytest.raises(DamagedLogError, match="the checksum of its index does not match"):
+        RallyLog(log_file)
+
+
+def test_the_checksum_of_the_data_covers_every_block(log_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = log_file.read_bytes()
+    with RallyLog(log_file) as log:
+        end = log.files[0]._summary
+        behind_a_chunk = [int(at) - 3 for at in log.files[0]._offset[1:]]
+        for block in (1000, end - FRAME.size - 4, 1 << 20):
+            monkeypatch.setattr(log_file_module, "_BLOCK", block)
+            log.files[0].check_data()
+        monkeypatch.setattr(log_file_module, "_BLOCK", 1000)
+        for places, says in (
+            ([*behind_a_chunk, end - 1], "the checksum of its data does not match"),
+            ([end - FRAME.size - 4, end - 5], "its data does not end where the summary says"),
+        ):
+            for at in places:
+                with log_file.open("r+b") as file:
+                    file.seek(at)
+                    file.write(bytes([content[at] ^ 1]))
+                with RallyLog(log_file) as damaged, pytest.raises(DamagedLogError, match=says):
+                    damaged.files[0].check_data()
+                log_file.write_bytes(content)
 
 
 def test_a_batch_that_is_too_large_is_not_written(

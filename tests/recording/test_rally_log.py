@@ -14,9 +14,13 @@ from mcap.reader import make_reader
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.stroke import HEIGHTS
+from shuttle_marl.kernel import play_rallies
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
 from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
-from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.log_file import existing_parts, is_further_part, part_number, unfinished
+from shuttle_marl.recording.logs import blank, log_of, play_log
+from shuttle_marl.recording.reader import export, is_log
+from tests.exact.exact_games import THREE_STROKES, hand_made, random_policy
 from tests.recording.conftest import same
 
 
@@ -97,7 +101,7 @@ def test_an_empty_log(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
         assert (log.n_rallies, log.n_strokes, list(log.batches())) == (0, 0, [])
         assert log.rally_table().num_rows == log.stroke_table().num_rows == 0
         assert len(log.numbers_of_match(0, 0)) == 0
-        with pytest.raises(RecordingError, match="no rally 0"):
+        with pytest.raises(RecordingError, match="no rally 0; they are numbered up to -1"):
             log.rally(0)
 
 
@@ -142,3 +146,167 @@ def test_nothing_is_overwritten(log_file: Path, header: Callable[..., LogHeader]
     log_file.rename(unfinished(log_file))
     with pytest.raises(RecordingError, match=r"unfinished log stands there; .*recover .*rallies.mcap.part"):
         RallyLogWriter(log_file, header())
+
+
+def test_rallies_of_a_match_are_found_in_the_batches_that_may_hold_them(tmp_path: Path, rallies, header) -> None:
+    """Pairings in two files with different numbers, and the least and greatest number of a match."""
+    parts = []
+    for seed, pairings in enumerate(((11, 12, 13), (13, 14, 12))):
+        part = rallies(60, seed)
+        match = np.arange(60, dtype=np.uint32) // 4
+        match[-1] = 2**32 - 1
+        parts.append(dataclasses.replace(part, match=match))
+        with RallyLogWriter(tmp_path / f"{seed}.mcap", header(pairings=pairings), batch_rallies=16) as log:
+            log.append(parts[-1])
+    keys = np.concatenate([np.array(keys)[part.pairing] for keys, part in zip(((11, 12, 13), (13, 14, 12)), parts, strict=True)])
+    match = np.concatenate([part.match for part in parts])
+    with RallyLog(tmp_path) as log:
+        assert log.pairings == (11, 12, 13, 14)
+        for pairing, key in enumerate(log.pairings):
+            holds = [
+                i
+                for i in range(8)
+                if (keys[60 * (i // 4) + 16 * (i % 4) : 60 * (i // 4) + min(60, 16 * (i % 4) + 16)] == key).any()
+            ]
+            assert log.batches_of_pairing(pairing).tolist() == holds
+            for number in (*range(16), 2**32 - 1):
+                expected = np.flatnonzero((keys == key) & (match == number))
+                assert log.numbers_of_match(pairing, number).tolist() == expected.tolist()
+        for pairing, number in ((-1, 0), (4, 0), (0, -1), (0, 2**32)):
+            assert log.numbers_of_match(pairing, number).tolist() == []
+        assert [log.file_of(number) for number in (0, 59, 60, 119)] == [0, 0, 1, 1]
+        with pytest.raises(RecordingError, match="no rally 120; they are numbered up to 119"):
+            log.rally(120)
+
+
+def test_points_of_games_are_those_after_their_last_rally(tmp_path: Path, rallies, header) -> None:
+    score = np.array([[0, 0, 0, 0], [20, 3, 0, 0], [0, 0, 1, 0], [4, 20, 1, 0], [7, 9, 1, 1]], np.uint8)
+    some = dataclasses.replace(rallies(5), pairing=np.ones(5, np.uint32), match=np.full(5, 6, np.uint32), score=score)
+    some = dataclasses.replace(some, winner=np.array([1, 0, 1, 1, 0], np.uint8))
+    with RallyLogWriter(tmp_path / "a.mcap", header()) as log:
+        log.append(some)
+    with RallyLog(tmp_path / "a.mcap") as log:
+        assert log.points_of_games(1, 6) == {0: (21, 3), 1: (4, 21), 2: (8, 9)}
+        assert log.points_of_games(1, 7) == {}
+
+
+def test_columns_of_tables_stand_in_order(log_file: Path, rallies: Callable[..., Rallies]) -> None:
+    whole = rallies(100)
+    with RallyLog(log_file) as log:
+        table, strokes = log.rally_table(), log.stroke_table(lambda batch: {"twice": 2 * batch.position})
+        names = [player.name for player in log.policies]
+    assert table.column_names == [
+        *("number", "file", "seed", "pairing", "match", "rally", "policy_0", "policy_1", "server", "winner", "reason"),
+        *("points_0", "points_1", "games_0", "games_1", "length", "strokes", "hurried"),
+    ]
+    assert set(table["file"].to_pylist()) == {"rallies.mcap"}
+    assert set(table["seed"].to_pylist()) == {7}
+    for name in ("pairing", "match", "rally", "server", "winner"):
+        assert table[name].to_pylist() == getattr(whole, name).tolist()
+    for i, name in enumerate(("points_0", "points_1", "games_0", "games_1")):
+        assert table[name].to_pylist() == whole.score[:, i].tolist()
+    for seat in (0, 1):
+        assert table[f"policy_{seat}"].to_pylist() == [names[i] for i in whole.policy[:, seat]]
+    assert table["reason"].to_pylist() == [("fault", "winner")[reason] for reason in whole.reason]
+    assert strokes.column_names == ["number", "position", "seat", "policy", "stroke", "hurried", "outcome", "twice"]
+    assert strokes["seat"].to_pylist() == whole.striker.tolist()
+    assert strokes["twice"].to_pylist() == (2 * whole.position).tolist()
+
+
+def test_names_of_logs(tmp_path: Path, log_file: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    assert [is_log(path) for path in (log_file, tmp_path, tmp_path / "empty", tmp_path / "a.txt")] == [True, True, False, False]
+    assert is_log(tmp_path / "nothing.mcap")
+    parts = (
+        ("a.mcap", 0),
+        ("a.1.mcap", 1),
+        ("a.12.mcap.part", 12),
+        ("a.mcap.part.old", 0),
+        ("a.01.mcap", None),
+        ("b.mcap", None),
+    )
+    for name, number in parts:
+        assert part_number(tmp_path / name, tmp_path / "a.mcap") == number
+    assert part_number(tmp_path / "empty" / "a.1.mcap", tmp_path / "a.mcap") is None
+    assert [is_further_part(Path(name)) for name in ("a.1.mcap", "a.mcap", "a.0.mcap", "a.b.mcap")] == [True, False, False, False]
+    assert existing_parts(tmp_path / "nowhere" / "a.mcap") == []
+    with pytest.raises(RecordingError, match=r"table.txt: expected a name that ends in .parquet, .csv, .arrow"):
+        export(log_file, tmp_path / "table.txt", "rallies")
+    assert not (tmp_path / "table.txt").exists()
+    assert export(log_file, tmp_path / "table.csv", "rallies") == 100
+
+
+SERVE, CLEARED, SMASHED, LIFTED = range(4)
+HAND_MADE = hand_made((THREE_STROKES[0], "clear:back-left:above:forehand", *THREE_STROKES[1:]))
+
+
+def test_a_log_for_learning_has_the_strokes_of_both_and_what_follows_those_of_seat_0() -> None:
+    """Of a rally of three strokes that is won, one that the opponent wins, a fault of the opponent, and one of the learner."""
+    strokes = [[SERVE, LIFTED, SMASHED], [SERVE, SMASHED], [SERVE], [SERVE, CLEARED]]
+    rallies = Rallies(
+        pairing=np.zeros(4, np.uint32),
+        match=np.zeros(4, np.uint32),
+        rally=np.zeros(4, np.uint16),
+        policy=np.zeros((4, 2), np.uint16),
+        server=np.array([0, 0, 1, 1], np.uint8),
+        winner=np.array([0, 1, 0, 1], np.uint8),
+        reason=np.array([1, 1, 0, 0], np.uint8),
+        score=np.zeros((4, 4), np.uint8),
+        length=np.array([len(rally) for rally in strokes], np.int32),
+        stroke=np.concatenate(strokes).astype(np.uint8),
+        hurried=np.array([0, 0, 1, 0, 0, 0, 0, 0], np.uint8),
+    )
+    policy = random_policy(HAND_MADE, 0)
+    log, states = log_of(HAND_MADE, rallies, policy), rallies.states(HAND_MADE)
+    assert len(log) == 8
+    own = np.array([True, False, True, True, False, False, False, True])
+    assert log.own.tolist() == own.tolist()
+    assert log.state.tolist() == states.tolist()
+    assert log.stroke.tolist() == rallies.stroke.tolist()
+    assert HAND_MADE.pair_stroke[log.pair].tolist() == rallies.stroke.tolist()
+    assert log.rally.tolist() == [0, 0, 0, 1, 1, 2, 3, 3]
+    assert log.won.tolist() == [True, False, True, False]
+    assert log.outcome.tolist() == rallies.outcome(HAND_MADE.catalogue).tolist()
+    assert log.probability[own] == pytest.approx(policy.pair_probabilities()[log.pair[own]])
+    assert np.isnan(log.probability[~own]).all()
+    data = log.transitions
+    assert len(data) == 4
+    for name in ("state", "pair", "stroke", "probability"):
+        assert getattr(data, name).tolist() == getattr(log, name)[own].tolist()
+    assert data.reward.tolist() == [0, 1, 0, 0]
+    assert data.following.tolist() == [states[2], -1, -1, -1]
+    assert data.rally.tolist() == [0, 0, 1, 3]
+    assert data.won.tolist() == [True, True, False, False]
+    assert data.first.tolist() == [True, False, True, True]
+    assert (data.n_rallies, data.idle_wins) == (4, 1)
+    names = HAND_MADE.catalogue.names
+    table = log.table()
+    assert table["stroke"].to_pylist() == [names[stroke] for stroke in rallies.stroke]
+    assert table["own_last"].to_pylist() == ["none", "none", names[SERVE], "none", "none", "none", "none", "none"]
+    assert table["incoming"].to_pylist() == [
+        *("none", names[SERVE], names[LIFTED], "none", names[SERVE], "none", "none", names[SERVE]),
+    ]
+    assert table["contact"].to_pylist() == HAND_MADE.contact(states).tolist()
+    assert table["hurried"].to_pylist() == [i == 2 for i in range(8)]
+    assert table["won"].to_pylist() == [True] * 3 + [False] * 2 + [True] + [False] * 2
+    changed = dataclasses.replace(rallies, winner=np.array([0, 0, 0, 1], np.uint8))
+    assert len({log.hash, log_of(HAND_MADE, changed, policy).hash, log_of(HAND_MADE, rallies.slice(0, 3), policy).hash}) == 3
+    assert log_of(HAND_MADE, rallies, random_policy(HAND_MADE, 1)).hash == log.hash
+
+
+def test_a_blank_game_has_the_rules_and_even_chances() -> None:
+    shown = blank(HAND_MADE)
+    assert shown.threshold.tolist() == [[16384, 32768, 49152]] * HAND_MADE.n_base_pairs
+    assert (shown.hurry == 128).all()
+    assert shown.fault_odds.tolist() == [65536] * HAND_MADE.levels
+    assert np.array_equal(shown.pair_stroke, HAND_MADE.pair_stroke)
+
+
+@pytest.mark.parametrize("strokes", [1, 150, 151])
+def test_a_log_ends_with_the_rally_that_completes_its_strokes(strokes: int) -> None:
+    players = random_policy(HAND_MADE, 0), random_policy(HAND_MADE, 1)
+    log = play_log(players, strokes, seed=3)
+    assert log.own.sum() >= strokes
+    assert log.own[log.rally < log.rally[-1]].sum() < strokes
+    played = play_rallies(HAND_MADE, players, 1000, seed=3).slice(0, int(log.rally[-1]) + 1)
+    assert log.hash == log_of(HAND_MADE, played, players[0]).hash

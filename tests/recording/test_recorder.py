@@ -1,10 +1,13 @@
 """The recorder with a thread of its own, and which rallies a log holds: ``--record all|sample:N|none``."""
 
 import dataclasses
+import datetime
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet
@@ -235,9 +238,10 @@ def test_keys_of_draws(header, rallies) -> None:
 
 
 def test_writers_and_recorders_have_options(tmp_path: Path, rallies, header, monkeypatch: pytest.MonkeyPatch) -> None:
-    for options, says in (({"batch_rallies": 0}, "batch_rallies 0"), ({"max_bytes": 0}, "max_bytes 0")):
-        with pytest.raises(RecordingError, match=says):
-            RallyLogWriter(tmp_path / "a.mcap", header(), **options)
+    with pytest.raises(RecordingError, match="batch_rallies 0"):
+        RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=0)
+    with pytest.raises(RecordingError, match="max_bytes 0"):
+        RallyLogWriter(tmp_path / "a.mcap", header(), max_bytes=0)
     with pytest.raises(RecordingError, match="--record none records nothing"):
         RallyRecorder.create(tmp_path / "a.mcap", header(), "none")
     assert list(tmp_path.iterdir()) == []
@@ -256,6 +260,24 @@ def test_writers_and_recorders_have_options(tmp_path: Path, rallies, header, mon
         assert log.rallies == 3
         assert log._file.header.part == 1
     assert len(read_rallies(tmp_path / "b.mcap")) == 4
+
+
+def test_a_sample_of_all_or_of_nothing_is_the_rallies_themselves(rallies, header) -> None:
+    some, about = rallies(40), header()
+    assert Sampling(every=1).of(about, some) is some
+    assert len(Sampling(every=0).of(about, some)) == 0
+    kept = Sampling(every=3).of(about, some)
+    assert kept.match.tolist() == some.match[Sampling(every=3).keeps(about, some.pairing, some.match)].tolist()
+    assert 0 < len(kept) < 40
+    assert len(Sampling(every=3).of(about, some.slice(0, 0))) == 0
+
+
+def test_the_players_of_a_pair_and_their_day() -> None:
+    assert Pair.of(GAME) is None
+    for day, expected in ((datetime.date(2020, 1, 2), "2020-01-02"), (None, None)):
+        people: Any = SimpleNamespace(players=("a", "b"), date=day, discipline="men")
+        game: Any = SimpleNamespace(people=people)
+        assert Pair.of(game) == Pair(players=("a", "b"), date=expected, discipline="men")
 
 
 def test_free_names_are_counted_from_two(log_file: Path) -> None:

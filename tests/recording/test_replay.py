@@ -2,8 +2,9 @@
 
 import dataclasses
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -14,12 +15,13 @@ import pytest
 from shuttle_marl.commands.league import main as league
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
+from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import parse
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.replay import Replay, _Matches, check
 from tests.recording.conftest import read_rallies
 
 GAME = default_game()
@@ -100,6 +102,134 @@ def test_a_changed_score_is_found_without_the_game(whole: tuple[LogHeader, Ralli
         score[row, place] += 1
         problems = check(written(header, dataclasses.replace(rallies, score=score))).problems
         assert problems[0] == f"rally {row} does not follow from the score of the rally before it"
+
+
+def test_a_log_of_unknown_draws_is_checked_for_its_winners_and_legal_strokes(whole: tuple[LogHeader, Rallies], written) -> None:
+    header, rallies = whole
+    some, about = rallies.slice(0, 40), dataclasses.replace(header, draws="unknown")
+    with RallyLog(written(about, some)) as log:
+        assert replay(log, GAME) == Replay(rallies=40, strokes=len(some.stroke), wrong=())
+    winner, stroke = some.winner.copy(), some.stroke.copy()
+    for reason in (0, 1):
+        winner[np.flatnonzero(some.reason == reason)[2]] ^= 1
+    others = [row for row in range(40) if winner[row] == some.winner[row]]
+    illegal = others[7]
+    at = int(some.first_stroke[illegal])
+    stroke[at] = np.flatnonzero(~GAME.catalogue.is_serve)[0]
+    wrong = sorted([*np.flatnonzero(winner != some.winner).tolist(), illegal])
+    with RallyLog(written(about, dataclasses.replace(some, winner=winner, stroke=stroke))) as log:
+        assert replay(log, GAME).wrong == tuple(wrong)
+
+
+def test_choices_of_another_policy_are_found(whole: tuple[LogHeader, Rallies], written) -> None:
+    """Only in the rallies of the policy that is compared."""
+    header, rallies = whole
+    names = [player.name for player in header.policies]
+    safe, random = (tabulate(resolve(name, GAME), GAME) for name in ("safe", "random"))
+    mine = (rallies.policy == names.index("safe")).any(axis=1)
+    with RallyLog(written(header, rallies)) as log:
+        assert replay(log, GAME, {"safe": safe, "random": random}).wrong == ()
+        assert replay(log, GAME, {"nobody": safe}).wrong == ()
+        found = np.array(replay(log, GAME, {"safe": random}).wrong)
+    assert mine[found].all()
+    assert len(found) > 0.8 * mine.sum()
+
+
+RULES = Rules(points=2, clear=1, cap=2, games=2)
+WON_IN_THREE_GAMES = (
+    *((0, 1, (0, 0, 0, 0)), (1, 1, (0, 1, 0, 0)), (1, 0, (0, 0, 0, 1)), (0, 1, (1, 0, 0, 1)), (1, 0, (1, 1, 0, 1))),
+    *((0, 0, (0, 0, 1, 1)), (0, 0, (1, 0, 1, 1))),
+)
+"""Server, winner, and score before each rally, of a match that player 0 wins in three games of two points."""
+
+
+def rallies_of(rows: Sequence[tuple[Any, ...]]) -> Rallies:
+    """Rallies of pairing, match, number, server, winner and score before."""
+    n = len(rows)
+    pairing, match, rally, server, winner, score = zip(*rows, strict=True)
+    return Rallies(
+        pairing=np.array(pairing, np.uint32),
+        match=np.array(match, np.uint32),
+        rally=np.array(rally, np.uint16),
+        policy=np.zeros((n, 2), np.uint16),
+        server=np.array(server, np.uint8),
+        winner=np.array(winner, np.uint8),
+        reason=np.ones(n, np.uint8),
+        score=np.array(score, np.uint8),
+        length=np.ones(n, np.int32),
+        stroke=np.zeros(n, np.uint8),
+        hurried=np.zeros(n, np.uint8),
+    )
+
+
+def match_of(pairing: int, match: int, length: int = 7) -> list[tuple[Any, ...]]:
+    return [(pairing, match, rally, *row) for rally, row in enumerate(WON_IN_THREE_GAMES[:length])]
+
+
+def test_rallies_follow_from_each_other_however_they_are_batched() -> None:
+    whole = [*match_of(0, 0), *match_of(0, 1), *match_of(2, 0)]
+    for cut in range(len(whole) + 1):
+        matches = _Matches(RULES)
+        for part in (whole[:cut], whole[cut:]):
+            if part:
+                assert not matches.breaks(rallies_of(part)).any()
+        assert matches.in_order
+        assert len(matches.open_) == 0
+    matches = _Matches(RULES)
+    interleaved = [row for pair in zip(match_of(1, 5), match_of(0, 6), strict=True) for row in pair]
+    for first in range(0, 14, 3):
+        assert not matches.breaks(rallies_of(interleaved[first : first + 3])).any()
+    assert not matches.in_order
+    assert len(matches.open_) == 0
+
+
+@pytest.mark.parametrize("cut", [None, 9, 10])
+@pytest.mark.parametrize(("column", "value"), [(2, 4), (3, 0), (5, 0), (5, 1), (5, 2), (5, 3)])
+def test_a_rally_that_does_not_follow_is_the_one_that_breaks(cut: int | None, column: int, value: int) -> None:
+    whole = [*match_of(0, 0), *match_of(0, 1)]
+    row: list[Any] = list(whole[10])
+    row[column] = (
+        tuple(n + (i == value) for i, n in enumerate(row[5])) if column == 5 else row[column] ^ 1 if column == 3 else value
+    )
+    whole[10] = tuple(row)
+    matches = _Matches(RULES)
+    found = [matches.breaks(rallies_of(part)) for part in (whole[:cut], whole[cut:] if cut else []) if part]
+    breaks = np.concatenate(found)
+    assert breaks[10]
+    assert not breaks[:10].any()
+    assert breaks[12:].tolist() == [False, False]
+
+
+def test_matches_begin_with_rally_0_at_love_all_and_end() -> None:
+    for wrong in ((0, 0, 1, 0, 1, (0, 0, 0, 0)), *((0, 0, 0, 0, 1, score) for score in np.eye(4, dtype=int).tolist())):
+        assert _Matches(RULES).breaks(rallies_of([wrong])).tolist() == [True]
+        unknown = _Matches(RULES)
+        unknown.all_known = False
+        assert unknown.breaks(rallies_of([wrong])).tolist() == [False]
+    too_long = [*match_of(0, 0), (0, 0, 7, 0, 1, (0, 0, 2, 1))]
+    assert _Matches(RULES).breaks(rallies_of(too_long)).tolist() == [False] * 7 + [True]
+
+
+def test_matches_are_in_order_by_pairing_and_number() -> None:
+    def in_order(*starts: tuple[int, int]) -> bool:
+        matches = _Matches(RULES)
+        matches.breaks(rallies_of([row for pairing, match in starts for row in match_of(pairing, match, 2)]))
+        return matches.in_order
+
+    assert in_order((0, 0), (0, 1), (0, 4), (1, 0), (3, 2))
+    assert not in_order((0, 1), (0, 0))
+    assert not in_order((1, 0), (0, 1))
+    assert not in_order((0, 3), (1, 3), (0, 5))
+
+
+def test_a_match_that_breaks_off_is_found_unless_it_is_the_last(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    for name, lengths, says in (("a", (3, 7, 3), "match 0 of pairing 1 breaks off"), ("b", (7, 7, 3), ""), ("c", (7, 7, 7), "")):
+        rows = [row for match, length in enumerate(lengths) for row in match_of(1, match, length)]
+        with RallyLogWriter(tmp_path / f"{name}.mcap", header(rules=RULES), batch_rallies=4) as log:
+            log.append(rallies_of(rows))
+        found = check(tmp_path / f"{name}.mcap")
+        assert found.problems == ((says,) if says else ())
+        assert (found.rallies, found.strokes, found.replayed) == (len(rows), len(rows), False)
 
 
 def test_changed_strokes_are_found(whole: tuple[LogHeader, Rallies], written) -> None:
