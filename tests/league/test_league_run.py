@@ -343,11 +343,36 @@ def test_folders_that_hold_something_else(small: dict[str, Any], tmp_path: Path)
         ({"workers": 0}, "--workers 0: expected 1 to 256"),
         ({"date": "2021-01-01"}, "give both"),
         ({"players": ("viktor-axelsen", "kento-momota"), "holes": 2}, "--holes is not available with --players"),
+        ({"matches": 10_000_002}, "from 2 to 10,000,000"),
+        ({"decide": 1000.5}, "up to 1000"),
+        ({"workers": 257}, "--workers 257: expected 1 to 256"),
+        ({"exact": False, "holes": 1}, "leave out --no-exact"),
+        ({"extend": True, "pool": ("safe",)}, "give both"),
+        ({"extend": True, "out": Path("run")}, "give both"),
+        ({"extend": True, "out": Path("run"), "pool": ("safe",), "overwrite": True}, "not available with --overwrite"),
+        ({"extend": True, "out": Path("run"), "pool": ("safe",), "format": "swiss"}, "not available with --overwrite"),
     ],
 )
 def test_impossible_flags(flags: dict[str, Any], says: str) -> None:
     with pytest.raises(LeagueError, match=says):
         LeagueConfig(**flags)
+
+
+def test_possible_flags() -> None:
+    pair = ("viktor-axelsen", "kento-momota")
+    for flags in (
+        {"matches": 2, "decide": 1000.0, "workers": 256, "record": "none"},
+        {"matches": 10_000_000, "decide": 0.1, "workers": 1, "holes": 3, "away": True},
+        {"extend": True, "out": Path("run"), "pool": ("safe",)},
+        {"format": "swiss", "rounds": 3, "pool": ("safe", "random")},
+        {"date": "2021-01-01", "players": pair},
+        {"resume": True, "exact": False},
+        {"overwrite": True},
+    ):
+        fixed = LeagueConfig(**flags).fixed()
+        assert fixed["matches"] == flags.get("matches", 1000)
+        assert ("players" in fixed, "date" in fixed) == (("players" in flags),) * 2
+    assert LeagueConfig(date="2021-01-01", players=pair).fixed()["players"] == list(pair)
 
 
 def test_an_unknown_entrant_stops_everything_before_it_begins(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Ratings, intervals, assessments and the sequential test against closed forms, other libraries, and simulated leagues."""
 
+import itertools
 import json
 import math
 
@@ -9,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from shuttle_marl.exact.away import Spread
 from shuttle_marl.game import load_game
 from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games, stability
 from shuttle_marl.league.entrants import enter
-from shuttle_marl.league.ranking import ExactOdds, rank
+from shuttle_marl.league.ranking import ExactOdds, rank, results_table
 from shuttle_marl.league.ratings import (
     ELO,
     _information,
@@ -24,12 +26,15 @@ from shuttle_marl.league.ratings import (
     ratings,
     wins_of,
 )
+from shuttle_marl.league.style import Style
 from shuttle_marl.league.tournament import (
     BOUND,
     COUNTS,
     MatchOptions,
     PairResult,
     Tournament,
+    decided,
+    forfeited,
     log_likelihood_ratio,
     round_robin,
     share_of,
@@ -145,6 +150,76 @@ def test_intervals_of_ratings_and_ranks_hold(theta: list[float]) -> None:
     assert np.mean(ranked) >= 0.88
 
 
+def test_two_entrants_are_rated_by_the_odds_of_each_sample() -> None:
+    """The rating of one of two is half the logarithm of their wins; Jeffreys' prior gives each of them half a win."""
+    cells, pairs = np.array([[10.0, 5, 25]]), np.array([[1, 0]])
+    theta, drawn = ratings(cells, pairs, 2, np.random.default_rng(5), replicates=20)
+    assert theta == pytest.approx(np.array([-1, 1]) * math.log(55.5 / 25.5) / 2)
+    weights = cells[0] + 0.9 * 0.5 * np.array([0.25, 0.5, 0.25])
+    sampled = np.random.default_rng(5).dirichlet(weights, size=20) * 40.45
+    won, lost = sampled[:, 1] + 2 * sampled[:, 2] + 0.05, sampled[:, 1] + 2 * sampled[:, 0] + 0.05
+    assert drawn[:, 1] == pytest.approx(np.log(won / lost) / 2, abs=1e-8)
+    assert drawn[:, 0] == pytest.approx(-drawn[:, 1])
+
+
+def test_samples_do_not_depend_on_how_many_are_fitted_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells, pairs = np.array([[0, 0, 20], [1, 4, 5], [0, 3, 17.0]]), np.array([[0, 1], [0, 2], [1, 2]])
+    together = ratings(cells, pairs, 3, np.random.default_rng(1), replicates=7)[1]
+    for most in (1, 27):
+        monkeypatch.setattr("shuttle_marl.league.ratings._AT_ONCE", most)
+        assert ratings(cells, pairs, 3, np.random.default_rng(1), replicates=7)[1] == pytest.approx(together, abs=1e-8)
+
+
+def test_exact_ratings_of_two_are_their_odds_and_finite() -> None:
+    assert exact_ratings(np.array([[0.5, 0.8], [0.2, 0.5]])) == pytest.approx(np.array([1, -1]) * math.log(4) / 2)
+    sure = math.log((1 - 5e-7) / 5e-7) / 2
+    assert exact_ratings(np.array([[0.5, 1.0], [0.0, 0.5]])) == pytest.approx([sure, -sure], rel=1e-6)
+    assert np.isnan(exact_ratings(np.full((2, 2), np.nan))).all()
+
+
+def test_a_rank_is_sure_if_the_lead_is_above_the_margin() -> None:
+    """With samples one unit above and below, the margin of a difference of two is one unit."""
+    for size, ranks in ((0.5, [[2, 2], [1, 1]]), (1.0, [[1, 2], [1, 2]]), (1.5, [[1, 2], [1, 2]])):
+        drawn = np.array([[0.0, 1 + size], [0.0, 1 - size]] * 20)
+        assert rank_intervals(np.array([0.0, 1.0]), drawn).tolist() == ranks
+    still = np.tile([0.0, 1.0], (10, 1))
+    assert rank_intervals(np.array([0.0, 1.0]), still).tolist() == [[1, 2], [1, 2]], (
+        "nothing is known about a constant difference"
+    )
+
+
+def test_misfit_is_that_of_the_formula() -> None:
+    """Shares, errors corrected by the variance within cells, and the degrees of freedom of two groups and a bystander."""
+    cells = np.array([[10.0, 20, 30], [8, 4, 8], [2, 4, 4], [5, 10, 25]])
+    pairs = np.array([[0, 1], [0, 2], [1, 2], [3, 4]])
+    theta = np.array([0.4, -0.1, 0.3, 0.7, -0.2, 0.0])
+    found = misfit(cells, pairs, theta)
+    share = [80 / 120, 20 / 40, 12 / 20, 60 / 80]
+    expected = [1 / (1 + math.exp(theta[b] - theta[a])) for a, b in pairs]
+    within = sum(n * (k / 2 - s) ** 2 for row, s in zip(cells, share, strict=True) for k, n in enumerate(row))
+    independent = sum(s * (1 - s) / 2 * sum(row) for row, s in zip(cells, share, strict=True))
+    variance = [within / independent * e * (1 - e) / (2 * sum(row)) for row, e in zip(cells, expected, strict=True)]
+    z = [(s - e) / math.sqrt(v) for s, e, v in zip(share, expected, variance, strict=True)]
+    assert found.share == pytest.approx(share)
+    assert found.expected == pytest.approx(expected)
+    assert found.z == pytest.approx(z)
+    assert found.statistic == pytest.approx(sum(each**2 for each in z))
+    assert found.degrees == 1
+    assert found.p == pytest.approx(math.erfc(math.sqrt(found.statistic / 2)))
+    apart = misfit(cells[2:], np.array([[0, 1], [2, 3]]), np.zeros(5))
+    assert (apart.degrees, math.isnan(apart.p)) == (0, True)
+
+
+def test_misfit_of_results_without_variance() -> None:
+    theta = np.array([math.log(3) / 2, -math.log(3) / 2])
+    won = misfit(np.array([[0.0, 0, 50]]), np.array([[0, 1]]), theta)
+    assert won.z == pytest.approx([0.25 / math.sqrt(0.75 * 0.25 / 100)])
+    split = misfit(np.array([[0.0, 50, 0]]), np.array([[0, 1]]), theta)
+    assert split.z == pytest.approx([-0.25 / math.sqrt(1e-3 * 0.75 * 0.25 / 100)])
+    nothing = misfit(np.empty((0, 3)), np.empty((0, 2), dtype=np.intp), np.zeros(2))
+    assert (nothing.statistic, nothing.degrees) == (0, 0)
+
+
 def test_ranks_that_are_sure() -> None:
     cells, pairs = league(np.array([2.0, 0.0, 0.0, -2.0]), 300, np.random.default_rng(0))
     assert rank_intervals(*ratings(cells, pairs, 4, np.random.default_rng(0))).tolist() == [[1, 1], [2, 3], [2, 3], [4, 4]]
@@ -249,6 +324,133 @@ def test_ranks_in_refits() -> None:
     assert found["kendall_tau"] == pytest.approx([1, 1 / 3])
 
 
+def counts(**given: int) -> dict[str, int]:
+    return dict.fromkeys(COUNTS, 0) | given
+
+
+def test_standings_are_ratios_of_the_counts() -> None:
+    """From both sides of a pairing, and nothing of one that was forfeited."""
+    at_0 = counts(matches=10, wins=7, points_won=150, points_lost=100, served=140, served_won=90, rallies=250, strokes=2000)
+    at_1 = counts(matches=10, wins=4, points_won=90, points_lost=110, served=80, served_won=30, rallies=200, strokes=1500)
+    pool, pairings = ("a", "b", "c"), round_robin("abc")
+    results = [PairResult(pairing=0, names=("a", "b"), seats=(at_0, at_1), cells=(3, 3, 4))]
+    results += [forfeited(pairing, ["c"], "hurt") for pairing in pairings[1:]]
+    standings = rank(pool, results, 0, unknown(pool))
+    assert [(s.rank, s.player, s.forfeits, s.matches, s.wins) for s in standings] == [
+        *((1, "a", 0, 20, 11), (2, "b", 0, 20, 9), (3, "c", 2, 0, 0)),
+    ]
+    a, b, c = standings
+    assert (a.share, a.rally_share, a.serving, a.receiving) == (0.55, 240 / 450, 120 / 220, 120 / 230)
+    assert (b.share, b.rally_share, b.serving, b.receiving) == (0.45, 210 / 450, 110 / 230, 100 / 220)
+    half, middle = 1.959964 * math.sqrt(0.55 * 0.45 / 20 + 1.959964**2 / 1600), 0.55 + 1.959964**2 / 40
+    assert (a.share_low, a.share_high) == pytest.approx(
+        ((middle - half) / (1 + 1.959964**2 / 20), (middle + half) / (1 + 1.959964**2 / 20)), abs=1e-6
+    )
+    assert a.rating == pytest.approx(200 * math.log10(11.5 / 9.5), abs=1e-6)
+    assert b.rating == pytest.approx(-a.rating)
+    assert a.rating_low < a.rating < a.rating_high
+    assert (a.rank_low, a.rank_high, c.rank_low, c.rank_high) == (1, 2, 0, 0)
+    assert all(math.isnan(getattr(c, name)) for name in ("rating", "rating_low", "share", "share_low", "rally_share", "serving"))
+
+
+def test_exact_figures_of_a_standing() -> None:
+    match = np.array([[0.5, 0.8, np.nan], [0.2, 0.5, np.nan], [np.nan] * 3])
+    away = Spread(value=np.array([0.1, 0.2, np.nan]), low=np.array([0.0, 0.1, np.nan]), high=np.array([0.3, 0.4, np.nan]))
+    exact = ExactOdds(
+        names=NAMES, match=match, away=away,
+        exploitability=np.array([0.25, 0.5, np.nan]), normalised_score=np.array([1.5, -0.5, np.nan]),
+    )  # fmt: skip
+    wins = {("rock", "paper"): 60, ("rock", "scissors"): 80, ("paper", "scissors"): 30}
+    found = {standing.player: standing for standing in rank(NAMES, played(wins, NAMES), 0, exact)}
+    rock, paper = found["rock"], found["paper"]
+    assert (rock.away_share, rock.away_low, rock.away_high) == (0.1, 0.0, 0.3)
+    assert (paper.exact_share, paper.exploitability, paper.normalised_score) == (pytest.approx(0.2), 0.5, -0.5)
+    assert (rock.exact_share, rock.rating_exact) == (pytest.approx(0.8), pytest.approx(200 * math.log10(4), abs=1e-6))
+    assert math.isnan(found["scissors"].exact_share)
+    assert exact.pair(("paper", "rock")) == 0.2
+
+
+def test_the_table_of_results_has_a_row_for_each_seat() -> None:
+    at_0, at_1 = counts(matches=2, wins=1, rallies=4, strokes=10), counts(matches=2, served=5)
+    results = [PairResult(pairing=3, names=("rock", "paper"), seats=(at_0, at_1), cells=(1, 0, 1))]
+    results.append(forfeited(round_robin(NAMES)[1], ["rock", "scissors"], "both hurt"))
+    exact = unknown(NAMES)
+    exact.match[0, 1] = 0.25
+    rows = results_table(results, exact).to_pylist()
+    cells = {"cells_lost": 1, "cells_split": 0, "cells_won": 1, "exact_match_win": 0.25, "forfeit": "", "reason": ""}
+    about = {"pairing": 3, "player": "rock", "opponent": "paper"}
+    assert rows[0] == {**about, "seat": 0, **at_0, "mean_rally_length": 2.5, **cells}
+    assert rows[1] == {**about, "seat": 1, **at_1, "mean_rally_length": None, **cells}
+    assert (rows[2]["forfeit"], rows[3]["reason"], rows[2]["exact_match_win"]) == ("rock and scissors", "both hurt", None)
+    assert results_table(results[:1]).to_pylist()[0]["exact_match_win"] is None
+
+
+def test_probabilities_are_exact_or_sampled_or_by_the_ratings() -> None:
+    """Rock beat paper in 8 of 10 matches, and scissors played nobody."""
+    (first, *_) = played({("rock", "paper"): 8, ("rock", "scissors"): 0, ("paper", "scissors"): 0}, NAMES, matches=10)
+    found = assess(rank(NAMES, [first], 0), [first], unknown(NAMES), {})
+    assert found.win[0, 1] == pytest.approx(8.5 / 11, abs=1e-7)
+    assert found.win[1, 0] == pytest.approx(2.5 / 11, abs=1e-7)
+    theta = math.log(8.5 / 2.5) / 2
+    assert found.win[0, 2] == pytest.approx(1 / (1 + math.exp(-theta)), abs=1e-7)
+    assert found.win.diagonal().tolist() == [0.5] * 3
+    assert found.pairs == [("rock", "paper")]
+    assert set(found.games["all"]["alpha_rank"]) == {"rock", "paper"}
+
+
+def test_the_clearest_cycles_are_listed_first_and_twenty_at_most() -> None:
+    n = 9
+    win = np.full((n, n), 0.5)
+    for i, j in itertools.combinations(range(n), 2):  # a regular tournament: each beats the next four
+        win[i, j] = 0.5 + (0.1 + 0.01 * i) * (1 if j - i <= n // 2 else -1)
+        win[j, i] = 1 - win[i, j]
+    found = cycles([str(i) for i in range(n)], win)
+    closest = [min(cycle["match_win"]) for cycle in found]
+    assert len(found) == 20
+    assert closest == sorted(closest, reverse=True)
+    every = [
+        min(win[i, j], win[j, k], win[k, i])
+        for i, j, k in itertools.permutations(range(n), 3)
+        if i < min(j, k) and min(win[i, j], win[j, k], win[k, i]) > 0.5
+    ]
+    assert len(every) == 30
+    assert closest == pytest.approx(sorted(every, reverse=True)[:20])
+
+
+def test_ties_share_the_better_rank_in_refits_and_unknown_entrants_are_left_out() -> None:
+    nothing = np.full(3, np.nan)
+    match = np.array([[0.5, np.nan, 0.5], [np.nan] * 3, [0.5, np.nan, 0.5]])
+    shares = np.array([[0.5, np.nan, 0.5], [0.4, np.nan, 0.6]])
+    found = stability(ExactOdds(names=NAMES, match=match, exploitability=nothing, normalised_score=nothing, away_shares=shares))
+    assert found is not None
+    assert (found["players"], found["rank"], found["rank_in_refits"]) == (["rock", "scissors"], [1, 1], [[1, 1], [2, 1]])
+    alone = ExactOdds(
+        names=NAMES, match=match[:, :1], exploitability=nothing, normalised_score=nothing,
+        away_shares=np.array([[0.5, np.nan, np.nan]]),
+    )  # fmt: skip
+    only = stability(alone)
+    assert only is not None
+    assert math.isnan(only["kendall_tau"][0])
+
+
+def test_a_report_is_rounded_and_has_no_nan() -> None:
+    results = played({("rock", "paper"): 10, ("rock", "scissors"): 80, ("paper", "scissors"): 30}, NAMES)
+    standings = rank(NAMES, results, 0)
+    found = assess(standings, results, unknown(NAMES), {"rock": Style(likeness=0.25, rally_length=9.5, shots={"smash": 1 / 3})})
+    told = as_json(found, standings)
+    assert told["ranking"][0]["exploitability"] is None
+    assert told["ranking"][0]["rating"] == round(standings[0].rating, 6)
+    assert told["payoffs"] == {"players": list(NAMES), "match_win": [[round(p, 6) for p in row] for row in found.win.tolist()]}
+    assert told["misfit"]["statistic"] == round(found.misfit.statistic, 6)
+    pair = told["misfit"]["pairs"][1]
+    assert pair == {
+        **{"players": ["rock", "scissors"], "share": round(found.misfit.share[1], 6)},
+        **{"expected": round(found.misfit.expected[1], 6), "z": round(found.misfit.z[1], 6)},
+    }
+    assert told["styles"] == {"rock": {"likeness": 0.25, "rally_length": 9.5, "shots": {"smash": 0.333333}}}
+    assert told["stability"] is None
+
+
 DECIDED = 40.0
 
 
@@ -272,6 +474,12 @@ def test_the_ratio_is_that_of_the_likeliest_distributions_with_the_two_means() -
     assert math.isfinite(log_likelihood_ratio((0, 0, 5), 1000.0))
     assert log_likelihood_ratio((0, 0, 0), DECIDED) == pytest.approx(0, abs=1e-9)
     assert pytest.approx(math.log(0.95 / 0.05)) == BOUND  # Wald's
+
+
+def test_the_test_is_decided_at_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    for ratio, expected in ((BOUND, True), (-BOUND, True), (BOUND - 1e-9, False), (1e-9 - BOUND, False)):
+        monkeypatch.setattr("shuttle_marl.league.tournament.log_likelihood_ratio", lambda *_, ratio=ratio: ratio)
+        assert decided((1, 2, 3), 40.0) is expected
 
 
 def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,16 +6,29 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.csv
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.game import load_game
+from shuttle_marl.game import draws, load_game
 from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.entrants import Format
-from shuttle_marl.league.tournament import COUNTS, Pairing, PairResult, forfeited, stages
+from shuttle_marl.league.tournament import (
+    COUNTS,
+    Pairing,
+    PairResult,
+    _scores,
+    forfeited,
+    groups,
+    matches_of,
+    round_robin,
+    stages,
+    tally,
+)
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from tests.stops import Killed
@@ -81,6 +94,96 @@ def test_additions_play_what_is_missing(first: int, more: list[int], form: Forma
     whole = stages(pool, form, [])[0]
     assert {frozenset(p.names) for stage in known for p in stage} == {frozenset(p.names) for p in whole}
     assert sum(map(len, known)) == len(whole)
+
+
+def test_results_as_each_side_has_them() -> None:
+    at_0 = {"matches": 3, "wins": 2, "games_won": 5, "games_lost": 2, "points_won": 130, "points_lost": 99, "served": 120}
+    at_0 |= {"served_won": 70, "rallies": 229, "strokes": 2001}
+    at_1 = {"matches": 3, "wins": 0, "games_won": 1, "games_lost": 6, "points_won": 80, "points_lost": 140, "served": 90}
+    at_1 |= {"served_won": 33, "rallies": 220, "strokes": 1902}
+    found = PairResult(pairing=0, names=("a", "b"), seats=(at_0, at_1), cells=(1, 2, 0))
+    first = {"matches": 6, "wins": 2, "games_won": 6, "games_lost": 8, "points_won": 210, "points_lost": 239, "served": 210}
+    assert found.seen_by("a") == first | {"served_won": 103, "rallies": 449, "strokes": 3903}
+    second = {"matches": 6, "wins": 4, "games_won": 8, "games_lost": 6, "points_won": 239, "points_lost": 210, "served": 239}
+    assert found.seen_by("b") == second | {"served_won": 132, "rallies": 449, "strokes": 3903}
+    more = PairResult(pairing=0, names=("a", "b"), seats=(at_1, at_1), cells=(0, 5, 7))
+    both = found + more
+    assert both.seats == ({n: at_0[n] + at_1[n] for n in COUNTS}, {n: 2 * at_1[n] for n in COUNTS})
+    assert (both.cells, both.names) == ((1, 7, 7), ("a", "b"))
+
+
+def test_rallies_are_counted_for_the_first_entrant_at_both_seats() -> None:
+    """Two cells of matches of one or two games to two points; policy 5 is the first entrant, at seat 0 in even matches."""
+    rows = [  # match, server, winner, score before, length
+        *((6, 0, 0, (0, 0, 0, 0), 3), (6, 0, 1, (1, 0, 0, 0), 4), (6, 1, 0, (1, 1, 0, 0), 5)),
+        *((7, 0, 0, (0, 0, 0, 0), 1), (7, 0, 0, (1, 0, 0, 0), 2), (7, 0, 1, (0, 0, 1, 0), 6), (7, 1, 1, (0, 1, 1, 0), 7)),
+        *((8, 1, 1, (0, 0, 0, 0), 1), (8, 1, 1, (0, 1, 0, 0), 1), (9, 1, 0, (0, 0, 0, 0), 1), (9, 0, 0, (1, 0, 0, 0), 9)),
+    ]
+    match, server, winner, score, length = (np.array(column) for column in zip(*rows, strict=True))
+    policy = np.where(match[:, None] % 2, [2, 5], [5, 2])
+    rallies = Rallies(
+        pairing=np.zeros(11, np.uint32), match=match.astype(np.uint32), rally=np.zeros(11, np.uint16),
+        policy=policy.astype(np.uint16), server=server.astype(np.uint8), winner=winner.astype(np.uint8),
+        reason=np.zeros(11, np.uint8), score=score.astype(np.uint8), length=length.astype(np.int32),
+        stroke=np.zeros(0, np.uint8), hurried=np.zeros(0, np.uint8),
+    )  # fmt: skip
+    pairing = Pairing(number=4, entrants=(2, 5), names=("x", "y"))
+    found = tally(pairing, rallies, 5)
+    assert (found.pairing, found.names, found.cells) == (4, ("x", "y"), (1, 0, 1))
+    assert found.seats == (
+        {
+            **{"matches": 2, "wins": 1, "games_won": 1, "games_lost": 1, "points_won": 2, "points_lost": 3},
+            **{"served": 2, "served_won": 1, "rallies": 5, "strokes": 14},
+        },
+        {
+            **{"matches": 2, "wins": 1, "games_won": 1, "games_lost": 2, "points_won": 2, "points_lost": 4},
+            **{"served": 2, "served_won": 1, "rallies": 6, "strokes": 26},
+        },
+    )
+
+
+def test_pairings_share_a_batch_as_far_as_they_fit() -> None:
+    pairings = round_robin("abcd")
+
+    def numbers(matches: int, batch: int, alone: set[int]) -> list[list[int]]:
+        return [[pairing.number for pairing in group] for group in groups(pairings, matches, batch, alone)]
+
+    assert numbers(4, 8, set()) == [[0, 1], [2, 3], [4, 5]]
+    assert numbers(4, 7, set()) == [[0], [1], [2], [3], [4], [5]]
+    assert numbers(4, 100, {0, 3}) == [[0], [1, 2], [3], [4, 5]]
+    assert numbers(4, 16, {5}) == [[0, 1, 2, 3], [4], [5]]
+    assert numbers(40, 16, set()) == [[0], [1], [2], [3], [4], [5]]
+
+
+def test_seats_and_serves_alternate_from_match_to_match() -> None:
+    for names, seat_0 in ((("a", "b"), [3, 8, 3, 8, 3]), (("b", "a"), [8, 3, 8, 3, 8])):
+        pairing = Pairing(number=0, entrants=(3, 8), names=names)
+        assert pairing.swapped == (names == ("b", "a"))
+        found = matches_of(pairing, 7, 2, 7)
+        assert found.entrant[:, 0].tolist() == seat_0
+        assert found.entrant.sum(axis=1).tolist() == [11] * 5
+        assert found.first_server.tolist() == [1, 1, 0, 0, 1]
+        cells = np.array([1, 1, 2, 2, 3])
+        assert found.key.tolist() == draws.stream(7, pairing.key, cells).tolist()
+        assert pairing.key == draws.pairing_key("a", "b") == draws.pairing_key("b", "a")
+
+
+def test_rounds_of_swiss_tournaments_and_scores_of_forfeits() -> None:
+    def played(n: int, rounds: int) -> int:
+        results: list[PairResult] = []
+        while len(results) < sum(map(len, known := stages([f"p{i}" for i in range(n)], "swiss", results, rounds=rounds))):
+            results += [result(p, 3) for stage in known for p in stage if p.number >= len(results)]
+        return len(known)
+
+    assert [played(n, 0) for n in (2, 3, 4, 5, 8, 9)] == [1, 2, 2, 3, 3, 4]
+    assert [played(4, rounds) for rounds in (1, 2, 3, 9)] == [1, 2, 3, 3]
+    pairing = round_robin("ab")[0]
+    for by, scores in ((["a"], (0.0, 1.0)), (["b"], (1.0, 0.0)), (["a", "b"], (0.0, 0.0))):
+        assert _scores(forfeited(pairing, by, "")) == scores
+    assert _scores(result(pairing, 1)) == (0.2, 0.8)
+    (first,) = stages("abcd", "swiss", [])
+    mixed = [result(first[0], 1), forfeited(first[1], ["c"], "")]
+    assert [p.names for p in stages("abcd", "swiss", mixed)[1]] == [("a", "c"), ("b", "d")]
 
 
 def test_a_gauntlet_and_a_swiss_tournament(small_model: str, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, file_writer, recover
 from shuttle_marl.recording import log_file as log_file_module
-from shuttle_marl.recording.chunks import FRAME, decode, encode, from_arrow, to_arrow
+from shuttle_marl.recording.chunks import FRAME, arrow_schema, decode, encode, from_arrow, to_arrow
 from shuttle_marl.recording.file_writer import LogFileWriter, NoRoomError, Sink
 from shuttle_marl.recording.header import VERSION, DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
@@ -292,6 +292,21 @@ def test_batches_are_flushed_to_the_disk_after_some_seconds(
     assert len(synced) == 4
     log.sync()
     assert len(synced) == 4
+
+
+def test_room_for_a_batch_and_the_end_of_the_file_is_set_aside(
+    tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(Sink, "reserve", lambda _, count: asked.append(count))
+    part, about = rallies(3), header()
+    data = encode(0, part, len(about.strokes))
+    log = LogFileWriter(tmp_path / "a.mcap", about, fsync_seconds=60)
+    columns, start = arrow_schema(len(about.strokes)).serialize().size, log.size
+    for first in (0, 3):
+        log.write(first, data, part)
+    log.close()
+    assert asked == [start + 4096 + columns, *(len(data) + 2 * 4096 + columns + 256 * count for count in (1, 2))]
 
 
 @pytest.fixture
