@@ -1,29 +1,55 @@
 """The task adapt-v0: populations, play, regret, and what a method may know."""
 
+import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
 from shuttle_marl.suite.adapt import CHANGES, PlayedRally, observed
 from shuttle_marl.suite.frontier import WEIGHT, exploitabilities, gains
-from shuttle_marl.suite.methods.adapters import Mixture, PosteriorMean, change_point, mixture_weights, tilted_positions
+from shuttle_marl.suite.methods import adapters
+from shuttle_marl.suite.methods.adapters import (
+    Bandit,
+    Bayes,
+    Counts,
+    CountsRecent,
+    CountsTyped,
+    Likeliest,
+    Minimax,
+    Mixture,
+    Population,
+    PosteriorMean,
+    RestrictedNash,
+    Thompson,
+    Tilts,
+    ablated,
+    change_point,
+    mean_of,
+    mixture_weights,
+    respond,
+    struck,
+    tilted_positions,
+)
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import FAMILIES, families, known, opponent, waiting
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.task import Arena, Case, Outcome
 from tests import golden
+from tests.exact.exact_games import THREE_STROKES, hand_made, random_policy
 from tests.reduced import reduced_game, reduced_model
 from tests.suite import small
 from tests.suite.small import summary, verified
@@ -246,3 +272,197 @@ def test_a_model_from_rallies_answers_habits_of_position(arena: Arena) -> None:
     after, best = gains(arena, [(agent.policy_for_next_rally(), habit)], tolerance=1e-4)
     assert before < after <= best + 1e-2
     assert agent.p == WEIGHT
+
+
+SMALL = hand_made((*THREE_STROKES, "clear:back-left:above:forehand"))
+"""Without recovery: from above, a smash or a clear."""
+THREE = {"bc": random_policy(SMALL, 0), "other": random_policy(SMALL, 1), "third": random_policy(SMALL, 2)}
+
+
+def a_setting(**known: Any) -> Any:
+    return SimpleNamespace(game=SMALL, known=known or THREE, seed=7)
+
+
+def rallies_against(policy: TabulatedPolicy, number: int, seed: int = 0) -> list[PlayedRally]:
+    return list(observed(SMALL, (THREE["bc"], policy), number, seed))
+
+
+def test_a_bandit_plays_the_largest_upper_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(adapters, "responses_to", lambda types: (["first", "second", "third"], None))
+    agent, won, number = Bandit(a_setting()), [0, 0, 0], [0, 0, 0]
+    played: list[Any] = []
+    results = np.random.default_rng(0).random((40, 3)) < [0.2, 0.4, 0.8]
+    for row in results:
+        total = 1 + sum(number)
+        bounds = [(w + 1) / (n + 2) + math.sqrt(math.log(total) / (10 * (n + 2))) for w, n in zip(won, number, strict=True)]
+        arm = bounds.index(max(bounds))
+        played.append(agent.policy_for_next_rally())
+        assert played[-1] == ("first", "second", "third")[arm]
+        agent.observe_rally(SimpleNamespace(won=bool(row[arm])))  # type: ignore[arg-type]
+        won[arm] += row[arm]
+        number[arm] += 1
+    assert {*played} == {"first", "second", "third"}
+    assert played.count("third") > 20
+
+
+def test_the_posterior_is_that_of_bayes_and_forgets(arena: Arena) -> None:
+    agent, rallies = Population(a_setting()), rallies_against(THREE["third"], 3)
+    posterior = np.full(3, 1 / 3)
+    assert agent.posterior == pytest.approx(posterior)
+    for rally in rallies:
+        agent.observe_rally(rally)
+        theirs = rally.pair[~rally.own]
+        likelihood = np.array([policy.pair_probabilities()[theirs].clip(1e-4).prod() for policy in THREE.values()])
+        posterior = posterior * likelihood / (posterior @ likelihood) * 0.99 + 0.01 / 3
+        assert agent.posterior == pytest.approx(posterior, rel=1e-6)
+    assert agent.seen == rallies
+    assert not np.allclose(posterior, 1 / 3)
+    types = {name: known(arena)[name] for name in ("bc", "defensive")}
+    hidden = Population(SimpleNamespace(game=GAME, known=types, seed=0))  # type: ignore[arg-type]
+    (rally,) = observed(GAME, (types["bc"], types["defensive"]), 1, 3)
+    found = [
+        sum(
+            np.log(max(policy.probability_of(np.array([pair]))[0] if not own else positions_of(policy)[state, place], 1e-4))
+            for pair, own, state, place in zip(rally.pair, rally.own, rally.state, rally.position, strict=True)
+        )
+        for policy in types.values()
+    ]
+    assert hidden.likelihood(rally) == pytest.approx(found, rel=1e-4)
+
+
+def test_responses_to_known_types_are_chosen_by_the_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.array([[0.9, 0.1, 0.5], [0.4, 0.8, 0.2], [0.6, 0.6, 0.6]])
+    monkeypatch.setattr(adapters, "responses_to", lambda types: (["first", "second", "third"], values))
+    for posterior, expected in (([0.8, 0.1, 0.1], "first"), ([0.1, 0.8, 0.1], "second"), ([0.3, 0.4, 0.3], "third")):
+        bayes, thompson = Bayes(a_setting()), Thompson(a_setting())
+        bayes.log_posterior = thompson.log_posterior = np.log(posterior)
+        assert bayes.policy_for_next_rally() == expected
+        rng = np.random.default_rng(7)
+        drawn = [("first", "second", "third")[rng.choice(3, p=posterior)] for _ in range(9)]
+        assert [thompson.policy_for_next_rally() for _ in drawn] == drawn
+
+
+def test_estimates_from_the_posterior() -> None:
+    parts = np.stack([policy.block_probabilities(0) for policy in THREE.values()])
+    mean, likeliest = PosteriorMean(a_setting()), Likeliest(a_setting())
+    mean.log_posterior = likeliest.log_posterior = np.log([0.4, 0.5995, 0.0005])
+    assert mean.estimate().block_probabilities(0) == pytest.approx((0.4 * parts[0] + 0.5995 * parts[1]) / 0.9995, abs=1e-6)
+    mean.log_posterior = np.log([0.4, 0.599, 0.001 * (1 + 1e-9)])
+    assert mean.estimate().block_probabilities(0) == pytest.approx(np.array([0.4, 0.599, 0.001]) @ parts, abs=1e-6)
+    assert likeliest.estimate() is THREE["other"]
+    assert (mean.p, likeliest.p, Likeliest(a_setting(), "0.3").p) == (1.0, WEIGHT, 0.3)
+    assert Minimax(a_setting()).policy_for_next_rally().hash == solve(SMALL).policy[0].hash
+    assert RestrictedNash(a_setting()).estimate() is THREE["bc"]
+
+
+def test_counts_are_of_all_or_of_recent_rallies_around_bc_or_the_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[Any, Any]] = []
+    monkeypatch.setattr(adapters, "counted", lambda prior, seen: given.append((prior, seen)))
+    rallies = rallies_against(THREE["other"], 125)
+    for method in (Counts, CountsRecent, CountsTyped):
+        agent = method(a_setting())
+        agent.seen = rallies
+        agent.estimate()
+    assert [seen for _, seen in given] == [rallies, rallies[5:], rallies]
+    assert [prior is THREE["bc"] for prior, _ in given] == [True, True, False]
+    assert CountsTyped(a_setting()).p == WEIGHT
+
+
+def test_tilts_are_the_maximum_a_posteriori() -> None:
+    """Of one known type beside bc there is one number, found by a search."""
+    agent, rallies = Tilts(a_setting(bc=THREE["bc"], other=THREE["other"])), rallies_against(THREE["other"], 60)
+    agent.seen = rallies
+    bc, other = (THREE[name].block_probabilities(0) for name in ("bc", "other"))
+    feature = np.log(other.clip(1e-4) / bc.clip(1e-4)).clip(-3, 3)
+    pairs = struck(rallies)
+    assert pairs.tolist() == [pair for rally in rallies for pair, own in zip(rally.pair, rally.own, strict=True) if not own]
+
+    def tilted(tilt: float) -> np.ndarray:
+        weight = bc.clip(1e-4) * np.exp(tilt * feature)
+        return np.asarray(weight / np.bincount(SMALL.base_pair_state, weight)[SMALL.base_pair_state])
+
+    best = minimize_scalar(lambda tilt: tilt**2 / (2 * 0.3**2) - np.log(tilted(tilt)[pairs]).sum(), (0, 1)).x
+    assert abs(best) > 0.1
+    assert agent.estimate().block_probabilities(0) == pytest.approx(tilted(best), abs=1e-3)
+
+
+def test_responses_have_a_restriction() -> None:
+    for p, expected in ((1.0, best_response(THREE["other"])), (0.5, restricted_response(THREE["other"], 0.5))):
+        assert respond(THREE["other"], p).hash == expected.policy.hash
+
+
+def test_means_leave_out_positions_of_little_weight(arena: Arena) -> None:
+    types = [known(arena)[name] for name in ("bc", "front+1", "forehand-1")]
+    parts, weight = np.stack([policy.block_probabilities(0) for policy in types]), np.array([0.7, 0.29, 0.01])
+    found = mean_of(types, weight, least=0.01)
+    assert found.block_probabilities(0) == pytest.approx(weight @ parts, abs=1e-6)
+    places = (0.7 * positions_of(types[0]) + 0.29 * positions_of(types[1])) / 0.99
+    assert positions_of(found) == pytest.approx(places)
+    assert positions_of(mean_of(types, weight)) == pytest.approx(
+        sum(w * positions_of(t) for w, t in zip(weight, types, strict=True))
+    )
+    assert mean_of(list(THREE.values()), weight).positions is None
+
+
+def test_a_mixture_drops_what_was_before_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    rallies = rallies_against(THREE["third"], 250)
+    parts = np.stack([policy.block_probabilities(0) for policy in THREE.values()])
+    asked: list[np.ndarray] = []
+
+    def change(likelihood: np.ndarray, ends: np.ndarray, prior: np.ndarray) -> int:
+        asked.append(ends)
+        assert likelihood.shape == (3, ends[-1])
+        assert prior == pytest.approx(np.full(3, 10 / 3))
+        return first
+
+    monkeypatch.setattr(adapters, "change_point", change)
+    for first in (0, 3):
+        agent = Mixture(a_setting(), without="levels")
+        agent.seen = rallies
+        found = agent.estimate().block_probabilities(0)
+        assert agent.seen == rallies[first:]
+        weight = mixture_weights(parts[:, struck(rallies[first:])], np.full(3, 10 / 3))[0]
+        assert found == pytest.approx(weight @ parts, abs=1e-5)
+        assert asked[-1].tolist() == np.cumsum([(~rally.own).sum() for rally in rallies]).tolist()
+    ends = asked[-1]
+    for least, number in ((int(ends[0]) + 1, 2), (int(ends[0]), 3)):
+        monkeypatch.setattr(adapters, "_LEAST", least)
+        first = 0
+        agent = Mixture(a_setting(), without="levels")
+        agent.seen = rallies[:1]
+        agent.estimate()
+        assert len(asked) == number
+    agent = ablated(a_setting(), "levels")
+    assert (agent.without, agent.prior.tolist()) == ("levels", [1 / 3] * 3)
+
+
+def test_levels_of_reasoning_share_a_part_of_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[Any] = []
+
+    def five(_: Any, types: Any) -> list[TabulatedPolicy]:
+        given.append(types)
+        return [THREE["third"]] * 5
+
+    monkeypatch.setattr(adapters, "levels", five)
+    names = ("bc", "attacking", "defensive", "safe", "more")
+    agent = Mixture(a_setting(**{name: THREE["bc"] if name != "safe" else THREE["other"] for name in names}))
+    assert given == [(THREE["bc"], THREE["bc"], THREE["bc"], THREE["other"])]
+    assert agent.prior == pytest.approx([0.14] * 5 + [0.06] * 5)
+    assert agent.posterior == pytest.approx(agent.prior)
+    assert agent.chance.shape == (10, SMALL.n_base_pairs)
+
+
+def test_positions_after_a_shot_are_counted_with_six_pseudo_observations() -> None:
+    rng = np.random.default_rng(0)
+    prior = rng.dirichlet(np.ones(9), SMALL.n_states)
+    state = np.array([4, 4, 7, 9], np.int32)
+    place = np.array([2, 2, 0, 8], np.int8)
+    found = tilted_positions(prior, SMALL, state, place)
+    for s in range(SMALL.n_states):
+        alike = SMALL.incoming_shot(state) == SMALL.incoming_shot(np.array(s))
+        number, expected = np.full(9, 6.0), np.full(9, 6.0)
+        for one, position in zip(state[alike], place[alike], strict=True):
+            number[position] += 1
+            expected += prior[one]
+        weight = prior[s] * number / expected
+        assert found[s] == pytest.approx(weight / weight.sum())

@@ -10,6 +10,7 @@ import re
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import msgspec
@@ -311,6 +312,127 @@ def test_a_commitment_counts_in_the_announced_round(tmp_path: Path) -> None:
 def test_a_message_that_is_too_large_is_not_read() -> None:
     with pytest.raises(ValueError, match="a message of 1,073,741,825 bytes; expected at most 1,073,741,824"):
         apart.receive(io.BytesIO(((1 << 30) + 1).to_bytes(8, "little")))
+
+
+def test_messages_are_arrays_and_end_where_the_other_side_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = apart.message(first=np.arange(3), second="text")
+    pipe = io.BytesIO(content + content)
+    for _ in range(2):
+        found = apart.receive(pipe)
+        assert (found["first"].tolist(), str(found["second"])) == ([0, 1, 2], "text")
+    for cut in (b"", content[:7]):
+        with pytest.raises(EOFError, match="the other side has ended"):
+            apart.receive(io.BytesIO(cut))
+    with pytest.raises(ValueError, match="no message"):
+        apart.receive(io.BytesIO(content[:-1]))
+    monkeypatch.setattr(apart, "_MOST", len(content) - 8)
+    assert set(apart.receive(io.BytesIO(content))) == {"first", "second"}
+    monkeypatch.setattr(apart, "_MOST", len(content) - 9)
+    with pytest.raises(ValueError, match="expected at most"):
+        apart.receive(io.BytesIO(content))
+
+
+def a_setting(ask: Any, folder: Path, feasible: int = 3) -> apart.Setting:
+    """Of three states with two strokes, none of which is legal in the second state."""
+    mask = np.array([[True, False], [False, False], [True, True]])
+    fields = {"observation": np.arange(6).reshape(3, 2), "mask": mask, "feasible": np.ones((feasible, 9), bool)}
+    return apart.Setting(ask, fields | {"seed": np.array(4), "budget": np.array(50), "opponents": np.array(2)}, folder)
+
+
+def test_a_setting_asks_the_other_side(tmp_path: Path) -> None:
+    asked: list[dict[str, Any]] = []
+
+    def ask(**request: Any) -> dict[str, Any]:
+        asked.append(request)
+        return {"state": len(asked), "reward": "reward", "over": "over", "waits": np.full(2, len(asked) > 1)}
+
+    setting = a_setting(ask, tmp_path)
+    assert (setting.seed, setting.budget, setting.opponents, setting.waits.tolist()) == (4, 50, 2, [])
+    assert (setting.reset(), setting.waits.tolist()) == (1, [False, False])
+    assert (setting.step([1, 0]), setting.waits.tolist()) == ((2, "reward", "over"), [True, True])
+    setting.reset(7, opponent=1)
+    setting.step([0, 1], [8, 3])
+    assert [set(request) for request in asked] == [{"reset", "opponent"}, {"step"}, {"reset", "opponent"}, {"step", "positions"}]
+    assert (asked[0], asked[2]) == ({"reset": 256, "opponent": 0}, {"reset": 7, "opponent": 1})
+    assert (asked[1]["step"].tolist(), asked[3]["positions"].tolist()) == ([1, 0], [8, 3])
+
+
+def test_answers_of_methods_are_arrays(tmp_path: Path) -> None:
+    setting, without = a_setting(None, tmp_path), a_setting(None, tmp_path, feasible=0)
+    assert apart.answer_of(None, setting) == {"nothing": 0}
+    assert apart.answer_of("minimax", setting) == {"text": "minimax"}
+    values = apart.answer_of([1, 0.5], setting)["values"]
+    assert (values.tolist(), values.dtype) == ([1, 0.5], np.float64)
+    acts = apart.answer_of(SimpleNamespace(act=lambda seen, mask: seen[1] * 10 + mask.sum()), setting)
+    assert {name: each.tolist() for name, each in acts.items()} == {"stroke": [11, -1, 52]}
+    drawn = SimpleNamespace(probabilities=lambda seen, mask: seen + mask, positions=lambda seen, feasible: 2 * feasible)
+    found = apart.answer_of(drawn, setting)
+    assert found["probability"].tolist() == [[1, 1], [2, 3], [5, 6]]
+    assert found["probability"].dtype == np.float32
+    assert found["position"].tolist() == [[2.0] * 9] * 3
+    assert set(apart.answer_of(drawn, without)) == {"probability"}
+
+
+APART = """
+class Player:
+    def __init__(self, setting=None):
+        self.setting = setting
+    def policy_for_next_rally(self):
+        return "table"
+    def estimate(self, data, policies):
+        return [data.x, *(policy.probabilities([0, 1])[0] for policy in policies)]
+    def observe_rally(self, rally):
+        self.setting.reset(3)
+    def fit(self, data):
+        raise LookupError("nothing there")
+class WithoutSetting(Player):
+    def __init__(self):
+        pass
+"""
+
+
+@pytest.mark.parametrize("name", ["Player", "WithoutSetting"])
+def test_the_side_of_the_method_answers_until_the_other_one_ends(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "set_apart.py").write_text(APART)
+    fields = {name: np.ones((1, 9), bool) for name in ("observation", "mask", "feasible")}
+    requests: list[dict[str, Any]] = [fields | {"seed": 0, "budget": 1, "opponents": 0}, {"call": "policy_for_next_rally"}]
+    requests += [{"call": "estimate", "policies": 2, "x": 5.0}, {"probability": [0.25]}, {"probability": [0.75]}]
+    if name == "Player":
+        requests += [{"call": "observe_rally", "own": 1}, {"waits": [False], "state": [0]}]
+        requests += [{"call": "observe_rally", "own": 1}, {"error": "the budget is used up"}]
+    else:
+        requests.append({"call": "fit"})
+    pipe, answers, moved = io.BytesIO(b"".join(apart.message(**request) for request in requests)), io.BytesIO(), []
+    system = SimpleNamespace(
+        dup=lambda handle: handle,
+        dup2=lambda *handles: moved.append(handles),
+        fdopen=lambda handle, _: (pipe, answers)[handle],
+        uname=lambda: SimpleNamespace(machine="none"),
+    )
+    monkeypatch.setattr(apart, "os", system)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "set_apart", raising=False)
+    apart.main(f"set_apart:{name}", str(tmp_path), str(tmp_path / "work"))
+    monkeypatch.delitem(sys.modules, "set_apart", raising=False)
+    assert moved == [(2, 1)]
+    assert (tmp_path / "work").is_dir()
+    answers.seek(0)
+    found = []
+    while answers.tell() < len(answers.getvalue()):
+        found.append({key: value.tolist() for key, value in apart.receive(answers).items()})
+    assert found[:4] == [
+        {"text": "table"},
+        {"policy": 0, "state": [0, 1]},
+        {"policy": 1, "state": [0, 1]},
+        {"values": [5.0, 0.25, 0.75]},
+    ]
+    if name == "Player":
+        assert found[4:6] == [{"reset": 3, "opponent": 0}, {"nothing": 0}]
+        assert found[-1] == {"error": "RuntimeError: the budget is used up"}
+    else:
+        assert found[4:] == [{"error": "LookupError: nothing there"}]
 
 
 def test_messages_are_not_unpacked() -> None:
