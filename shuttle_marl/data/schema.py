@@ -388,7 +388,8 @@ def _other_hand(t: _Columns) -> Bools:
 
     Simulated players may be agents, which have a hand in each match.
     """
-    player = t["player"] + np.where(t.one_of("source", ("simulated",)), (1 + t["match"]) << 32, 0)
+    match = t["match"].astype(np.int64)  # codes are of 32 bits
+    player = t["player"] + np.where(t.one_of("source", ("simulated",)), (1 + match) << 32, 0)
     hand = t["hand"]
     known = np.flatnonzero(~np.isnan(hand))
     _, first, number = np.unique(player[known], return_index=True, return_inverse=True)
