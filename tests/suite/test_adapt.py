@@ -127,7 +127,7 @@ def test_opponents_wait_somewhere_and_learn(arena: Arena) -> None:
     answer, plain = best_response(met).policy, learner.policies[0]
     mixed = learner.at(300, met)
     expected = learner.learns * positions_of(answer) + (1 - learner.learns) * positions_of(plain)
-    assert positions_of(mixed) == pytest.approx(expected, abs=1e-4)
+    np.testing.assert_allclose(positions_of(mixed), expected, atol=1e-4)
     assert evaluate(met, mixed).odds().rally < evaluate(met, plain).odds().rally
 
 
@@ -140,7 +140,7 @@ def test_positions_are_tilted_towards_what_was_seen(arena: Arena) -> None:
     before, after = (np.abs(each - target)[state].sum(axis=1).mean() for each in (positions_of(bc), found))
     assert after < 0.35 * before
     nothing = tilted_positions(positions_of(bc), GAME, state[:0], place[:0])
-    assert nothing == pytest.approx(positions_of(bc))
+    np.testing.assert_allclose(nothing, positions_of(bc))
 
 
 class Oracle:
@@ -259,7 +259,9 @@ def test_the_posterior_finds_a_known_type(arena: Arena) -> None:
         agent.observe_rally(rally)
     assert agent.posterior.sum() == pytest.approx(1, abs=1e-9)
     assert names[int(agent.posterior.argmax())] == "defensive"
-    assert agent.estimate().block_probabilities(0) == pytest.approx(setting.known["defensive"].block_probabilities(0), abs=0.2)
+    np.testing.assert_allclose(
+        agent.estimate().block_probabilities(0), setting.known["defensive"].block_probabilities(0), atol=0.2
+    )
 
 
 def test_a_model_from_rallies_answers_habits_of_position(arena: Arena) -> None:
@@ -395,12 +397,11 @@ def test_means_leave_out_positions_of_little_weight(arena: Arena) -> None:
     types = [known(arena)[name] for name in ("bc", "front+1", "forehand-1")]
     parts, weight = np.stack([policy.block_probabilities(0) for policy in types]), np.array([0.7, 0.29, 0.01])
     found = mean_of(types, weight, least=0.01)
-    assert found.block_probabilities(0) == pytest.approx(weight @ parts, abs=1e-6)
+    np.testing.assert_allclose(found.block_probabilities(0), weight @ parts, atol=1e-6)
     places = (0.7 * positions_of(types[0]) + 0.29 * positions_of(types[1])) / 0.99
-    assert positions_of(found) == pytest.approx(places)
-    assert positions_of(mean_of(types, weight)) == pytest.approx(
-        sum(w * positions_of(t) for w, t in zip(weight, types, strict=True))
-    )
+    np.testing.assert_allclose(positions_of(found), places)
+    whole = np.sum([share * positions_of(each) for share, each in zip(weight, types, strict=True)], axis=0)
+    np.testing.assert_allclose(positions_of(mean_of(types, weight)), whole)
     assert mean_of(list(THREE.values()), weight).positions is None
 
 
