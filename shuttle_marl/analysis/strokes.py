@@ -358,7 +358,7 @@ def _table(game: Game, name: str, p: Floats) -> TabulatedPolicy:
         raise SimulationError(f"player {name!r}: expected {game.n_pairs} probabilities, one for each legal pair, none negative")
     sums = game.sum_by_state(p)
     off = np.where(game.playable, np.abs(sums - 1), 0)
-    if (off > 1e-4).any():
+    if (off > 1e-6).any():
         state = int(off.argmax())
         raise SimulationError(f"player {name!r}: probabilities sum to {sums[state]:g}, not 1, in state: {game.describe(state)}")
     return from_pair_probabilities(game, p)
