@@ -1,18 +1,34 @@
 """Simulated stroke tables: they obey the schema, the rules, the game's probabilities and plain geometry."""
 
+import dataclasses
+import itertools
 from pathlib import Path
 
 import numpy as np
+import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.analysis import strokes_of_log
-from shuttle_marl.analysis.strokes import SimulationError, simulate, simulated_rallies
-from shuttle_marl.data.schema import STROKES, Account, violations
+from shuttle_marl.analysis.strokes import (
+    BREAK,
+    FRAME_RATE,
+    INTERVAL,
+    SimulatedStrokes,
+    SimulationError,
+    sample_positions,
+    simulate,
+    simulated_rallies,
+)
+from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
 from shuttle_marl.data.table import load_account, read_matches, write_parquet
+from shuttle_marl.game import court
+from shuttle_marl.game.pairs import Looks
+from shuttle_marl.game.stroke import N_SERVES, SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.replay import check
+from tests import golden
 from tests.reduced import reduced_game
 
 
@@ -82,3 +98,155 @@ def test_what_cannot_be_simulated(players: dict[str, np.ndarray], told: str) -> 
     with pytest.raises(SimulationError) as caught:
         simulate(GAME, players, matches=1, seed=0)
     assert told in str(caught.value)
+
+
+def test_at_least_one_match_is_simulated_and_probabilities_are_rounded() -> None:
+    with pytest.raises(SimulationError, match="0 matches: expected at least one"):
+        simulate(GAME, PLAYERS, matches=0, seed=0)
+    rounded = {"a": uniform(GAME) * (1 + 0.9e-6), "b": uniform(GAME) * (1 - 0.9e-6)}
+    assert simulate(GAME, rounded, matches=1, seed=0).equals(
+        simulate(GAME, dict.fromkeys("ab", uniform(GAME)), matches=1, seed=0)
+    )
+    for wrong in (1 + 1.1e-6, 1 - 1.1e-6):
+        with pytest.raises(SimulationError, match="player 'a': probabilities sum to"):
+            simulate(GAME, {"a": uniform(GAME) * wrong, "b": uniform(GAME)}, matches=1, seed=0)
+
+
+def sampled(rows: list[tuple[int, int, int, int]], *, right: bool = True, new_game: bool = False) -> SimulatedStrokes:
+    """Strokes of shot, area, outcome and number in the rally."""
+    shot, area, outcome, number = np.array(rows, dtype=np.int64).T
+    first = number == 1
+    return SimulatedStrokes(
+        shot=shot, area=area, outcome=outcome, stroke=number, new_game=first & new_game, right=np.full(len(shot), right)
+    )
+
+
+def every_kind() -> SimulatedStrokes:
+    """Rallies of a serve and one to five strokes of every shot type, to all areas in turn, and with all endings."""
+    rows: list[tuple[int, int, int, int]] = []
+    for number in range(480):
+        length = 1 + number % 6
+        for i in range(length):
+            ends = Outcome.WINNER if number % 4 == 1 else Outcome.FAULT
+            shot = number % N_SERVES if i == 0 else N_SERVES + (number + 3 * i) % (len(SHOTS) - N_SERVES)
+            rows.append((shot, (number + 2 * i) % 9, ends if i == length - 1 else Outcome.RETURNED, i + 1))
+    found = sampled(rows)
+    number_of = np.cumsum(found.stroke == 1)
+    return dataclasses.replace(found, right=number_of % 3 == 0, new_game=(found.stroke == 1) & (number_of % 50 == 1))
+
+
+def test_places_and_times_are_the_written_ones() -> None:
+    strokes = every_kind()
+    places, reason, frame = sample_positions(strokes, np.random.default_rng(4))
+    some = [0, 1, 2, 20, 21, 22, 23]
+    found = {name: [golden.weighted_sum(np.nan_to_num(points)), points[some]] for name, points in places.items()}
+    tallied = {SHOTS[shot]: np.bincount(reason[strokes.shot == shot], minlength=len(REASONS)) for shot in range(len(SHOTS))}
+    golden.check("simulated_strokes", {**found, "reasons": tallied, "frame": [frame[some], golden.weighted_sum(frame)]}, 1e-3)
+
+
+def test_places_fit_their_outcome() -> None:
+    """Good strokes lie within their area, out faults behind a line next to it, the others on the striker's side of the net."""
+    strokes = every_kind()
+    places, reason, frame = sample_positions(strokes, np.random.default_rng(1))
+    (x, y), names = places["landing"].T, np.array(REASONS)[reason]
+    good, serve = strokes.outcome != Outcome.FAULT, strokes.shot < N_SERVES
+    assert set(names[good]) == {"returned", "landed"}
+    assert set(names[~good]) == {"out", "net", "short"}
+    # A serve to the front lands beyond the service line, in whichever third that is.
+    deep = good & ~(serve & (strokes.area < 3))
+    assert np.array_equal(court.area_of(x[deep], y[deep]), strokes.area[deep])
+    assert y[good & serve].min() >= court.SHORT_SERVICE
+    assert court.in_court(x[good], y[good]).all()
+    fallen = np.isin(names, ("net", "short"))
+    assert -3.0 <= y[fallen].min() < y[fallen].max() <= -0.02
+    out = names == "out"
+    assert not np.isin(strokes.area[out], (1, 4)).any()
+    beyond = np.maximum(np.abs(x[out]) - court.HALF_WIDTH, y[out] - court.HALF_LENGTH)
+    assert 0.03 <= beyond.min() < beyond.max() <= 1.0
+    # The contact of a reply is the landing before it, seen from the other side; a serve has none.
+    replies = np.flatnonzero(strokes.stroke > 1)
+    assert np.array_equal(places["contact"][replies], -places["landing"][replies - 1])
+    assert np.isnan(places["contact"][strokes.stroke == 1]).all()
+    assert np.linalg.norm(places["striker"][replies] - places["contact"][replies], axis=1).max() < 1.1 + 1e-9
+    assert places["striker"][:, 1].max() <= -0.3
+    assert (np.diff(frame) > 0).all()
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_servers_stand_in_the_court_of_their_score_and_receivers_across(right: bool) -> None:
+    """Only a serve to the middle leaves it to the score; one to a side tells where it came from."""
+    sign = 1.0 if right else -1.0
+    for area, side in ((1, sign), (0, 1.0), (2, -1.0), (6, 1.0), (7, sign), (8, -1.0)):
+        strokes = sampled([(0, area, Outcome.FAULT, 1)] * 400, right=right)
+        places, _, _ = sample_positions(strokes, np.random.default_rng(0))
+        assert places["striker"].mean(axis=0) == pytest.approx([0.3 * side, -3.1], abs=0.03)
+        assert places["receiver"].mean(axis=0) == pytest.approx([-0.95 * side, 4.0], abs=0.03)
+        assert places["striker"].std(axis=0) == pytest.approx([0.12, 0.12], abs=0.02)
+
+
+@pytest.mark.parametrize(("shot", "area", "shares"), [
+    (1, 0, {"out": 1.0}),
+    (1, 1, {"net": 1.0}),  # nothing beside the middle of the court is out
+    (0, 0, {"out": 0.25, "net": 0.67, "short": 0.08}),
+    (0, 4, {"net": 0.67 / 0.75, "short": 0.08 / 0.75}),
+])  # fmt: skip
+def test_faults_are_mixed_as_in_annotated_matches(shot: int, area: int, shares: dict[str, float]) -> None:
+    _, reason, _ = sample_positions(sampled([(shot, area, Outcome.FAULT, 1)] * 4000), np.random.default_rng(0))
+    found = np.bincount(reason, minlength=len(REASONS)) / len(reason)
+    assert dict(zip(REASONS, found, strict=True)) == pytest.approx(dict.fromkeys(REASONS, 0.0) | shares, abs=0.025)
+
+
+def test_a_pause_is_longer_before_a_game_than_before_a_rally() -> None:
+    for new_game, usual in ((False, BREAK), (True, INTERVAL)):
+        _, _, frame = sample_positions(sampled([(0, 0, Outcome.FAULT, 1)] * 999, new_game=new_game), np.random.default_rng(0))
+        assert np.median(np.diff(frame)) / FRAME_RATE == pytest.approx(usual, rel=0.03)
+        assert np.log(np.diff(frame)).std() == pytest.approx(0.3, abs=0.02)
+    for shot, median in ((1, 1.9), (9, 0.37)):
+        strokes = sampled([(shot, 0, Outcome.RETURNED, 2)] * 999)
+        _, _, frame = sample_positions(strokes, np.random.default_rng(0))
+        assert np.median(np.diff(frame)) / FRAME_RATE == pytest.approx(median, abs=0.05)
+
+
+def test_players_look_as_their_names_tell_and_left_handers_see_the_other_side() -> None:
+    asked: list[tuple[str, str]] = []
+
+    def looks(game: Game, names: tuple[str, str]) -> Looks:
+        assert game is GAME
+        asked.append(names)
+        return Looks(hands=("left" if names[0] == "chen-long" else "right", "left" if names[1] == "chen-long" else "right"))
+
+    table, plain = simulate(GAME, PLAYERS, matches=5, seed=5, looks=looks), simulate(GAME, PLAYERS, matches=5, seed=5)
+    assert set(asked) == set(itertools.combinations(PLAYERS, 2))
+    left, opposed = ([name == "chen-long" for name in table[column].to_pylist()] for column in ("player", "opponent"))
+    assert table["hand"].to_pylist() == list(map(int, left))
+    good = np.flatnonzero(plain["outcome"].to_numpy() != Outcome.FAULT)
+    seen, usual = (each["area"].to_numpy(zero_copy_only=False)[good] for each in (table, plain))
+    assert np.array_equal(seen, np.where(np.array(opposed)[good], court.mirrored(usual), usual))
+
+
+def test_matches_have_their_names_and_begin_at_no_time() -> None:
+    table, pairs = simulate(GAME, PLAYERS, matches=4, seed=5), [*itertools.combinations(PLAYERS, 2)]
+    seats = [pairs[i % 3] for i in range(4)]
+    names = [f"simulated-{i + 1}-{a}-{b}" for i, (a, b) in enumerate(seats)]
+    assert {*table["match"].to_pylist()} == {*names}
+    for i, name in enumerate(names):
+        rows = table.filter(pc.equal(table["match"], name))
+        first = rows.slice(0, 1).to_pylist()[0]
+        # Servers change from match to match.
+        assert (first["player"], first["opponent"]) == (seats[i] if i % 2 == 0 else seats[i][::-1])
+        assert (first["frame"], first["clock"], first["game"], first["rally"], first["stroke"]) == (0, 0, 1, 1, 1)
+        frame = rows["frame"].to_numpy()
+        assert (np.diff(frame) > 0).all()
+        assert np.array_equal(rows["clock"].to_numpy(), frame // 30)
+        # Points are those after the rally.
+        total = rows["points"].to_numpy() + rows["points_opponent"].to_numpy()
+        assert np.array_equal(total, rows["rally"].to_numpy())
+        last = np.append(np.diff(rows["rally"].to_numpy()) != 0, True)
+        ahead = np.flatnonzero(last & (rows["outcome"].to_numpy() == Outcome.WINNER) & (rows["rally"].to_numpy() == 1))
+        assert (rows["points"].to_numpy()[ahead] == 1).all()
+
+
+def test_a_match_is_filed_under_the_discipline_of_a_player_who_has_one() -> None:
+    for names, kind in ((("a", "chen-yufei"), "WS"), (("chen-yufei", "a"), "WS"), (("a", "b"), "MS"), (("a", "chen-long"), "MS")):
+        table = simulate(GAME, dict.fromkeys(names, uniform(GAME)), matches=1, seed=0)
+        assert set(table["discipline"].to_pylist()) == {kind}
