@@ -18,6 +18,7 @@ from shuttle_marl.analysis.strokes import (
     sample_positions,
     simulate,
     simulated_rallies,
+    stroke_table,
 )
 from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
 from shuttle_marl.data.table import load_account, read_matches, write_parquet
@@ -205,6 +206,7 @@ def test_a_pause_is_longer_before_a_game_than_before_a_rally() -> None:
         strokes = sampled([(shot, 0, Outcome.RETURNED, 2)] * 999)
         _, _, frame = sample_positions(strokes, np.random.default_rng(0))
         assert np.median(np.diff(frame)) / FRAME_RATE == pytest.approx(median, abs=0.05)
+        assert frame[0] == 0, "of a rally whose first stroke is missing"
 
 
 def test_players_look_as_their_names_tell_and_left_handers_see_the_other_side() -> None:
@@ -244,6 +246,32 @@ def test_matches_have_their_names_and_begin_at_no_time() -> None:
         last = np.append(np.diff(rows["rally"].to_numpy()) != 0, True)
         ahead = np.flatnonzero(last & (rows["outcome"].to_numpy() == Outcome.WINNER) & (rows["rally"].to_numpy() == 1))
         assert (rows["points"].to_numpy()[ahead] == 1).all()
+
+
+def test_servers_of_a_table_stand_where_their_points_tell() -> None:
+    serve = "short-serve:front-centre:below:backhand"
+    table = simulate(GAME, dict.fromkeys("ab", always(GAME, serve)), matches=1, seed=0)
+    rows = table.filter(pc.equal(table["stroke"], 1)).to_pylist()
+    asked = [row for row in rows if abs(row["striker_x"]) > 0.15 and row["outcome"] == Outcome.RETURNED]
+    ends = {row["rally"] + 100 * row["game"]: row for row in table.to_pylist()}
+    assert len(asked) > 20
+    for row in asked:
+        last = ends[row["rally"] + 100 * row["game"]]
+        won = (last["outcome"] == Outcome.WINNER) == (last["player"] == row["player"])
+        assert (row["striker_x"] > 0) == ((row["points"] - won) % 2 == 0)
+
+
+def test_a_later_match_alone_begins_at_no_time() -> None:
+    _, rallies = simulated_rallies(GAME, dict.fromkeys("ab", uniform(GAME)), matches=2, seed=0)
+    for number in (0, 1):
+        part = rallies.select(rallies.match == number)
+        names, titles = ("a", "b"), [f"match {number}"] * len(part)
+        found = stroke_table(part, GAME.catalogue, names, titles, np.random.default_rng(0), looks=lambda _: Looks())
+        frame, game = found["frame"].to_numpy(), found["game"].to_numpy()
+        assert (frame[0], game[0]) == (0, 1)
+        pauses = np.diff(frame)[np.diff(game) != 0] / FRAME_RATE
+        assert len(pauses) >= 1
+        assert pauses.min() > 50
 
 
 def test_a_match_is_filed_under_the_discipline_of_a_player_who_has_one() -> None:
