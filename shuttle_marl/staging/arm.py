@@ -214,9 +214,9 @@ def _pose(q: F64, arm: Arm, axes: F64, pivots: F64) -> tuple[Mat, Mat, Mat, Mat,
 
 
 @compiled
-def _cholesky_solve(square: F64, right: F64, factor: F64, b: F64, x: F64) -> None:
-    """Solve ``square @ x = right``, symmetric positive definite; ``factor`` and ``b`` are overwritten."""
-    b[:], factor[:] = right, square
+def _cholesky_solve(square: F64, right: F64) -> F64:
+    """Solve ``square @ x = right``, symmetric positive definite."""
+    factor, x = square.copy(), right.copy()
     for j in range(_N):
         for k in range(j):
             factor[j, j] -= factor[j, k] * factor[j, k]
@@ -227,13 +227,13 @@ def _cholesky_solve(square: F64, right: F64, factor: F64, b: F64, x: F64) -> Non
             factor[i, j] /= factor[j, j]
     for i in range(_N):
         for k in range(i):
-            b[i] -= factor[i, k] * b[k]
-        b[i] /= factor[i, i]
+            x[i] -= factor[i, k] * x[k]
+        x[i] /= factor[i, i]
     for i in range(_N - 1, -1, -1):
-        x[i] = b[i]
         for k in range(i + 1, _N):
             x[i] -= factor[k, i] * x[k]
         x[i] /= factor[i, i]
+    return x
 
 
 @compiled
@@ -291,25 +291,21 @@ def _normal_equations(q: F64, jacobian: F64, residual: F64, square: F64, slope: 
 
 
 @compiled
-def _step(q: F64, square: F64, slope: F64, damping: float, work: tuple[F64, F64, F64, F64, F64], to: F64) -> float:
-    """Write the damped step from ``q``, within the limits, to ``to``; return its largest change of an angle."""
-    damped, right, factor, b, move = work
-    damped[:], right[:] = square, slope
+def _step(q: F64, square: F64, slope: F64, damping: float) -> F64:
+    """``[10]`` angles after a damped step from ``q``, within the limits."""
+    damped, right = square.copy(), slope.copy()
     for i in range(_N):
         damped[i, i] += damping
-    _cholesky_solve(damped, right, factor, b, move)
+    move = _cholesky_solve(damped, right)
     # Angles pushed against their limits are fixed, and the step is solved again for the others.
     for i in range(_N):
         if (q[i] <= LIMITS[i, 0] + 1e-9 and move[i] < 0) or (q[i] >= LIMITS[i, 1] - 1e-9 and move[i] > 0):
             damped[i, :], damped[:, i], damped[i, i], right[i] = 0.0, 0.0, 1.0, 0.0
-    _cholesky_solve(damped, right, factor, b, move)
+    move = _cholesky_solve(damped, right)
     for i in range(_N):
-        to[i] = q[i] + min(max(move[i], -0.5), 0.5)
-    _clip(to)
-    change = 0.0
-    for i in range(_N):
-        change = max(change, abs(to[i] - q[i]))
-    return change
+        move[i] = q[i] + min(max(move[i], -0.5), 0.5)
+    _clip(move)
+    return move
 
 
 @compiled
@@ -317,15 +313,15 @@ def _solve(angles: F64, target: F64, weight: F64, reach: F64, arm: Arm, rounds: 
     """The Levenberg-Marquardt method of :func:`solve` for each row of ``angles``, in place."""
     axes, pivots = np.empty((_N, 3)), np.empty((_N, 3))
     jacobian, residual = np.empty((_ROWS, _N)), np.empty(_ROWS)
-    square, slope, to = np.empty((_N, _N)), np.empty(_N), np.empty(_N)
+    square, slope = np.empty((_N, _N)), np.empty(_N)
     new_square, new_slope = np.empty((_N, _N)), np.empty(_N)
-    work = (np.empty((_N, _N)), np.empty(_N), np.empty((_N, _N)), np.empty(_N), np.empty(_N))
     for n in range(len(angles)):
         q, goal, damping = angles[n], (target[n], weight[n], reach[n]), _DAMPING
         _residuals(arm, goal, _pose(q, arm, axes, pivots)[4], axes, pivots, jacobian, residual)
         cost = _normal_equations(q, jacobian, residual, square, slope)
         for _ in range(rounds):
-            change = _step(q, square, slope, damping, work, to)
+            to = _step(q, square, slope, damping)
+            change = np.abs(to - q).max()
             _residuals(arm, goal, _pose(to, arm, axes, pivots)[4], axes, pivots, jacobian, residual)
             new = _normal_equations(to, jacobian, residual, new_square, new_slope)
             if new < cost:
