@@ -180,14 +180,13 @@ def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recover
     fault, winner, below = threshold.astype(np.float64).T
     old = threshold.astype(np.int64)
     good, returned = ONE - fault, ONE - winner
-    with np.errstate(invalid="ignore", divide="ignore"):
-        wins = spread.shares((winner - fault) / good, ratio[0], weight)
-        met = weight * (1 - wins)
-        above = spread.shares((ONE - below) / returned, ratio[1], met)
-        late = [
-            spread.shares(hurry[:, contact] / np.float64(_HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
-            for contact in (0, 1)
-        ]
+    wins = spread.shares((winner - fault) / good, ratio[0], weight)
+    met = weight * (1 - wins)
+    above = spread.shares((ONE - below) / returned, ratio[1], met)
+    late = [
+        spread.shares(hurry[:, contact] / np.float64(_HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
+        for contact in (0, 1)
+    ]
     faults = old[pair, 0]
     # A stroke that may end the rally in the game without recovery always may: values need a bound.
     ends = np.maximum(faults + np.rint(wins * (ONE - faults)).astype(np.int64), np.minimum(old[pair, 1], 1))
@@ -211,6 +210,7 @@ class _Spread(NamedTuple):
     first: I64
     pair: I64
 
+    @np.errstate(invalid="ignore", divide="ignore")
     def shares(self, p: F64, ratio: F64, weight: F64) -> F64:
         """Probabilities by position whose odds differ by ratios and whose weighted mean is that of the pair.
 

@@ -157,13 +157,13 @@ def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], h
     way = np.array([np.hypot(*(there.place[foot] - feet[foot][-1].place)) for foot in (LEFT, RIGHT)])
     if way.max() < there.stays:
         return [-1, -1]
-    most = max(1, int(gap / (_STEP_TIME * fps)))
+    most = max(2, int(gap / (_STEP_TIME * fps)))
     if way.min() < there.stays and way.max() < 1.5 * there.stride:
         moving = int(way.argmax())
         landing[1 - moving] = -1
         order = [moving]
     else:
-        n = int(np.clip(np.ceil(way.max() / there.stride) + 1, 2, max(2, most)))
+        n = int(np.clip(np.ceil(way.max() / there.stride) + 1, 2, most))
         order = [(there.last + n - 1 - k) % 2 for k in range(n)]
     n = len(order)
     swing = _swings(here.end, there.begin, n, hips, fps)
@@ -235,7 +235,7 @@ def lifted(plants: tuple[list[Plant], list[Plant]], slips: Bools, done: int) -> 
             own = slipping[(slipping >= plant.begin) & (slipping <= plant.end)]
             early = own[2 * own < plant.begin + plant.end] if plant.begin > done else own[:0]
             late = own[len(early) :]
-            if len(early) and early[-1] < plant.end:
+            if len(early):
                 plant.begin, shortened = int(early[-1]) + 1, True
             if len(late) and late[0] > max(plant.begin, done):
                 plant.end, shortened = int(late[0]) - 1, True
