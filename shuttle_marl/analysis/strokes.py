@@ -22,7 +22,7 @@ from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.record import Rallies, columns_of
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tabulated import SUM_TOLERANCE, TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.header import LogHeader, Player, RecordingError
 
 FLIGHT: Final = np.array([0.73, 1.90, 1.17, 1.27, 0.80, 0.47, 0.53, 0.53, 1.00, 0.37, 0.87, 0.90, 0.92])
@@ -358,7 +358,7 @@ def _table(game: Game, name: str, p: Floats) -> TabulatedPolicy:
         raise SimulationError(f"player {name!r}: expected {game.n_pairs} probabilities, one for each legal pair, none negative")
     sums = game.sum_by_state(p)
     off = np.where(game.playable, np.abs(sums - 1), 0)
-    if (off > 1e-6).any():
+    if (off > SUM_TOLERANCE).any():
         state = int(off.argmax())
         raise SimulationError(f"player {name!r}: probabilities sum to {sums[state]:g}, not 1, in state: {game.describe(state)}")
     return from_pair_probabilities(game, p)

@@ -35,6 +35,9 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
 
+#: The probabilities of the strokes of a state may sum to 1 within this tolerance.
+SUM_TOLERANCE: Final = 1e-6
+
 
 def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict[str, Any]:
     """The index tables of a game from who may answer what.
@@ -392,7 +395,7 @@ def _cumulative(game: Game, p: Floats) -> U16:
     total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
     probability = total[1:] - total[game.base_pair_start[game.base_pair_state]]
     sums = probability[game.base_pair_start[game.base_pair_state + 1] - 1]
-    if not np.allclose(sums, 1, rtol=0, atol=1e-6):
+    if not np.allclose(sums, 1, rtol=0, atol=SUM_TOLERANCE):
         raise PolicyError("probabilities of strokes that do not add up to 1 in every state")
     probability /= sums
     return np.asarray(np.rint(probability * CHOICE_ONE).astype(np.uint16))
