@@ -4,11 +4,11 @@
 
 A mutation (:mod:`tests.mutations`) replaces one comparison, arithmetic or boolean operator, number, truth value, ``not`` or
 returned value, or lets a check pass that raises. Changes of guards (conditions under which something is raised, and limits) are
-drawn twice as often as others. All tests run first, to record which functions each of them calls. A mutant of a Python function
-is a fork of a process that has imported everything; the fast tests that call the function run on it, the quickest first, until
-one fails, then the others of their files. Other mutants (compiled functions, constants, and functions that imports call) are
-copies of the repository, on which the test files of the package run; if no fast test calls a function, its slow tests. The output
-has the keys:
+drawn twice as often as others. The tests of the sampled packages run first, to record which functions each of them calls. A
+mutant of a Python function is a fork of a process that has imported everything; the fast tests that call the function run on it,
+the quickest first, until one fails, then the others of their files. Other mutants (compiled functions, constants, and functions
+that imports call) are copies of the repository, on which the test files of the package run; if no fast test calls a function,
+its slow tests. The output has the keys:
 
 - ``tried``: mutants of the sample; ``equivalent``: those that no test can notice, listed in ``equivalent_mutants.toml``.
 - ``killed``: a test failed; ``timeouts``: the fast tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
@@ -242,6 +242,8 @@ def _serve(template: Path, tasks: list[Task], jobs: int, results: multiprocessin
 
 def run_forks(template: Path, tasks: list[Task], jobs: int) -> Iterator[Task]:
     """Run tests on mutants of functions: in one process that imports everything once."""
+    if not tasks:
+        return
     receiver, sender = multiprocessing.Pipe(duplex=False)
     process = multiprocessing.get_context("fork").Process(target=_serve, args=(template, tasks, jobs, sender))
     process.start()
@@ -304,7 +306,7 @@ def _startup(template: Path, function: str) -> Path:
 
 @dataclasses.dataclass
 class Calls:
-    """What a test, or a fixture that several share, takes and calls."""
+    """Duration, called functions and shared fixtures of a test, or of a fixture that several tests share."""
 
     seconds: float = 0.0
     functions: set[str] = dataclasses.field(default_factory=set)

@@ -386,7 +386,7 @@ def test_the_table_of_results_has_a_row_for_each_seat() -> None:
 
 
 def test_probabilities_are_exact_or_sampled_or_by_the_ratings() -> None:
-    """Rock beat paper in 8 of 10 matches, and scissors played nobody."""
+    """Rock won 8 of 10 matches against paper; scissors has no matches."""
     (first, *_) = played({("rock", "paper"): 8, ("rock", "scissors"): 0, ("paper", "scissors"): 0}, NAMES, matches=10)
     found = assess(rank(NAMES, [first], 0), [first], unknown(NAMES), {})
     assert found.win[0, 1] == pytest.approx(8.5 / 11, abs=1e-7)

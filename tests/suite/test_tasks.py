@@ -236,7 +236,7 @@ def test_the_template_of_players_learns_within_its_budget(budget: int, strokes: 
 
 
 class Alone:
-    """What a method that runs apart sees: two states of three strokes; stroke 1 wins."""
+    """The game as a method in a separate process receives it: two states of three strokes; stroke 1 wins."""
 
     seed = 2
 
