@@ -124,7 +124,7 @@ def options(plays: Plays, won: F64, mine: Bools, others: Bools | None = None) ->
         won: ``[N]`` :func:`won_or_lost`.
         mine: ``[N]`` strokes that count.
         others: ``[N]`` strokes of others, compared where they are of the same kind, at the strength that the difference of all
-            strokes shows: against a strong opponent every kind wins less. None: all other ones of ``mine``.
+            strokes with a landing area shows: against a strong opponent every kind wins less. None: all other ones of ``mine``.
     """
     rally = np.isfinite(won) & (plays.shot >= N_SERVES)
 
