@@ -374,7 +374,7 @@ def test_hips_sink_to_distant_feet_and_feet_pivot_with_the_hips() -> None:
         ankle = limbs._ankles(moved.ball[foot], moved.yaw[foot], moved.pitch[foot], heel, float(MALE.at("RightToeBase")[2]))
         assert np.linalg.norm(ankle - joint, axis=1).max() <= limit + 1e-9
     # Feet in the air ask for nothing.
-    high = hips + [0, 0, 1.0]
+    high = hips + UP
     still, same = limbs.settle(MALE, high, root, feet._replace(planted=np.zeros((2, 60), dtype=bool)))
     assert (still == high).all()
     assert (same.pitch == 0).all()
