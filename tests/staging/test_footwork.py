@@ -7,10 +7,17 @@ import pytest
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.staging.feet import Feet, Plant, _reachable, _swings, lifted, move, standing, steps
-from shuttle_marl.staging.timeline import Stand
+from shuttle_marl.staging.motions import MOTIONS
+from shuttle_marl.staging.timeline import Stand, feet_at
 from tests import golden
 
 FRAMES, FPS = 120, 50
+
+
+def test_feet_stand_at_contacts_as_somebody_looked_at() -> None:
+    """Left and right foot: to the right, ahead, and their headings, of a player who faces the net."""
+    found = {f"{name}, feet": feet_at(motion, np.zeros(2), 0.0, 0.0)[:2] for motion, name in enumerate(MOTIONS)}
+    golden.check("footwork", found, 1e-6)
 
 
 def a_way(rng: np.random.Generator) -> tuple[F64, F64, F64]:
