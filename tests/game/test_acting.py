@@ -66,6 +66,10 @@ def test_a_draw_chooses_the_stroke_in_whose_share_it_lies() -> None:
     assert act(Fixed(0.0, 0.5, 0.5), GAME, SEEN, None, drawing(0.0)) == MIDDLE
 
 
+def test_the_last_stroke_may_be_the_only_one() -> None:
+    assert act(UniformPolicy(), GAME, observations(GAME, [STATE + 1])[0], None, drawing(0.5)) == GAME.n_strokes - 1
+
+
 def test_one_observation_has_one_action_and_a_batch_an_array() -> None:
     one = act(Fixed(0.0, 1.0, 0.0), GAME, SEEN, None, drawing(0.5))
     assert (type(one), one) == (int, MIDDLE)
