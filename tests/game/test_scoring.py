@@ -18,8 +18,12 @@ from shuttle_marl.game.scoring import (
     RulesName,
     Score,
     ScoringError,
+    count_rally,
+    is_over,
     match_win_probability,
     open_scores,
+    score_fractions,
+    scores_of,
     serves_from_right,
     wins_game,
 )
@@ -160,6 +164,12 @@ def test_an_even_score_serves_from_the_right() -> None:
         ((11, 4), (0, 0), 0, BWF, "interval"),
         ((11, 5), (0, 0), 1, BWF, ""),
         ((11, 11), (0, 0), 1, BWF, ""),
+        ((12, 4), (0, 0), 0, BWF, ""),
+        ((10, 4), (0, 0), 0, BWF, ""),
+        ((11, 10), (1, 1), 0, BWF, "interval and change of ends"),
+        ((12, 11), (1, 1), 0, BWF, ""),
+        ((0, 0), (2, 0), 0, BWF, ""),
+        ((2, 1), (2, 2), 0, Rules(points=4, clear=2, cap=5, games=3), "interval and change of ends"),
         ((10, 11), (1, 0), 1, BWF, "interval"),
         ((0, 0), (1, 0), 1, BWF, "change of ends"),
         ((0, 0), (1, 1), 0, BWF, "change of ends"),
@@ -246,8 +256,52 @@ def test_arrays_broadcast() -> None:
         ({"points": (21, 3)}, "points"),
         ({"points": (30, 30)}, "points"),
         ({"points": (-1, 3)}, "points"),
+        ({"points": (3, -1)}, "points"),
+        ({"points": (3, 21)}, "points"),
+        ({"points": (0, 30)}, "points"),
+        ({"games": (0, 2)}, "games"),
+        ({"games": (-1, 0)}, "games"),
+        ({"games": (0, -1)}, "games"),
+        ({"p_serving": -0.001}, "probability of winning a rally -0.001"),
+        ({"p_receiving": 1.001}, "probability of winning a rally 1.001"),
+        ({"first_server": -1}, "server -1"),
     ],
 )
 def test_impossible_questions_are_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(ScoringError, match=message):
         match_win_probability(**{"p_serving": 0.5, "p_receiving": 0.5, **options})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [{"points": 21.0}, {"games": "2"}, {"clear": None}])
+def test_rules_are_whole_numbers(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ScoringError, match="expected whole numbers"):
+        Rules(**wrong)
+    fifteen: Any = np.int64(15)
+    assert Rules(points=fifteen).as_tuple == (15, 2, 30, 2)
+
+
+def test_shares_of_points_and_games_go_back_to_scores() -> None:
+    rules = RULES["11"]  # cap 15, three games
+    shares = score_fractions((3, 12), (2, 0), rules)
+    assert shares == (3 / 15, 12 / 15, 2 / 3, 0)
+    assert scores_of(np.array([[*shares, 1.0, 0.0]]), rules).tolist() == [[3, 12, 2, 0]]
+    assert scores_of(np.array([[29 / 30 + 0.004, 0.0, 0.5, 1.0]])).tolist() == [[29, 0, 1, 2]]
+
+
+def test_matches_are_over_with_two_games_of_either_seat() -> None:
+    games = np.array([[0, 0], [1, 1], [2, 0], [1, 2]])
+    assert is_over(games).tolist() == [False, False, True, True]
+    assert is_over(games, RULES["11"]).tolist() == [False] * 4
+    assert is_over(games[None], Rules(games=1)).tolist() == [[False, True, True, True]]
+
+
+def test_counting_a_rally_at_the_edges_of_a_game() -> None:
+    """Own and other points and games before a rally that is won, and points, games, game and match after it."""
+    for own, other, games, expected in (
+        (19, 3, 0, (20, 0, False, False)),
+        (20, 19, 0, (21, 1, True, False)),
+        (20, 20, 1, (21, 1, False, False)),
+        (21, 20, 1, (22, 2, True, True)),
+        (29, 29, 1, (30, 2, True, True)),
+    ):
+        assert tuple(count_rally(own, other, games, BWF)) == expected
