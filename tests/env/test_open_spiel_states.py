@@ -1,0 +1,185 @@
+"""States and observers of the rally in OpenSpiel, one action at a time, and what the game says of itself."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pyspiel
+import pytest
+
+from shuttle_marl.base.errors import OptionError
+from shuttle_marl.env.open_spiel import NAME, RECOVERY_NAME, RallyGame, RallyObserver, RallyState, open_spiel_policy
+from shuttle_marl.game import default_game
+from shuttle_marl.game.rules import FAULT, HURRIED_ABOVE, HURRIED_BELOW, RETURNED_ABOVE, RETURNED_BELOW, WINNER
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.tabulated import tabulate
+from tests.exact.exact_games import hand_made, tiring_game
+from tests.recovery import Prefers, with_recovery
+
+GAME = hand_made()
+SERVE, SMASH, LIFT = range(3)
+HIDDEN = with_recovery(tiring_game(), 3, 3)
+CHANCE, TERMINAL = int(pyspiel.PlayerId.CHANCE), int(pyspiel.PlayerId.TERMINAL)
+
+
+def after(game: RallyGame, *actions: int) -> RallyState:
+    state = game.new_initial_state()
+    for action in actions:
+        state.apply_action(action)
+    return state
+
+
+def test_a_server_may_be_drawn() -> None:
+    game = RallyGame(tables=GAME)
+    state = game.new_initial_state()
+    assert (state.current_player(), state.chance_outcomes(), str(state)) == (
+        CHANCE, [(0, 0.5), (1, 0.5)], "who serves is not decided",
+    )  # fmt: skip
+    assert state.action_to_string(CHANCE, 1) == "player 1 serves"
+    state.apply_action(1)
+    assert (state.current_player(), state.legal_actions()) == (1, [SERVE])
+    assert str(state) == "player 1 to strike: own none, incoming none, contact below"
+
+
+def test_a_stroke_is_followed_by_its_outcome() -> None:
+    game = RallyGame({"server": 0}, GAME)
+    state = after(game, SERVE)
+    assert state.current_player() == CHANCE
+    # 2 of 16 faults, 7 returned from below and 7 from above, of which a quarter hurries the receiver.
+    below = above = 7 / 16 * 3 / 4
+    hurried = 7 / 16 / 4
+    assert state.chance_outcomes() == [
+        (FAULT, 2 / 16), (RETURNED_BELOW, below), (RETURNED_ABOVE, above), (HURRIED_BELOW, hurried), (HURRIED_ABOVE, hurried),
+    ]  # fmt: skip
+    assert str(state).endswith(f"contact below; plays {GAME.catalogue.names[SERVE]}")
+    assert state.action_to_string(0, SERVE) == GAME.catalogue.names[SERVE]
+    assert state.action_to_string(CHANCE, HURRIED_BELOW) == "returned from below, hurried"
+    state.apply_action(HURRIED_ABOVE)
+    assert (state.current_player(), state.striker, state.strokes, state.legal_actions()) == (1, 1, 1, [SMASH])
+    assert str(state).endswith(f"own none, incoming {GAME.catalogue.names[SERVE]}, contact above, hurried")
+
+
+@pytest.mark.parametrize(
+    ("actions", "returns", "name"),
+    [
+        ((SERVE, FAULT), [-1, 1], "won by 1"),
+        ((SERVE, RETURNED_ABOVE, SMASH, FAULT), [1, -1], "won by 0"),
+        ((SERVE, RETURNED_ABOVE, SMASH, WINNER), [-1, 1], "won by 1"),
+        ((SERVE, RETURNED_BELOW, LIFT, RETURNED_ABOVE, SMASH, WINNER), [1, -1], "won by 0"),
+        ((SERVE, RETURNED_BELOW, LIFT, RETURNED_ABOVE, SMASH, RETURNED_BELOW), [0, 0], "cut off"),
+    ],
+)
+def test_rallies_end(actions: tuple[int, ...], returns: list[float], name: str) -> None:
+    game = RallyGame({"server": 0, "max_strokes": 3}, GAME)
+    state = after(game, *actions)
+    assert (state.is_terminal(), state.current_player(), state.returns(), str(state)) == (True, TERMINAL, returns, name)
+    before = after(game, *actions[:-1])
+    assert (before.is_terminal(), before.returns()) == (False, [0, 0])
+    assert str(before).endswith(f"; stroke {len(actions) // 2}")
+
+
+def test_the_game_says_how_large_it_is() -> None:
+    free, limited = RallyGame(tables=GAME), RallyGame({"max_strokes": 7}, GAME)
+    hidden = RallyGame({"max_strokes": 7}, HIDDEN)
+    assert [game.max_game_length() for game in (free, limited, hidden)] == [100_000, 7, 14]
+    assert [game.num_distinct_actions() for game in (free, hidden)] == [3, HIDDEN.n_strokes + 9]
+    for game in (free, hidden):
+        assert (game.num_players(), game.min_utility(), game.max_utility(), game.utility_sum()) == (2, -1, 1, 0)
+        assert game.max_chance_outcomes() == 6
+    kind, other = free.get_type(), hidden.get_type()
+    assert (kind.short_name, other.short_name) == (NAME, RECOVERY_NAME)
+    assert kind.information == pyspiel.GameType.Information.PERFECT_INFORMATION
+    assert other.information == pyspiel.GameType.Information.IMPERFECT_INFORMATION
+    assert (kind.max_num_players, kind.min_num_players) == (2, 2)
+    assert kind.provides_information_state_string
+    assert kind.provides_information_state_tensor
+    assert kind.provides_observation_string
+    assert kind.provides_observation_tensor
+
+
+@pytest.mark.parametrize("wrong", [{"server": 2}, {"server": -2}, {"max_strokes": -1}])
+def test_servers_and_limits_are_checked(wrong: dict[str, int]) -> None:
+    with pytest.raises(OptionError, match="expected -1, 0 or 1, and 0 or more"):
+        RallyGame(wrong, GAME)
+
+
+def test_games_are_named_by_model_and_profile() -> None:
+    assert RallyGame().tables is RallyGame({"profile": ""}).tables
+    assert RallyGame().tables.hash == default_game().hash
+    assert RallyGame({"profile": "men"}).tables is load_game("default:men")
+    assert RallyGame({"server": 1}, GAME).new_initial_state().current_player() == 1
+
+
+def waiting_state() -> RallyState:
+    """After a serve of player 0 and its return: who served has to choose a position."""
+    return after(RallyGame({"server": 0}, HIDDEN), 0, RETURNED_ABOVE)
+
+
+def test_a_receiver_chooses_a_position_before_the_stroke() -> None:
+    state = waiting_state()
+    feasible = np.flatnonzero(HIDDEN.waiting.mask(np.array([state.number % HIDDEN.n_base_states]))[0])
+    assert len(feasible) > 1
+    assert (state.striker, state.choosing, state.current_player()) == (1, True, 0)
+    assert state.legal_actions() == (HIDDEN.n_strokes + feasible).tolist()
+    assert str(state).startswith("player 0 to wait, player 1 to strike: ")
+    chosen = int(feasible[1])
+    assert state.action_to_string(0, HIDDEN.n_strokes + chosen) == HIDDEN.action_names[HIDDEN.n_strokes + chosen]
+    seen = state.seen().removeprefix("player 0 to wait, ")
+    state.apply_action(HIDDEN.n_strokes + chosen)
+    assert (state.choosing, state.current_player(), state.legal_actions()) == (
+        False,
+        1,
+        HIDDEN.legal_strokes(state.number).tolist(),
+    )
+    name = HIDDEN.action_names[HIDDEN.n_strokes + chosen].removeprefix("wait:")
+    assert (state.seen(), str(state)) == (seen, f"{seen}; receiver at {name}")
+    stroke = state.legal_actions()[0]
+    state.apply_action(stroke)
+    expected = HIDDEN.outcome_probabilities(HIDDEN.pair(state.number, stroke), chosen)
+    assert state.chance_outcomes() == [(i, p) for i, p in enumerate(expected.tolist()) if p > 0]
+
+
+def test_observers_say_whose_turn_it_is_and_who_waits() -> None:
+    plain, state = RallyGame(tables=GAME).make_py_observer(), after(RallyGame({"server": 1}, GAME))
+    assert (plain.tensor.shape, set(plain.dict)) == ((61,), {"rally", "turn"})
+    for player in (0, 1):
+        plain.set_from(state, player)
+        assert plain.dict["turn"].tolist() == [player]
+        assert np.array_equal(plain.dict["rally"], state._stepper.observe(0, receiver=player == 0))
+        assert plain.string_from(state, player) == str(state)
+    hidden, waiting = RallyObserver(HIDDEN), waiting_state()
+    assert (hidden.tensor.shape, set(hidden.dict)) == ((62,), {"rally", "turn", "waits"})
+    for player, ends in ((0, [0, 1]), (1, [1, 0])):
+        hidden.set_from(waiting, player)
+        assert hidden.tensor[60:].tolist() == ends
+        assert np.array_equal(hidden.dict["rally"], waiting._stepper.observe(waiting.number, receiver=player == 0)[:60])
+        assert [hidden.dict[name].tolist() for name in ("turn", "waits")] == [[ends[0]], [ends[1]]]
+    waiting.apply_action(waiting.legal_actions()[0])
+    hidden.set_from(waiting, 0)
+    assert hidden.tensor[60:].tolist() == [0, 0]
+
+
+def test_policies_give_probabilities_of_strokes_and_of_positions() -> None:
+    game = RallyGame({"server": 0}, HIDDEN)
+    policy = Prefers(tuple(float(place + 1) for place in range(9)))
+    table, played = tabulate(policy, HIDDEN), open_spiel_policy(policy, game)
+    state = waiting_state()
+    feasible = [action - HIDDEN.n_strokes for action in state.legal_actions()]
+    found = played.action_probabilities(state)
+    assert list(found) == state.legal_actions()
+    whole = sum(place + 1 for place in feasible)
+    assert list(found.values()) == pytest.approx([(place + 1) / whole for place in feasible], abs=1e-4)
+    state.apply_action(state.legal_actions()[0])
+    strokes: dict[int, Any] = played.action_probabilities(state)
+    assert list(strokes) == HIDDEN.legal_strokes(state.number).tolist()
+    pairs = HIDDEN.pairs_of(state.number)
+    assert list(strokes.values()) == table.pair_probabilities()[pairs].tolist()
+    assert sum(strokes.values()) == pytest.approx(1)
+
+
+def test_a_receiver_without_a_choice_is_not_asked() -> None:
+    game = dataclasses.replace(HIDDEN)
+    state = RallyGame({"server": 0}, game).new_initial_state()
+    # Who receives a serve waits in the middle.
+    assert (state.choosing, state.current_player(), state.legal_actions()) == (False, 0, game.legal_strokes(0).tolist())
+    assert "receiver at" not in str(state)
