@@ -204,6 +204,20 @@ def test_habits_are_shares_that_a_plain_count_finds(dispersed: bool) -> None:
     assert any(each.low == 0 or each.high == 1 for each in found) or all(0 < each.low < each.high < 1 for each in found)
 
 
+def test_answers_that_hardly_anybody_gives_are_no_habits() -> None:
+    def answers(clears: int, n: int) -> Tally:
+        return tally(plays_of(n, shot=np.where(np.arange(n) < clears, CLEAR, LIFT), incoming=np.full(n, DROP)))
+
+    for mine, others, told in (
+        ((1, 100), (0, 100), True), ((0, 100), (1, 100), True), ((0, 100), (1, 101), False), ((1, 20), (0, 20), True),
+        ((0, 19), (9, 20), False), ((1, 20), (0, 19), False),
+    ):  # fmt: skip
+        found = habits(answers(*mine), answers(*others))
+        assert (("reply", ("drop", "below"), "clear") in {(each.kind, each.about, each.answer) for each in found}) == told
+    serves = tally(plays_of(30, shot=np.arange(30) % 2, incoming=np.full(30, NONE), own=np.full(30, NONE)))
+    assert [each.answer for each in habits(serves, serves) if each.kind == "serve"] == ["short-serve"], "the other serve follows"
+
+
 def test_small_differences_are_no_habits() -> None:
     def habit(share: float, p: float) -> Habit:
         return Habit(kind="", about=(), answer="", strokes=9, share=share, low=0, high=1, usual=0.5, p=p)
@@ -301,6 +315,13 @@ def test_summaries_count_strokes_rallies_and_times() -> None:
     assert both.transitions[SERVE, LIFT] == 2
     assert one.transitions.sum() == 1
     assert math.isnan(both.value)
+    landed: dict[str, Any] = {"landing_x": [1.0, 1.0, 2.0, None, 0.5, 1.0, 3.0], "landing_y": [2.0, 5.0, 7.0, None, 4.0, 6.0, 9.0],
+              "area": [0, 8, 6, None, 4, 7, 7], "in_court": [True, True, False, None, True, True, False]}  # fmt: skip
+    seen = summarise(strokes_of("ABw", "BABf", "Au", "Bw", hand=[0, 1, 1, 0, 1, 0, 1], **landed))
+    assert seen.points.tolist() == [[-1, 2], [1, 5], [-1, 6]], "good strokes in court, seen by a left-handed B in the mirror"
+    assert np.flatnonzero(seen.areas).tolist() == [2, 7, 8]
+    assert (seen.areas.sum(), seen.marked) == (pytest.approx(1), True)
+    assert summarise(strokes_of("Aw")).shots[SERVE] == 1
     with pytest.raises(AnalysisError, match="no strokes of C; players are A, B"):
         summarise(strokes, "C")
 
