@@ -315,7 +315,8 @@ def test_summaries_count_strokes_rallies_and_times() -> None:
     assert both.transitions[SERVE, LIFT] == 2
     assert one.transitions.sum() == 1
     assert math.isnan(both.value)
-    landed: dict[str, Any] = {"landing_x": [1.0, 1.0, 2.0, None, 0.5, 1.0, 3.0], "landing_y": [2.0, 5.0, 7.0, None, 4.0, 6.0, 9.0],
+    landed: dict[str, Any] = {"landing_x": [1.0, 1.0, 2.0, None, 0.5, 1.0, 3.0],
+              "landing_y": [2.0, 5.0, 7.0, None, 4.0, 6.0, 9.0],
               "area": [0, 8, 6, None, 4, 7, 7], "in_court": [True, True, False, None, True, True, False]}  # fmt: skip
     seen = summarise(strokes_of("ABw", "BABf", "Au", "Bw", hand=[0, 1, 1, 0, 1, 0, 1], **landed))
     assert seen.points.tolist() == [[-1, 2], [1, 5], [-1, 6]], "good strokes in court, seen by a left-handed B in the mirror"

@@ -280,6 +280,7 @@ def test_a_folder_is_locked_once(tmp_path: Path) -> None:
         (tmp_path / LOCK).write_text("no number")
         assert message(lambda: opened(tmp_path), RunError).startswith(f"{tmp_path}: another process runs there")
     assert opened(tmp_path) == tmp_path
+    assert opened(tmp_path / "a" / "b") == tmp_path / "a" / "b"
 
 
 def test_a_journal_keeps_whole_lines(tmp_path: Path) -> None:
@@ -320,8 +321,13 @@ def test_a_journal_on_a_full_disk_leaves_no_part_of_a_line(tmp_path: Path, monke
         told = message(lambda: journal.append([{"n": 2}]), RunError)
     assert told == f"{path}: cannot be written (No space left on device); free disk space and go on"
     assert path.read_bytes() == whole
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "fsync", full)
+        disk.setattr(os, "truncate", lambda *_: full(0))
+        message(lambda: journal.append([{"n": 2}]), RunError)
+    assert path.read_bytes() != whole
     journal.append([{"n": 3}])
-    assert journal.read() == [{"n": 1}, {"n": 3}]
+    assert journal.read() == [{"n": 1}, {"n": 3}], "the part is removed before the next line"
 
 
 def test_the_origin_of_a_run() -> None:
@@ -367,6 +373,8 @@ def test_files_replace_others_unless_they_are_new(tmp_path: Path) -> None:
 def test_sealed_files_and_cards(tmp_path: Path) -> None:
     content = files.seal({"b": 1, "a": "\u00e9"})
     assert files.unsealed(content) == {"b": 1, "a": "\u00e9"}
+    assert content.decode().startswith('{\n  "b": 1,\n  "a": "\u00e9",\n  "checksum": "')
+    assert files.seal({"a": 1}, indent=None).count(b"\n") == 1
     assert files.unsealed(json.dumps(dict(reversed(json.loads(content).items()))).encode()) == {"a": "\u00e9", "b": 1}
     assert "checksum does not match" in message(lambda: files.unsealed(content.replace(b"1", b"2", 1)), ValueError)
     assert "not a JSON object" in message(lambda: files.unsealed(b"[1]"), ValueError)
@@ -438,8 +446,9 @@ def test_programs_answer_in_lines_and_bytes() -> None:
     echo.close()
     echo.close()
     bytewise = Program("cat", seconds=20)
-    bytewise.write(b"abcdef\ngh\n")
+    bytewise.write(b"abcdef\ngh\n\n")
     assert (bytewise.read(2), bytewise.read_line(), bytewise.read(1), bytewise.read_line()) == (b"ab", b"cdef", b"g", b"h")
+    assert bytewise.read_line() == b""
     failed = bytewise.failed("a wrong answer")
     assert str(failed) == "a wrong answer"
     assert message(lambda: bytewise.write(b"x"), ProgramError) == "a wrong answer; it is not asked again"
