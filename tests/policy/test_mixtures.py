@@ -10,10 +10,10 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.mixtures import deterministic, mixture, sharpened
-from tests.exact.exact_games import hand_made, random_game, random_policy
+from tests.exact.exact_games import THREE_STROKES, hand_made, random_game, random_policy
 from tests.exact.test_hidden_positions_solved import waiting, with_recovery
 
-SMALL = hand_made()
+SMALL = hand_made((*THREE_STROKES, "clear:back-left:above:forehand"))
 WAITING = with_recovery(random_game(4), 4)
 FIRST, SECOND = (random_policy(SMALL, seed) for seed in (0, 1))
 
