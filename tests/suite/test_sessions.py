@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import os
+import shutil
 import subprocess
 import zipfile
 from pathlib import Path
@@ -369,7 +370,7 @@ def test_a_boundary_is_probed(
         return SimpleNamespace(returncode=returncode, stdout=output, stderr="x" * 999 + "no such image\n")
 
     monkeypatch.setattr(subprocess, "run", probe)
-    monkeypatch.setattr(remote.shutil, "which", lambda name: name if name == "docker" else None)
+    monkeypatch.setattr(shutil, "which", lambda name: name if name == "docker" else None)
     if says is None:
         assert find_boundary(tmp_path, "image", hidden=[tmp_path / "secret"]) == Container("docker", "image")
     else:
@@ -386,6 +387,6 @@ def test_a_probe_that_hangs_is_no_boundary(tmp_path: Path, monkeypatch: pytest.M
         raise subprocess.TimeoutExpired(command, 1)
 
     monkeypatch.setattr(subprocess, "run", hangs)
-    monkeypatch.setattr(remote.shutil, "which", str)
+    monkeypatch.setattr(shutil, "which", str)
     with pytest.raises(SuiteError, match="no unshare and setpriv"):
         find_boundary(tmp_path)
