@@ -1,0 +1,286 @@
+"""Turns of the rounds of a league, worked out by hand: opponents, shares of rallies, strokes, seconds and learning rates."""
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from shuttle_marl.training.league import population, psro
+from shuttle_marl.training.league.config import LeagueTrainingConfig
+from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs
+from shuttle_marl.training.league.psro import meta_strategy
+from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised
+from shuttle_marl.training.league.state import LeagueState, Member, Turn
+
+NAMES = ["main-agent-0", "main-agent-1", "main-exploiter-0", "league-exploiter-0"]
+
+
+def hash_of(letter: str) -> str:
+    return letter * 64
+
+
+def schedule(
+    given: str = "ab", members: dict[str, Member] | None = None, payoffs: object = None, overhead: float = 0.0, **flags: Any
+) -> Schedule:
+    """Of a league with a population of one letter each."""
+    population = [Frozen(name=letter, role="given", round=0, hash=hash_of(letter)) for letter in given]
+    state = LeagueState(game="", population=population, members=members or {}, overhead=overhead)
+    return Schedule(LeagueTrainingConfig(**flags), state, cast(Payoffs, payoffs))
+
+
+def by_name(turns: Sequence[Turn]) -> dict[str, Turn]:
+    return {turn.member: turn for turn in turns}
+
+
+def wins(of: dict[str, float], asked: list[tuple[str, list[str]]] | None = None) -> SimpleNamespace:
+    """Payoffs: the probability of winning a match against each letter."""
+
+    def match_wins(mine: str, others: list[str]) -> np.ndarray:
+        if asked is not None:
+            asked.append((mine, others))
+        return np.array([of[other[0]] for other in others])
+
+    return SimpleNamespace(match_wins=match_wins)
+
+
+def test_strokes_are_divided_among_the_rounds_and_a_quarter_is_an_exploiters() -> None:
+    plan = schedule(strokes=1000, rounds=3, main_agents=2)
+    rounds = [by_name(plan.turns(number, 0.0)) for number in (1, 2, 3)]
+    assert [list(turns) for turns in rounds] == [NAMES] * 3
+    # 1000 strokes end at 333, 666 and 1000.
+    assert [turns["main-agent-1"].strokes for turns in rounds] == [333, 333, 334]
+    assert [turns["league-exploiter-0"].strokes for turns in rounds] == [83, 83, 84]
+    assert {turn.seconds for turns in rounds for turn in turns.values()} == {None}
+    main = [turns["main-agent-0"].remaining for turns in rounds]
+    assert np.allclose(main, [(1, 2 / 3), (2 / 3, 1 / 3), (1 / 3, 0)])
+    assert rounds[0]["main-exploiter-0"].remaining == (1.0, 0.75)
+    assert [turn.strokes for turn in schedule(strokes=2, rounds=3).turns(1, 0.0)] == [1, 1, 1], "one at least"
+    assert [turn.round for turn in plan.turns(2, 0.0)] == [2] * 4
+
+
+def test_shares_of_rallies_in_the_first_round() -> None:
+    turns = by_name(schedule(strokes=1000, rounds=3, response_fraction=0.25, past_fraction=0.5).turns(1, 0.0))
+    assert list(turns) == ["main-agent-0", "main-exploiter-0", "league-exploiter-0"]
+    for name, responses, share in (
+        ("main-agent-0", 0.25, 0.25),
+        ("main-exploiter-0", 0.0, 0.5),
+        ("league-exploiter-0", 0.0, 0.5),
+    ):
+        turn = turns[name]
+        assert (turn.opponents, turn.fractions) == ((hash_of("a"), hash_of("b")), (share, share))
+        assert (turn.response_fraction, turn.fresh) == (responses, True)
+
+
+def test_exploiters_without_a_share_do_not_play_and_plain_self_play_has_no_opponents() -> None:
+    assert [turn.member for turn in schedule(exploiter_fraction=0.0).turns(1, 0.0)] == ["main-agent-0"]
+    more = schedule(main_exploiters=2, league_exploiters=2).turns(1, 0.0)
+    assert [turn.member for turn in more[1:]] == [
+        *("main-exploiter-0", "main-exploiter-1", "league-exploiter-0", "league-exploiter-1")
+    ]
+    (turn,) = schedule(variant="plain", strokes=600, rounds=2).turns(1, 0.0)
+    assert (turn.member, turn.opponents, turn.fractions, turn.response_fraction) == ("main-agent-0", (), (), 0.0)
+    (turn,) = schedule(variant="plain", learner="sac", members={"main-agent-0": Member(turns=1, hash=hash_of("m"))}).turns(2, 0.0)
+    assert turn.opponents == ()
+
+
+def test_seeds_of_turns_differ_and_use_31_bits() -> None:
+    plan = schedule(strokes=1000, rounds=99, main_agents=16, main_exploiters=16, league_exploiters=16)
+    seeds = [turn.seed for number in range(1, 9) for turn in plan.turns(number, 0.0)]
+    assert len(set(seeds)) == len(seeds) == 8 * 48
+    assert 1 << 30 < max(seeds) < 1 << 31
+    assert [turn.seed for turn in plan.turns(1, 5.0)] == seeds[:48]
+    other = schedule(strokes=1000, rounds=99, main_agents=16, main_exploiters=16, league_exploiters=16, seed=1)
+    assert not {turn.seed for turn in other.turns(1, 0.0)} & set(seeds)
+
+
+def test_prioritised_opponents_are_those_who_win() -> None:
+    members = {name: Member(turns=2, hash=hash_of(letter)) for name, letter in zip(NAMES, "mnxy", strict=True)}
+    asked: list[tuple[str, list[str]]] = []
+    plan = schedule("abm", members, wins({"a": 0.0, "b": 0.5, "m": 1.0}, asked), strokes=900, rounds=3, main_agents=2)
+    turns = by_name(plan.turns(2, 0.0))
+    assert asked == [(hash_of(mine), [hash_of(other) for other in "abm"]) for mine in "mny"]
+    # (1 - p)^2 of 0, 1/2 and 1 are 1, 1/4 and 0.
+    share = (1 - FLOOR) * np.array([0.8, 0.2, 0]) + FLOOR / 3
+    assert np.allclose(turns["main-agent-0"].fractions, 0.2 * share)
+    assert np.allclose(turns["league-exploiter-0"].fractions, share)
+    # The current policy of main-agent-0 is in the population, that of main-agent-1 is not.
+    exploiter = turns["main-exploiter-0"]
+    assert (exploiter.opponents, exploiter.fractions, exploiter.fresh) == ((hash_of("m"),), (1.0,), False)
+    assert exploiter.remaining == (0.5, 0.25), "two of four turns are over"
+
+
+def test_fictitious_play_meets_all_alike() -> None:
+    members = {"main-agent-0": Member(turns=1, hash=hash_of("m"))}
+    turns = by_name(schedule("abcd", members, variant="fictitious", strokes=900, rounds=3).turns(2, 0.0))
+    assert np.allclose(turns["main-agent-0"].fractions, [0.05] * 4)
+    assert np.allclose(turns["league-exploiter-0"].fractions, [0.25] * 4)
+
+
+def test_of_a_large_population_the_newest_and_some_others_are_considered() -> None:
+    letters = "abcdefghijklmnopqrst"
+    asked: list[tuple[str, list[str]]] = []
+    name = "main-agent-0"
+    plan = schedule(
+        letters,
+        {name: Member(hash=hash_of("z"))},
+        wins(dict.fromkeys(letters, 0.5), asked),
+        max_opponents=4,
+        rounds=9,
+        strokes=900,
+    )
+    drawn = [plan.turns(number, 0.0)[0].opponents for number in range(1, 7)]
+    considered = ["".join(other[0] for other in others) for _, others in asked]
+    # Half of four and the last one; four others, in the order in which they joined.
+    assert all(len(found) == 7 and found.endswith("rst") and list(found) == sorted(set(found)) for found in considered)
+    assert len(set(considered)) > 3
+    assert all(len(found) == 4 and {each[0] for each in found} <= set(of) for found, of in zip(drawn, considered, strict=True))
+    assert len(set(drawn)) > 3
+    few: list[tuple[str, list[str]]] = []
+    schedule("abc", {name: Member(hash=hash_of("z"))}, wins(dict.fromkeys("abc", 0.5), few), strokes=9, rounds=1).turns(1, 0.0)
+    assert few == [(hash_of("z"), [hash_of(letter) for letter in "abc"])]
+
+
+@pytest.mark.parametrize(
+    ("number", "elapsed", "overhead", "seconds", "ends"),
+    [
+        (1, 0.0, 0.0, 60 / 6 / 3 / 1.5, 1 - 10 / 3 / 60),  # a third of a sixth, for 1 + 1/4 + 1/4 turns
+        (2, 0.0, 0.0, 60 / 5 / 1.5, 1 - 12 / 60),
+        (4, 30.0, 2.0, (30 / 3 - 2) / 1.5, 1 - 40 / 60),
+        (4, 30.0, 8.0, (2 * 8 - 8) / 1.5, 1 - 46 / 60),  # learning is half of a round, or more
+        (4, 37.0, 8.0, (23 - 8) / 1.5, 0.0),  # no time for another round
+        (6, 50.0, 2.0, (10 - 2) / 1.5, 0.0),
+        (7, 50.0, 2.0, (10 - 2) / 1.5, 0.0),
+        (6, 59.9, 2.0, MIN_SECONDS, 0.0),
+        (6, 61.0, 0.0, MIN_SECONDS, 0.0),
+    ],
+)
+def test_turns_end_within_a_time_budget(number: int, elapsed: float, overhead: float, seconds: float, ends: float) -> None:
+    plan = schedule(budget="60s", rounds=6, workers=1, overhead=overhead)
+    assert plan.load == 1.5
+    turns = by_name(plan.turns(number, elapsed))
+    main = turns["main-agent-0"]
+    assert main.seconds == pytest.approx(seconds, abs=1e-3)
+    assert turns["main-exploiter-0"].seconds == pytest.approx(seconds / 4, abs=1e-3)
+    assert main.remaining == pytest.approx((max(0, 1 - elapsed / 60), ends), abs=1e-9)
+    assert main.strokes is None
+    assert main.seconds is not None
+    assert main.seconds == round(main.seconds, 3)
+
+
+def test_workers_share_the_load_and_a_single_round_takes_all_time() -> None:
+    assert schedule(workers=2).load == 1.0
+    assert schedule(workers=2, main_agents=3).load == 3.5 / 2
+    (turn, *_) = schedule(budget="60s", rounds=1, workers=2).turns(1, 0.0)
+    assert turn.seconds == 60.0
+
+
+def test_a_learner_with_one_sign_of_gamma_plays_its_last_policy_instead_of_itself() -> None:
+    flags: dict[str, Any] = {"learner": "sac", "strokes": 900, "rounds": 3, "variant": "fictitious"}
+    fresh = by_name(schedule(**flags, past_fraction=0.25, response_fraction=0.25).turns(1, 0.0))
+    # Without a last policy the rest of a half goes to the others.
+    assert fresh["main-agent-0"].fractions == (0.375, 0.375)
+    assert fresh["main-exploiter-0"].fractions == (0.5, 0.5)
+    members = {"main-agent-0": Member(turns=1, hash=hash_of("m"))}
+    later = by_name(schedule(members=members, **flags, past_fraction=0.25, response_fraction=0.25).turns(2, 0.0))["main-agent-0"]
+    assert later.opponents == (hash_of("a"), hash_of("b"), hash_of("m"))
+    assert (later.fractions, later.response_fraction) == ((0.125, 0.125, 0.5), 0.25)
+    full = by_name(schedule(members=members, **flags, past_fraction=0.75, response_fraction=0.25).turns(2, 0.0))["main-agent-0"]
+    assert (full.opponents, full.fractions) == ((hash_of("a"), hash_of("b")), (0.375, 0.375))
+
+
+def test_an_oracle_meets_the_meta_strategy() -> None:
+    flags: dict[str, Any] = {"variant": "psro", "oracle": "ppo", "strokes": 900, "rounds": 3}
+    (turn,) = schedule("abc", meta_solver="linear", **flags).turns(1, 0.0)
+    assert (turn.member, turn.strokes, turn.response_fraction) == ("oracle", 300, 0.0)
+    assert turn.opponents == tuple(map(hash_of, "abc"))
+    assert np.allclose(turn.fractions, [1 / 6, 2 / 6, 3 / 6])
+    # The second beats the others.
+    asked = []
+
+    def values(hashes: list[str]) -> np.ndarray:
+        asked.append(hashes)
+        return np.array([[0, -0.5, 0.1], [0.5, 0, 0.2], [-0.1, -0.2, 0]])
+
+    (turn,) = schedule("abc", payoffs=SimpleNamespace(values=values), meta_solver="nash", **flags).turns(1, 0.0)
+    assert (turn.opponents, turn.fractions) == ((hash_of("b"),), (1.0,))
+    assert asked == [[hash_of(letter) for letter in "abc"]]
+
+
+def test_meta_strategies_of_rock_paper_scissors_and_of_the_linear_average() -> None:
+    cycle = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]) / 2
+    assert np.allclose(meta_strategy("nash", cycle), 1 / 3)
+    assert np.allclose(meta_strategy("alpha-rank", cycle), 1 / 3)
+    assert np.allclose(meta_strategy("linear", np.zeros((4, 4))), np.arange(1, 5) / 10)
+
+
+@pytest.mark.parametrize(
+    ("found", "kept"),
+    [
+        ([0.0009, 0.001, 0.9981], [0, 0.001 / 0.9991, 0.9981 / 0.9991]),
+        ([0.0005, 0.0005, 0], [0.5, 0.5, 0]),
+        ([0, 0, 1], [0, 0, 1]),
+    ],
+)
+def test_improbable_policies_leave_a_meta_strategy_unless_all_are(
+    found: list[float], kept: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(psro._SOLVERS, "alpha-rank", lambda _: np.array(found))
+    assert np.allclose(meta_strategy("alpha-rank", np.zeros((3, 3))), kept, rtol=1e-9)
+
+
+def test_opponents_that_fit_keep_their_weights() -> None:
+    drawn, shares = chosen(np.array([1.0, 0, 3]), 2, np.random.default_rng(0))
+    assert (drawn.tolist(), shares.tolist()) == ([0, 2], [0.25, 0.75])
+    drawn, shares = chosen(np.array([1.0, 0, 3, 4, 2]), 3, np.random.default_rng(1))
+    assert sorted(set(drawn.tolist()) - {1}) == drawn.tolist()
+    assert shares.tolist() == [1 / 3] * 3
+    first = [chosen(np.array([0.0, 1, 9]), 1, np.random.default_rng(seed))[0][0] for seed in range(400)]
+    assert np.mean(np.array(first) == 2) == pytest.approx(0.9, abs=0.05)
+
+
+def test_the_order_of_opponents_is_the_one_that_is_owed_most() -> None:
+    assert order([0.25], 4).tolist() == [-1, -1, 0, -1]
+    assert order([0.5], 4).tolist() == [-1, 0, -1, 0]
+    assert order([0.5, 0.5], 4).tolist() == [0, 1, 0, 1]
+    assert order([1.0, 3.0], 4).tolist() == [1, 0, 1, 1]
+    assert len(order([])) == 200
+    assert np.allclose(prioritised([0.25, 1.0]), [0.99, 0.01])
+
+
+def test_solved_payoffs_are_seen_from_both_sides() -> None:
+    payoffs = Payoffs(cast(Any, None), {"a b": (0.6, 0.3), "b c": (0.5, 0.9)})
+    (mine,), (theirs,), (itself,) = payoffs.odds("a", ["b"]), payoffs.odds("b", ["a"]), payoffs.odds("a", ["a"])
+    # a wins 0.6 of the rallies that it serves, b 0.3 of its own.
+    assert (mine.serving, mine.receiving) == (0.6, 0.7)
+    assert (theirs.serving, theirs.receiving) == (0.3, 0.4)
+    assert (itself.serving, itself.receiving, itself.error_bound) == (0.5, 0.5, TOLERANCE)
+    assert mine.error_bound == theirs.error_bound == TOLERANCE / 2
+    assert payoffs.match_wins("a", ["b", "a"]).tolist() == [mine.match(), 0.5]
+    assert payoffs.as_json({"a", "b"}) == {"a b": (0.6, 0.3)}
+    assert payoffs.as_json("abc") == {"a b": (0.6, 0.3), "b c": (0.5, 0.9)}
+    assert payoffs.solved == 0
+    values = Payoffs(cast(Any, None), {"a b": (0.6, 0.3)}).values(["b", "a"])
+    assert np.allclose(values, [[0, -0.3], [0.3, 0]])
+
+
+@pytest.mark.parametrize(("most", "kept"), [(0, "dc"), (24, "dc"), (35, "dc"), (36, "dcb"), (48, "dcba")])
+def test_chains_that_were_not_used_for_long_make_room(most: int, kept: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes 12 bytes; those of the pair that is solved stay."""
+    read: list[str] = []
+    part = np.zeros(3, np.float32)
+    monkeypatch.setattr(population, "_CHAIN_BYTES", most)
+    monkeypatch.setattr(population, "induced", lambda name: SimpleNamespace(chance=(part, part), name=name))
+
+    def table(name: str) -> str:
+        read.append(name)
+        return name
+
+    payoffs = Payoffs(cast(Any, SimpleNamespace(read=table)))
+    assert [cast(Any, payoffs._chain(name)).name for name in "abcd"] == list("abcd")
+    assert read == list("abcd")
+    for name in kept:
+        payoffs._chain(name)
+    assert read == list("abcd"), "nothing is read again"
+    assert len(payoffs._chains) == len(kept)
