@@ -71,6 +71,10 @@ def test_the_dispersion_of_counts_is_chi_squared_by_its_degrees() -> None:
     assert habits._dispersion(answer, plays, 4) == pytest.approx(expected.statistic / 10), (
         "an answer of four strokes does not count"
     )
+    five = plays.take(np.r_[np.arange(len(group)), len(group) - 1])  # a fifth stroke with the last answer
+    table[5, 3] += 1
+    whole = stats.chi2_contingency(table, correction=False)
+    assert habits._dispersion(np.r_[answer, 3], five, 4) == pytest.approx(whole.statistic / 15)
     few = group < 5
     assert habits._dispersion(np.where(few, answer, -1), plays, 4) == 1, "8 degrees are too few"
     assert habits._dispersion(np.full(len(group), -1), plays, 4) == 1
