@@ -1,13 +1,16 @@
 """Logs, estimators on a game of three strokes computed by hand, and learning from logs."""
 
+import dataclasses
 import functools
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from shuttle_marl.analysis.tabular import (
+    SHRINK,
     _stroke_cells,
     best_of,
     by_state,
@@ -15,20 +18,30 @@ from shuttle_marl.analysis.tabular import (
     estimated_game,
     fitted_q,
     greedy,
+    pair_cells,
+    shrunk_means,
     state_cells,
     with_faults,
 )
 from shuttle_marl.exact import best_response, evaluate
+from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.logs import Log, blank, log_of
 from shuttle_marl.suite.method import BASELINES, find
+from shuttle_marl.suite.methods import estimators, learned
 from shuttle_marl.suite.methods.estimators import (
+    Behaviour,
     Dice,
+    DoublyRobust,
+    FittedQEvaluation,
     ImportanceSampling,
+    Magic,
     Model,
+    TruncatedImportanceSampling,
+    WeightedDoublyRobust,
     WeightedImportanceSampling,
     blended,
     doubly_robust,
@@ -109,6 +122,239 @@ def test_estimators_equal_values_computed_by_hand() -> None:
     q, v = q_and_v(data, target, shrink=1e-9)
     assert q == pytest.approx([0.4, 1, 0.4, 0, 1], abs=1e-4)
     assert v == pytest.approx([0.4, 0.8, 0.4, 0.8, 0.8], abs=1e-4)
+
+
+@dataclasses.dataclass
+class Rewards:
+    """Own strokes of rallies: where a rally starts, and what each stroke earned."""
+
+    first: np.ndarray
+    reward: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+def rallies_at_random(lengths: list[int]) -> tuple[Rewards, np.ndarray, np.ndarray, np.ndarray]:
+    """Rewards of rallies, and ratios, of which some are above 10, and values of the strokes and of the states."""
+    rng, n = np.random.default_rng(5), sum(lengths)
+    first, last = np.zeros(n, np.bool_), np.cumsum(lengths) - 1
+    first[np.r_[0, last[:-1] + 1]] = True
+    reward = np.zeros(n)
+    reward[last] = rng.integers(0, 2, len(lengths))
+    return Rewards(first, reward), rng.choice([0.0, 0.4, 1.6, 12.0], n), rng.random(n), rng.random(n)
+
+
+LENGTHS = [3, 1, 12, 4, 1, 2]
+
+
+def test_doubly_robust_values_are_computed_backwards() -> None:
+    data, rho, q, v = rallies_at_random(LENGTHS)
+    found, end = [], 0
+    for length in LENGTHS:
+        start, end, value = end, end + length, 0.0
+        for t in reversed(range(start, end)):
+            value = v[t] + min(rho[t], 10.0) * (data.reward[t] + value - q[t])
+        found.append(value)
+    np.testing.assert_allclose(doubly_robust(data, rho, q, v), found)  # type: ignore[arg-type]
+
+
+def test_partial_returns_are_sums_over_strokes_with_weights_over_rallies() -> None:
+    data, rho, q, v = rallies_at_random(LENGTHS)
+    starts, most = np.flatnonzero(data.first), max(LENGTHS)
+    product = np.array(
+        [[rho[s : s + min(t, length)].prod() for t in range(most + 1)] for s, length in zip(starts, LENGTHS, strict=True)]
+    )
+    share = product / product.mean(axis=0)  # before the first stroke, after it, ...
+    expected = np.zeros((len(LENGTHS), most + 1))
+    for i, (s, length) in enumerate(zip(starts.tolist(), LENGTHS, strict=True)):
+        for t in range(most + 1):
+            for u in range(min(t, length)):
+                expected[i, t] += share[i, u + 1] * (data.reward[s + u] - q[s + u]) + share[i, u] * v[s + u]
+            if t < length:
+                expected[i, t] += share[i, t] * v[s + t]
+    np.testing.assert_allclose(partial_returns(data, rho, q, v), expected)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("distance", "noise"), [(0.0, 1.0), (0.1, 1.0), (0.5, 1.0), (3.0, 1.0), (3.0, 0.1)])
+def test_a_blend_of_two_estimates_has_the_least_error(distance: float, noise: float) -> None:
+    """Of all weights from 0 to 1, with the bias of the first one beyond the 90 % interval of the second one."""
+    rng = np.random.default_rng(3)
+    partial = np.stack([distance + 0.3 * rng.normal(size=40), noise * rng.normal(size=40)], axis=1)
+    mean, variance = partial.mean(axis=0), np.cov(partial, rowvar=False) / 40
+    bias = max(0.0, abs(mean[0] - mean[1]) - 1.645 * np.sqrt(variance[1, 1]))
+    weight = np.linspace(0, 1, 20_001)
+    error = (
+        (weight * bias) ** 2
+        + weight**2 * variance[0, 0]
+        + (1 - weight) ** 2 * variance[1, 1]
+        + 2 * weight * (1 - weight) * variance[0, 1]
+    )
+    best = weight[error.argmin()]
+    assert blended(partial) == pytest.approx(40 * (best * mean[0] + (1 - best) * mean[1]), abs=0.01)
+
+
+def test_a_blend_is_of_few_columns() -> None:
+    """Fitted values continue after 0, 1, 2, 3, 5 and 8 strokes, or never."""
+    partial = np.random.default_rng(4).normal(size=(50, 12))
+    for column in range(12):
+        changed = partial.copy()
+        changed[:, column] = changed[::-1, column] * 0.5 + 0.1
+        assert (blended(changed) != blended(partial)) == (column in (0, 1, 2, 3, 5, 8, 11))
+    assert blended(partial[:, :1]) == pytest.approx(partial[:, 0].sum())
+
+
+def test_estimators_add_up_values_of_rallies() -> None:
+    game = three_strokes()
+    log, target = by_hand(game), smashing(game, 0.8)
+    data = log.transitions
+    assert Behaviour().estimate(log, [target, target]) == [3 / 5, 3 / 5]
+    rho, (q, v) = ratios(data, target), q_and_v(data, target)
+    for estimator, wins in (
+        (FittedQEvaluation(), v[data.first].sum()),
+        (DoublyRobust(), doubly_robust(data, rho, q, v).sum()),
+        (WeightedDoublyRobust(), partial_returns(data, rho, q, v)[:, -1].sum()),
+        (Magic(), blended(partial_returns(data, rho, q, v))),
+    ):
+        assert estimator.estimate(log, [target, target]) == [pytest.approx((wins + 1) / 5)] * 2
+    # Strokes half as likely: 2 * 3.2 and 3.2 in the two rallies that were won, both above the root of 5.
+    assert TruncatedImportanceSampling().estimate(log, [target]) == pytest.approx([4.2 / 5], abs=1e-4)
+    rare = dataclasses.replace(data, probability=data.probability / np.float32(2))
+    assert TruncatedImportanceSampling().wins(rare, target) == pytest.approx(2 * 5**0.5)
+
+
+def test_ratios_of_visits_solve_the_equation_of_their_flow() -> None:
+    """By loops: struck cells flow on to the cells that the policy would choose next; one more observation holds each back."""
+    game = three_strokes()
+    log, target = by_hand(game), smashing(game, 0.8)
+    data = log.transitions
+    cell, chance = pair_cells(game)[1], target.pair_probabilities()
+    size = int(cell.max()) + 1
+
+    def chosen(state: int) -> np.ndarray:
+        out = np.zeros(size)
+        for pair in range(int(game.pair_start[state]), int(game.pair_start[state + 1])):
+            out[cell[pair]] += chance[pair]
+        return out
+
+    flow, begins, earned = np.eye(size), np.zeros(size), np.zeros(size)
+    for i in range(len(data)):
+        own = int(cell[data.pair[i]])
+        flow[own, own] += 1
+        earned[own] += data.reward[i]
+        if data.first[i]:
+            begins += chosen(int(data.state[i]))
+        if i + 1 < len(data) and not data.first[i + 1]:
+            flow[:, own] -= chosen(int(data.state[i + 1]))
+    value = float(np.linalg.solve(flow, begins) @ earned)
+    assert Dice().estimate(log, [target]) == pytest.approx([(value + 1) / 5])
+
+
+def test_a_model_is_the_estimated_game_with_the_cloned_opponent(monkeypatch: pytest.MonkeyPatch) -> None:
+    game = three_strokes()
+    log = by_hand(game)
+    policies, model = [smashing(game, share) for share in (0.2, 0.9)], estimated_game(log)
+    opponent = PairPolicy(game=model, probability=cloned(game, log.pair[~log.own]))
+    expected = [evaluate(TabulatedPolicy(game=model, cumulative=each.cumulative), opponent).odds().rally for each in policies]
+    assert Model().estimate(log, policies) == pytest.approx(expected, abs=1e-6)
+    monkeypatch.setattr(estimators, "boosted_game", lambda *asked: model if asked == (log, 150, 0) else None)
+    assert estimators.ModelBoosted().estimate(log, policies) == pytest.approx(expected, abs=1e-6)
+
+
+SETTING: Any = None
+
+
+def after_serve(game: Game, policy: Any) -> list[float]:
+    """Shares of the clear and of the smash as the first stroke after a serve."""
+    pairs = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
+    return [float(policy.probability[pair]) for pair in pairs]
+
+
+def test_learners_from_logs_by_hand() -> None:
+    """After a serve the log has a clear that lost and a smash that won, and a clear or smash is as likely as any other before."""
+    game = three_strokes()
+    data = by_hand(game).transitions
+    assert after_serve(game, learned.Clone(SETTING, "1e-9").fit(data)) == pytest.approx([0.5, 0.5], abs=1e-6)
+    assert after_serve(game, learned.Clone(SETTING, "7").fit(data)) == pytest.approx(
+        after_serve(game, PairPolicy(game=game, probability=cloned(game, data.pair, shrink=7.0)))
+    )
+    assert after_serve(game, learned.CloneWon(SETTING, "1e-9").fit(data)) == pytest.approx([0, 1], abs=1e-6)
+    shrunk = cloned(game, data.pair[data.won], shrink=7.0, prior=cloned(game, data.pair))
+    assert learned.CloneWon(SETTING, "7").fit(data).probability == pytest.approx(shrunk)
+    for method in (learned.OneStep, learned.FittedQ):
+        assert after_serve(game, method(SETTING).fit(data)) == [0, 1]
+    # The clear is the only stroke considered, or the one that is not rare.
+    rare = dataclasses.replace(
+        data, pair=np.array([*data.pair[:3], data.pair[3], data.pair[3]]), reward=np.array([0.0, 1, 0, 1, 0])
+    )
+    assert after_serve(game, learned.Bcq(SETTING, "1").fit(rare)) == [1, 0]
+    assert after_serve(game, learned.FittedQPessimistic(SETTING, "0").fit(data)) == [0, 1]
+    assert after_serve(game, learned.FittedQPessimistic(SETTING, "100").fit(rare)) == [1, 0]
+    assert learned.FittedQ(SETTING).argument == learned.OneStep(SETTING).argument == str(SHRINK)
+
+
+def test_advantages_weigh_the_clone() -> None:
+    game = three_strokes()
+    data = by_hand(game).transitions
+    chance = cloned(game, data.pair)
+    q = fitted_q(data, lambda values, states: by_state(game, chance * values, states, np.add))
+    clear, smash = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
+    for temperature in (0.1, 2.0):
+        found = after_serve(game, learned.AdvantageWeighted(SETTING, str(temperature)).fit(data))
+        ratio = chance[smash] / chance[clear] * np.exp((q[smash] - q[clear]) / temperature)
+        assert found[1] / found[0] == pytest.approx(ratio)
+        assert sum(found) == pytest.approx(1)
+
+
+def test_penalties_of_models(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the own strokes of the log, or by how much models of resampled strokes differ."""
+    game = three_strokes()
+    log = by_hand(game)
+    given: list[Any] = []
+    monkeypatch.setattr(learned, "respond", lambda *asked, **more: given.append((asked, more)))
+    learned.ModelPessimistic(SETTING, "0.5").fit(log)
+    ((seen, _, shrink), more) = given[0]
+    assert (seen, shrink) == (log, SHRINK)
+    clear, smash = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
+    unseen = int(game.pair(game.state_of(SMASH, LIFT, 1), np.array([SMASH]))[0])
+    assert more["penalty"][[clear, smash, unseen]] == pytest.approx([0.5 / 2**0.5, 0.5 / 2**0.5, 0.5])
+    learned.ModelEnsemble(SimpleNamespace(seed=4), "3").fit(log)  # type: ignore[arg-type]
+    rng = np.random.default_rng(4)
+    rows = [rng.integers(len(log), size=len(log)) for _ in range(10)]
+    fault = (log.outcome == FAULT).astype(np.float64)
+    models = [shrunk_means(game, log.pair[drawn], fault[drawn], prior=1 / 6) for drawn in rows]
+    assert given[1][1]["penalty"] == pytest.approx(3 * np.std(models, axis=0))
+    learned.Model(SETTING, "7").fit(log)
+    ((seen, model, shrink), more) = given[2]
+    assert (seen, shrink, more) == (log, 7.0, {})
+    np.testing.assert_array_equal(model.threshold, estimated_game(log, shrink=7.0).threshold)
+
+
+def test_responses_to_a_log_are_best_against_the_cloned_opponent() -> None:
+    game = three_strokes()
+    log = by_hand(game)
+    model = estimated_game(log)
+    opponent = PairPolicy(game=model, probability=cloned(game, log.pair[~log.own], shrink=7.0))
+    found = learned.respond(log, model, 7.0)
+    assert found.game is log.game
+    assert np.array_equal(found.cumulative, best_response(opponent).policy.cumulative)
+    penalty = np.where(game.base_pair_stroke == SMASH, 0.5, 0.0)
+    assert after_serve(game, SimpleNamespace(probability=found.pair_probabilities())) == [0, 1]
+    careful = learned.respond(log, model, 7.0, penalty=penalty)
+    assert after_serve(game, SimpleNamespace(probability=careful.pair_probabilities())) == [1, 0]
+
+
+def test_pairs_are_described_by_their_strokes() -> None:
+    """Shot type, area, height and technique of the stroke, the incoming one and the own last one, contact and hurry."""
+    game = three_strokes()
+    found, catalogue = learned.described_pairs(game), game.catalogue
+    parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
+    assert found.shape == (game.n_base_pairs, 14)
+    for pair in range(0, game.n_base_pairs, 3):
+        state = int(game.base_pair_state[pair])
+        strokes = (int(game.base_pair_stroke[pair]), int(game.incoming(state)), int(game.own(state)))
+        expected = [int(part[k]) if k < len(part) else int(part.max()) + 1 for k in strokes for part in parts]
+        assert found[pair].tolist() == [*expected, int(game.contact(state)), int(game.hurried(state))]
 
 
 def test_magic_prefers_the_estimate_with_the_least_error() -> None:
