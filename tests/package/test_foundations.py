@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any
@@ -495,6 +495,15 @@ def test_a_cache_keeps_the_newest_results(tmp_path: Path, monkeypatch: pytest.Mo
     assert not (tmp_path / NAME).exists()
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Processes in the background of a shell ignore interrupts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_interrupts_wait_for_a_safe_point() -> None:
     steps: list[object] = []
 
