@@ -528,6 +528,7 @@ def test_interrupts_wait_for_a_safe_point() -> None:
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_interrupts_are_not_held_elsewhere() -> None:
     handlers = []
 
