@@ -297,6 +297,14 @@ def test_a_match_in_the_game_of_its_players(match: pa.Table, model: str) -> None
     assert one.rallies == other.rallies
 
 
+def test_players_of_no_pair_are_two_average_ones(model: str) -> None:
+    found = sources._players(resolve_game(model))
+    assert found.tables is not None
+    assert found.tables[0] is found.tables[1]
+    assert found.value is not None
+    assert found.value.odds().rally == pytest.approx(0.5)
+
+
 def test_chances_follow_the_score() -> None:
     rules = Rules(points=1, clear=1, cap=1, games=1)
     chances, score = Chances(Odds(serving=0.8, receiving=0.4, error_bound=0.0), rules), Score(rules=rules)

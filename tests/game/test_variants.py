@@ -79,6 +79,16 @@ def test_strokes_that_end_few_rallies_end_no_fewer() -> None:
     assert (found.threshold[rare, 1] >= other.threshold[rare, 1] - 2.0).all()
 
 
+@pytest.mark.parametrize(("unit", "most"), [(1, 127), (4, 124)])
+def test_steps_are_limited_to_a_byte(unit: int, most: int) -> None:
+    """A step is a sixteenth of the log-odds: from a half to 1 in 65536 it would be 177 of them."""
+    game = load_game()
+    half, rare = (replace(game, threshold=np.tile(np.array(row, np.uint16), (game.n_base_pairs, 1))) for row in
+                  ((ONE // 2, ONE // 2 + ONE // 4, ONE - ONE // 8), (1, 2, 3)))  # fmt: skip
+    assert steps_between(half, rare, unit)[:3].max() == -most
+    assert steps_between(rare, half, unit)[:3].min() == most
+
+
 def test_steps_are_applied_in_whole_numbers() -> None:
     game = load_game()
     assert moved(game, np.zeros((5, game.n_base_pairs), np.int8)).hash == game.hash

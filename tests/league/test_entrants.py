@@ -105,6 +105,13 @@ def test_one_that_reads_the_score_forfeits_while_it_plays(function: Callable[[St
     assert FAILURES.get(function, "raised TimeoutError: legs") in results[0].reason
 
 
+@pytest.mark.parametrize(("batch", "sizes"), [(12, [3]), (9, [2, 1]), (8, [2, 1]), (7, [1, 1, 1]), (1, [1, 1, 1])])
+def test_pairings_share_batches_of_an_even_number_of_matches(batch: int, sizes: list[int]) -> None:
+    pool = [entrant(name, uniform) for name in "abc"]
+    found = [len(group) for group in tournament(pool, matches=4, batch=batch).play(round_robin("abc"))]
+    assert found == sizes
+
+
 def test_both_fail() -> None:
     pool = [dataclasses.replace(entrant(name, uniform), table=None, failure=f"{name} is hurt") for name in "ab"]
     ((result, rallies),) = next(iter(tournament(pool).play(round_robin("ab"))))

@@ -6,6 +6,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from shuttle_marl.base import cache as base_cache
 from shuttle_marl.base import files
 from shuttle_marl.base.files import read_file, seal
 from shuttle_marl.game import default_game, model_folder
+from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -93,6 +95,18 @@ def test_the_table_is_the_network_of_torch(game: Game, hidden: int) -> None:
     assert np.abs(np.cumsum(p, axis=1)[row, strokes] * 65535 - table.cumulative[pairs]).max() < 1.01
     efforts = table.cumulative.reshape(game.n_blocks, -1)
     assert (efforts != efforts[0]).any()
+
+
+def test_logits_may_be_as_large_as_float32_allows() -> None:
+    game, largest = tiring_game(), float(np.finfo(np.float32).max)
+    n, levels = game.n_strokes, game.levels
+    sizes = {"own": n + 1, "incoming": n + 1, "contact": 2, "duel": LONGEST_DUEL + 1, "effort": levels, "opponent_effort": levels}
+    zeros = {name: np.zeros((size, 1)) for name, size in (sizes | {"hurried": 2}).items()}
+    for bias, fits in ((largest, True), (np.nextafter(largest, np.inf), False)):
+        policy = PolicyNetwork(**zeros, position=None, layers=((np.zeros((n, 1)), np.full(n, bias)),))
+        with nullcontext() if fits else pytest.raises(PolicyError, match="the network gives no finite numbers in state"):
+            found, uniform = policy.table(game), tabulate(registry.resolve("random", game), game)
+            assert np.abs(found.cumulative.astype(int) - uniform.cumulative).max() <= 1
 
 
 def test_the_table_does_not_depend_on_the_order_of_sums() -> None:
