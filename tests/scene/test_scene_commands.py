@@ -21,6 +21,7 @@ from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
 from shuttle_marl.scene import SceneError, select, topics
 from shuttle_marl.scene.rally_report import report_rally
+from shuttle_marl.scene.write import write_scene
 from shuttle_marl.training import PPOConfig, train
 from tests.scene.conftest import read
 
@@ -39,6 +40,28 @@ def test_a_match_that_the_log_does_not_have(log_path: Path) -> None:
         for pairing, match in ((0, 99), (7, 0)):
             with pytest.raises(SceneError, match=f"no match {match} of pairing {pairing}"):
                 select(log, match=match, pairing=pairing)
+
+
+def test_rallies_that_a_scene_may_show(log_path: Path) -> None:
+    with RallyLog(log_path) as log:
+        for choice in ({}, {"rally": 1, "best": 1}, {"rally": 0, "match": 0}, {"match": 0, "best": 2}):
+            with pytest.raises(SceneError, match="expected one of --rally NUMBER, --match NUMBER, --best COUNT"):
+                select(log, **choice)
+        for best in (0, -1):
+            with pytest.raises(SceneError, match=f"--best {best}: expected 1 or more"):
+                select(log, best=best)
+        assert select(log, rally=0) == [0]
+        lengths = log.rally_table()["length"].to_pylist()
+        order = sorted(range(log.n_rallies), key=lambda k: (-lengths[k], k))
+        for best in (1, 3):
+            assert select(log, best=best) == order[:best][::-1], "the longest last"
+        for match in (0, 1):
+            numbers = select(log, match=match)
+            assert numbers == sorted(numbers)
+            assert {int(log.rally(k).match[0]) for k in numbers} == {match}
+        for fps in (24, 51):
+            with pytest.raises(SceneError, match=f"{fps} frames per second: expected 25 to 50"):
+                write_scene(log, [0], default_game(), fps=fps)
 
 
 @pytest.fixture(scope="module")

@@ -271,6 +271,16 @@ def test_points_where_a_shuttle_is_met(
     assert_allclose([*point, met], expected, atol=1e-9)
 
 
+def test_each_try_has_draws_of_its_own() -> None:
+    """For the third try, numbers 25 to 28: x, y, height, and the side of a shuttle that lands out."""
+    made = builder(a_rally(SERVE, LIFT, LIFT), {25: 0.25, 26: 0.75, 27: 0.2})
+    made.measured = table(places=PLACES)
+    assert_allclose(made._point(1, RETURN, 2)[0], [-1.0, 4.0, 0.64])
+    made = builder(a_rally(SERVE, LIFT), {27: 0.6, 28: 0.75})
+    made.measured, made.area[1] = table(places=PLACES), 8
+    assert_allclose(made._point(1, OUT, 2)[0], [2.59 + 0.3, 3.0, 0.014])
+
+
 def test_points_close_to_the_net_and_of_serves() -> None:
     """A shuttle far below the top of the net is met farther from it; serves land in the service court."""
     near = PLACES * [[[[1], [0.0]]]]

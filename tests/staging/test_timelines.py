@@ -113,6 +113,10 @@ def test_stands_follow_each_other_after_two_frames_and_end_with_the_motion() -> 
         made._stand(begin, end, feet, last=0, hop=True)
         assert stands_of(made) == stands
     assert (made.stands[-1].last, made.stands[-1].hop) == (0, True)
+    for begin, count in ((FRAMES - 2, 1), (FRAMES - 1, 0)):
+        late = a_builder()
+        late._stand(begin, FRAMES, feet)
+        assert len(late.stands) == count
     fresh = a_builder()
     fresh.done = 7
     for begin, count in ((7, 0), (8, 1)):
@@ -177,6 +181,24 @@ def test_both_players_wait_for_the_serve() -> None:
         assert change[HIPS_YAW] == pytest.approx(heading)
         assert np.count_nonzero(change) == 1
         assert stands_of(made) == [(0, FRAMES - 1)]
+
+
+def test_players_who_have_waited_walk_to_the_serve() -> None:
+    """From their last stand they are in the places of the serve 0.45 s before it."""
+    motion, _ = plan()
+    stand = Stand(begin=0, end=10, place=np.zeros((2, 2)), yaw=np.zeros(2))
+    for seat, end in ((0, 56), (1, 46)):
+        made = a_builder(seat=seat)
+        made.stands, made.past, made.done = [stand], motion.past(10, 0)[0], 10
+        made._begin()
+        assert stands_of(made) == [(0, 10), (28, end)]
+        spots = feet_at(0, made.hips[28], 0.0, 0.0)[:2] if seat == 0 else placed(WAIT, made.hips[28], 0.0)
+        assert_allclose(made.stands[1].place, spots[0])
+        assert sorted(made.keys) == ([] if seat == 0 else [38])
+        made = a_builder(seat=seat)
+        made.stands, made.past, made.done = [stand], motion.past(10, 1)[0], 10
+        made._begin()
+        assert stands_of(made) == [(0, 10)], "after strokes they are on their way"
 
 
 def test_stances_of_left_handers_are_mirrored() -> None:
