@@ -171,7 +171,7 @@ def test_arrays_of_a_file_are_aligned_and_come_back() -> None:
     writer = GlbWriter()
     normals = np.array([[1, -127, 0], [0, 64, 127]], dtype=np.int8)
     weights = np.array([[255, 0, 51, 0]], dtype=np.uint8)
-    arrays = [
+    arrays: list[tuple[Any, Any, Any]] = [
         (normals, {"target": gltf.ARRAY_BUFFER, "normalized": True}, normals / 127),
         (weights, {"target": gltf.ARRAY_BUFFER, "normalized": True}, weights / 255),
         (np.array([1, 2, 3], dtype="<u2"), {"target": gltf.ELEMENT_ARRAY_BUFFER}, [1, 2, 3]),
@@ -179,7 +179,7 @@ def test_arrays_of_a_file_are_aligned_and_come_back() -> None:
         (np.eye(4, dtype="<f4").reshape(1, 16), {}, np.eye(4).reshape(1, 16)),
         (np.array([70000], dtype="<u4"), {}, [70000]),
     ]
-    assert [writer.add(array, **options) for array, options, _ in arrays] == list(range(6))  # type: ignore[arg-type]
+    assert [writer.add(array, **options) for array, options, _ in arrays] == list(range(6))
     document = gltf.GLTF2().load_from_bytes(writer.content(gltf.GLTF2()))
     for number, (_, _, expected) in enumerate(arrays):
         assert_allclose(read_array(document, number), expected, atol=1e-7)
@@ -205,8 +205,9 @@ def test_a_body_of_revolution_and_a_tube() -> None:
     assert_allclose(cone.normals[5], [0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-12)
     assert cone.triangles.tolist() == _rings(3, 4).tolist()
     assert _rings(2, 3).tolist() == [[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]]
-    for path in ([[0.0, 0, 0], [0, 2, 0]], [[0.0, 0, 0], [0, 0, 2]], [[0.0, 0, 0], [1, 1, 1]]):
-        pipe, along = tube(np.array(path), 0.5, BLUE, 5), np.array(path[1]) / np.linalg.norm(path[1])
+    for way in ((0.0, 2.0, 0.0), (0.0, 0.0, 2.0), (1.0, 1.0, 1.0)):
+        path = np.array([(0.0, 0.0, 0.0), way])
+        pipe, along = tube(path, 0.5, BLUE, 5), path[1] / np.linalg.norm(path[1])
         assert len(pipe.vertices) == 10
         for k in range(2):
             ring = pipe.vertices[5 * k : 5 * k + 5] - path[k]
@@ -422,7 +423,7 @@ def test_states_are_told_every_second_frame_and_at_the_end() -> None:
     played = types.SimpleNamespace(striker=np.array([1, 0]))
     found = list(moving._states(StagedRally(report=a_report(names=("Anna", "Bea"), played=played), motion=motion, start=0)))  # type: ignore[arg-type]
     assert [time // 20_000_000 for time, _, _ in found] == [0, 2, 4, 6, 8, 10, 11]
-    contents = [message for _, _, message in found]
+    contents: list[Any] = [message for _, _, message in found]
     assert [content["phase"] for content in contents] == [
         *["before the serve"] * 2, "Bea struck", "Anna struck", "Anna struck", "over", "over"
     ]  # fmt: skip

@@ -39,7 +39,7 @@ def a_rally(*names: str, **others: Any) -> Rally:
 def builder(rally: Rally, u: float | dict[int, float] = 0.5) -> TrajectoryBuilder:
     """A builder whose draws are all the same, or some by number and one half otherwise."""
     made = TrajectoryBuilder(rally, players_of(rally, (MALE, FEMALE)), 1, FPS)
-    made.uniform = lambda _, number: u.get(number, 0.5) if isinstance(u, dict) else u  # type: ignore[method-assign]
+    made.uniform = lambda _, number: u.get(number, 0.5) if isinstance(u, dict) else u  # type: ignore[method-assign, assignment]
     return made
 
 
@@ -268,7 +268,7 @@ def test_points_where_a_shuttle_is_met(
     if area is not None:
         made.area[1] = area
     point, met = made._point(1, end, 0)
-    assert_allclose([*point, met], expected, atol=1e-9)
+    assert_allclose(np.append(point, met), expected, atol=1e-9)
 
 
 def test_each_try_has_draws_of_its_own() -> None:

@@ -1,5 +1,7 @@
 """Arms and legs, bone by bone, and the steps of their solvers, beside numpy and scipy."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -110,11 +112,11 @@ def test_arms_stay_within_the_range_of_their_joints() -> None:
     limits = [(-10, 35), (-25, 30), None, None, (-95, 95), (0, 150), (-85, 85), (-70, 75), (-25, 40), (-80, 80)]
     arm = arm_of(MALE)
     for side, sign in ((0, -1.0), (1, 1.0)):
-        q = np.full((1, 10), sign * 9.0)
-        found = np.degrees(arm.clipped(q))[0]
+        beyond = np.full(10, sign * 9.0)
+        found = np.degrees(arm.clipped(beyond[None]))[0]
         for k, limit in enumerate(limits):
             assert found[k] == pytest.approx(limit[side] if limit else sign * 125 / np.sqrt(2))
-        again = q[0].copy()
+        again = beyond.copy()
         arms._clip(again)
         assert_allclose(np.degrees(again), found)
     inside = np.radians([1, 1, 100, -70, 1, 1, 1, 1, 1, 1])  # 122 degrees
@@ -280,7 +282,7 @@ def test_the_shortest_rotation_between_two_directions() -> None:
     assert_allclose(limbs._shortest_rotation(a, a), np.eye(3), atol=1e-12)
 
 
-def rows(matrix: F64) -> tuple[tuple[float, ...], ...]:
+def rows(matrix: F64) -> Any:
     return tuple(tuple(row) for row in matrix.tolist())
 
 

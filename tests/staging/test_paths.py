@@ -21,7 +21,7 @@ from shuttle_marl.staging.idle import habits
 from shuttle_marl.staging.library import FREE_ARM, NEEDS, RACKET_ARM, TRUNK, bent, library_of, pointed
 from shuttle_marl.staging.motions import LEFT, MOTIONS, RIGHT, SERVE_BACKHAND, Stance
 from shuttle_marl.staging.poses import CONTACT, STROKES
-from shuttle_marl.staging.skeleton import HIPS_YAW, SPINE_PITCH
+from shuttle_marl.staging.skeleton import HIPS_YAW, SPINE_PITCH, chest_of
 from shuttle_marl.staging.timeline import feet_at
 from shuttle_marl.staging.trajectory import NET, OUT, RESTING, RETURN, WIN, Trajectory, own_frame
 from tests import golden
@@ -135,7 +135,7 @@ def a_trajectory(end: int = WIN, **others: Any) -> Trajectory:
         Stance(motion=motion, heading=0.0, root=np.array([0.1 * k, -2.0 - k]), reach=0.0) for k, motion in enumerate(motions)
     )
     base = np.arange(12.0).reshape(3, 2, 2) / 10 - [0, 4]
-    given = {
+    given: dict[str, Any] = {
         "rally": a_rally(WINNER if end == WIN else FAULT),
         "time": time,
         "contact": contact,
@@ -161,8 +161,8 @@ def test_signs_between_the_court_and_a_player() -> None:
 def test_contacts_are_moved_with_the_flights_to_and_from_them() -> None:
     old = a_trajectory()
     new = paths.with_contacts_moved(old, {0: np.array([0.1, 0.0, 0.0]), 2: np.array([0.0, 0.0, 0.2])})
-    assert_allclose(new.contact - old.contact, [[0.1, 0, 0], [0, 0, 0], [0, 0, 0.2]], atol=1e-12)
-    assert_allclose(new.end_point - old.end_point, [[0, 0, 0], [0, 0, 0.2], [0, 0, 0]], atol=1e-12)
+    assert_allclose(new.contact - old.contact, [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.2]], atol=1e-12)
+    assert_allclose(new.end_point - old.end_point, [[0.0, 0.0, 0.0], [0.0, 0.0, 0.2], [0.0, 0.0, 0.0]], atol=1e-12)
     for i in range(3):
         ends, _ = new.flight.at(i, np.array([0.0, old.end_time[i] - old.time[i]]))
         assert_allclose(ends, [new.contact[i], new.end_point[i]], atol=2e-3)
@@ -213,7 +213,7 @@ def test_the_shuttle_flies_falls_from_the_net_and_rolls() -> None:
     assert position[-1, 1] < -0.02, "on the striker's half"
     assert position[-1, 2] == RESTING
     nothing = dataclasses.replace(a_rally(), stroke=np.zeros(0, np.int64), hurried=np.zeros(0, bool), ending=2)
-    empty = {name: np.zeros((0, *np.shape(getattr(trajectory, name))[1:])) for name in paths._BY_STROKE}
+    empty: dict[str, Any] = {name: np.zeros((0, *np.shape(getattr(trajectory, name))[1:])) for name in paths._BY_STROKE}
     waiting, still = paths.shuttle_path(dataclasses.replace(trajectory, rally=nothing, **empty), 3, FPS)
     assert_allclose(waiting, np.tile([0.2, -2.4, 1.0], (3, 1)) * [nothing.facing(0), nothing.facing(0), 1])
     assert (still == 0).all()
@@ -307,7 +307,7 @@ def test_a_continued_way_begins_where_the_player_was() -> None:
 def test_idle_movements_are_those_that_somebody_looked_at() -> None:
     """Of both players, in a rally with a smash, while it is open, while they wait for the serve, and in many attacks."""
     trajectory, nothing = a_trajectory(), np.zeros(0, np.int64)
-    time = 1 + 0.9 * np.arange(16)
+    time = np.linspace(1.0, 14.5, 16)
     long = dataclasses.replace(a_rally(), stroke=np.array([SERVE] + 15 * [SMASH]), hurried=np.zeros(16, bool))
     told = dataclasses.replace(trajectory, rally=long, time=time, end_time=time + 0.9)
     tired = habits(told, 0, 11, 900, FPS)
@@ -474,11 +474,11 @@ def test_the_head_looks_at_the_shuttle_as_far_as_the_neck_turns() -> None:
     # A jump of the shuttle is followed within 11 frames.
     jump = np.tile(eyes + 5 * FORWARD, (frames, 1))
     jump[15:] = eyes + 3 * FORWARD - 3 * RIGHTWARDS
-    yaw = np.degrees(body._gaze(MALE, chest, middle, jump)[:, 0])
-    assert_allclose(yaw[:10], 0, atol=1e-9)
-    assert_allclose(yaw[20:], 45, atol=1e-9)
-    assert (np.diff(yaw[9:21]) > 0).all()
-    assert yaw[14] + yaw[15] == pytest.approx(45)
+    aside = np.degrees(body._gaze(MALE, chest, middle, jump)[:, 0])
+    assert_allclose(aside[:10], 0, atol=1e-9)
+    assert_allclose(aside[20:], 45, atol=1e-9)
+    assert (np.diff(aside[9:21]) > 0).all()
+    assert aside[14] + aside[15] == pytest.approx(45)
 
 
 def test_a_pose_has_a_trunk_and_two_arms() -> None:
@@ -490,12 +490,12 @@ def test_the_spine_leans_towards_the_shuttle_by_eighteen_degrees_at_most() -> No
     hips, lean = np.array([[0.0, 0.0, 0.9]]), np.zeros((1, 3))
     arm = types.SimpleNamespace(seen=np.array([[0.3, 0.6, 0.4]]))
     for away in ([0.0, 0.02, 0.0], [0.01, 0.0, -0.02], [3.0, 3.0, -3.0]):
-        from_here = body.chest_of(MALE, hips, pose)
+        from_here = chest_of(MALE, hips, pose)
         point = from_here[1] + from_here[0][0] @ arm.seen[0] + away
         found = body._leant(MALE, hips, pose, lean, arm.seen, point)
         assert (np.delete(found, [4, 5, 6], axis=1) == 0).all()
         assert np.abs(found[:, 4:7]).max() <= np.radians(18) + 1e-12
-        chest, collar = body.chest_of(MALE, hips, found)
+        chest, collar = chest_of(MALE, hips, found)
         left = np.linalg.norm(point - collar - chest[0] @ arm.seen[0])
         assert left < 0.75 * np.linalg.norm(away) or np.abs(found[:, 4:7]).max() == pytest.approx(np.radians(18))
         # The step of damped least squares, by small changes of each angle.
@@ -503,7 +503,7 @@ def test_the_spine_leans_towards_the_shuttle_by_eighteen_degrees_at_most() -> No
         for k in range(3):
             near = pose.copy()
             near[0, 4 + k] = 1e-5
-            chest, collar = body.chest_of(MALE, hips, near)
+            chest, collar = chest_of(MALE, hips, near)
             steps.append((collar[0] + chest[0] @ arm.seen[0] - (point[0] - away)) / 1e-5)
         slope = np.array(steps).T
         step = np.linalg.solve(slope.T @ slope + 0.02 * np.eye(3), slope.T @ away)

@@ -125,7 +125,7 @@ def test_unpacked_motions_are_not_continued() -> None:
     known = types.SimpleNamespace(players=("first", "second"))
     for pair in ((motion, known), (known, motion), (motion, motion)):
         with pytest.raises(StagingError, match="no walk leads from or to an unpacked motion"):
-            with_walk(*pair)  # type: ignore[arg-type]
+            with_walk(*pair)
 
 
 def walked(**others: Any) -> Any:

@@ -425,7 +425,15 @@ def plan(n: int = 60) -> tuple[PlayerMotion, Keys]:
     feet = Feet(np.zeros((2, n, 3)), np.zeros((2, n)), np.zeros((2, n)), np.ones((2, n), dtype=bool))
     course = Course(hips=rng.normal(size=(n, 3)), pose=rng.normal(size=(n, 27)), feet=feet, gaze=rng.normal(size=(n, 2)))
     plants = ([Plant(0, n - 1, np.zeros(2), 0.0)], [Plant(0, n - 1, np.ones(2), 0.0)])
-    line = Timeline(frame=frame, pose=pose, known=keys, hits=(), lift=np.arange(n) * 0.1, air=np.arange(n) * 0.2, stands=[])
+    line = Timeline(
+        frame=frame,
+        pose=pose,
+        known=keys,
+        hits=(),
+        lift=np.linspace(0.0, 0.1 * (n - 1), n),
+        air=np.linspace(0.0, 0.2 * (n - 1), n),
+        stands=[],
+    )
     added = Habits(pose=np.zeros((n, 27)), place=np.zeros((n, 3)))
     ready = Prepared(
         hips=course.hips,
