@@ -239,9 +239,9 @@ def test_points_in_the_net() -> None:
     made = builder(a_rally(SERVE), {8 * 3 + 5: 0.5})
     contact, point = np.array([0.2, -2.0, 0.8]), np.array([1.2, 3.0, 1.0])
     found = made._net_point(0, contact, point, 0.4, 2)
-    assert_allclose(found, [0.6, -0.02, net_height(0.6) - 0.03 - 0.8 * 0.6 * 0.25])
+    assert_allclose(found, [0.6, -0.02, float(net_height(0.6)) - 0.03 - 0.8 * 0.6 * 0.25])
     high = made._net_point(0, np.array([0.2, -2.0, 2.5]), point, 0.4, 2)
-    assert_allclose(high[2], net_height(0.6) - 0.03 - 0.9 * 0.6 * 0.25)
+    assert_allclose(high[2], float(net_height(0.6)) - 0.03 - 0.9 * 0.6 * 0.25)
 
 
 PLACES = np.zeros((13, 9, 2, 5))

@@ -383,3 +383,23 @@ def test_hips_sink_to_distant_feet_and_feet_pivot_with_the_hips() -> None:
     sunk, raised = limbs.settle(MALE, high, root, feet)
     assert (sunk[:, 2] < high[:, 2] - 0.5).all()
     assert_allclose(raised.pitch, np.radians(62))
+
+
+def test_hips_sink_to_a_foot_far_away_and_thighs_point_ahead() -> None:
+    """Beyond 97 % of the leg the distance over the floor no longer counts: a quarter of the leg stays for the height."""
+    frames = 30
+    hips, root = np.tile([0.0, 0.0, 0.92], (frames, 1)), np.tile(np.eye(3), (frames, 1, 1))
+    ball = np.zeros((2, frames, 3))
+    ball[0, :, 0], ball[1, :, 0] = -0.1, 0.1
+    feet = Feet(ball, np.zeros((2, frames)), np.zeros((2, frames)), np.ones((2, frames), dtype=bool))
+    settled, _ = limbs.settle(MALE, hips, root, feet)
+    assert (settled == hips).all(), "within reach"
+    rotation, _ = limbs.legs(MALE, hips, root, feet)
+    assert (rotation[:, 0, :, 0, 0] > 0.99).all()
+    ball[1, :, 1] = 2.0
+    settled, raised = limbs.settle(MALE, hips, root, feet)
+    limit = 0.985 * sum(MALE.leg)
+    heel = (MALE.at("RightFoot") - MALE.at("RightToeBase")) * [0, 1, 1]
+    ankle = limbs._ankles(ball[1], np.zeros(frames), raised.pitch[1], heel, float(MALE.at("RightToeBase")[2]))
+    joint = settled[:, 2] + (MALE.at("RightUpLeg") - MALE.at("Hips"))[2]
+    assert_allclose(joint - ankle[:, 2], limit * np.sqrt(1 - 0.97**2), atol=1e-9)

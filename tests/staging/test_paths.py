@@ -423,6 +423,10 @@ def test_a_swing_moves_the_strings_as_wanted_or_as_fast_as_the_joints_allow() ->
             back, ahead = ((q - low) / 0.1, (high - q) / 0.12) if speed > 0 else ((high - q) / 0.1, (q - low) / 0.12)
             assert abs(speed) <= 2.2 * min(back, ahead) + 1e-9
     assert (np.abs(hard) > 0.99 * np.minimum(most, 1e9)).any(axis=1).sum() >= 1
+    # Joints at their limit leave the rest to the others.
+    speed = body.swing(arm, angles, 16 * easy, before, after)
+    miss = np.linalg.norm(np.einsum("nij,nj->ni", jacobian, speed) - 16 * easy, axis=1)
+    assert ((np.abs(speed[:, :9]) > most[:9] - 1e-6).any(axis=1) & (miss < 0.15)).sum() >= 3
     # Cheaper joints do more: least cost of all speeds that move the strings as wanted.
     cost = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0]) ** -2
     for n in range(6):

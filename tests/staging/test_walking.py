@@ -132,11 +132,11 @@ def test_the_shuttle_is_flicked_over_the_net(x: float, y: float) -> None:
         over, under = path[k, 2] - net_height(path[k, 0]) - 0.15, 1.55 - 0.76 - 0.15 - path[k, 2]
         fitting.append(max(over, under))
     found = made._flight_time()
-    k = round((found - 1.15) / 0.05)
-    assert found == pytest.approx(1.15 + 0.05 * k)
+    steps = int(np.rint((found - 1.15) / 0.05))
+    assert found == pytest.approx(1.15 + 0.05 * steps)
     assert found <= 2.31
-    assert k == 23 or fitting[k] > -0.02
-    assert all(value < 0.02 for value in fitting[:k])
+    assert steps == 23 or fitting[steps] > -0.02
+    assert all(value < 0.02 for value in fitting[:steps])
 
 
 def test_hips_stay_at_the_stops_and_walk_in_between() -> None:
