@@ -16,7 +16,7 @@ from shuttle_marl.scene import motion as moving
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.board import CAMERAS, Camera, boards, name_lines
 from shuttle_marl.scene.mesh import GlbWriter, Mesh, _rings, glb, joined, lathe, moved, normals_of, read_array, tube
-from shuttle_marl.scene.models import shuttle
+from shuttle_marl.scene.models import court, players, racket, shuttle
 from shuttle_marl.scene.rally_report import RallyReport, StagedRally
 from shuttle_marl.staging import (
     BONES,
@@ -177,21 +177,22 @@ def test_arrays_of_a_file_are_aligned_and_come_back() -> None:
         (np.array([1, 2, 3], dtype="<u2"), {"target": gltf.ELEMENT_ARRAY_BUFFER}, [1, 2, 3]),
         (np.array([[0.5, -1.0, 2.0], [1.5, 0.0, -2.0]], dtype="<f4"), {"bounds": True}, [[0.5, -1.0, 2.0], [1.5, 0.0, -2.0]]),
         (np.eye(4, dtype="<f4").reshape(1, 16), {}, np.eye(4).reshape(1, 16)),
+        (np.array([7, 8, 9], dtype=np.uint8), {}, [7, 8, 9]),
         (np.array([70000], dtype="<u4"), {}, [70000]),
     ]
-    assert [writer.add(array, **options) for array, options, _ in arrays] == list(range(6))
+    assert [writer.add(array, **options) for array, options, _ in arrays] == list(range(7))
     document = gltf.GLTF2().load_from_bytes(writer.content(gltf.GLTF2()))
     for number, (_, _, expected) in enumerate(arrays):
         assert_allclose(read_array(document, number), expected, atol=1e-7)
     views, accessors = document.bufferViews, document.accessors
-    assert [view.byteStride for view in views] == [4, None, None, None, None, None]
-    assert [view.byteOffset for view in views] == [0, 8, 12, 20, 44, 108]
-    assert [view.byteLength for view in views] == [8, 4, 6, 24, 64, 4]
-    assert [accessor.count for accessor in accessors] == [2, 1, 3, 2, 1, 1]
+    assert [view.byteStride for view in views] == [4, *[None] * 6]
+    assert [view.byteOffset for view in views] == [0, 8, 12, 20, 44, 108, 112]
+    assert [view.byteLength for view in views] == [8, 4, 6, 24, 64, 3, 4]
+    assert [accessor.count for accessor in accessors] == [2, 1, 3, 2, 1, 3, 1]
     assert (accessors[3].min, accessors[3].max) == ([0.5, -1, -2], [1.5, 0, 2])
-    assert [bool(accessor.normalized) for accessor in accessors] == [True, True, False, False, False, False]
+    assert [bool(accessor.normalized) for accessor in accessors] == [True, True, *[False] * 5]
     assert not accessors[0].min
-    assert document.buffers[0].byteLength == 112
+    assert document.buffers[0].byteLength == 116
 
 
 def test_a_body_of_revolution_and_a_tube() -> None:
@@ -221,7 +222,7 @@ def test_meshes_of_one_colour_are_joined_and_moved() -> None:
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     up = normals_of(square, np.array([[0, 1, 2], [0, 2, 3]]))
     assert_allclose(up, np.tile([0, 0, 1.0], (4, 1)))
-    roof = normals_of(np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 3]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    roof = normals_of(np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 3]]) + 5, np.array([[0, 1, 2], [0, 2, 3]]))
     assert_allclose(roof[0], np.array([3, 0, 2]) / np.sqrt(13), err_msg="the larger triangle counts more")
     one, other = (Mesh(vertices=square + k, normals=up, triangles=np.array([[0, 1, 2]]), colour=RED) for k in (0, 5))
     blue, both = (
@@ -242,6 +243,7 @@ def test_meshes_of_one_colour_are_joined_and_moved() -> None:
     assert_allclose(found.normals[0], [0, -1, 0], atol=1e-12)
     document = gltf.GLTF2().load_from_bytes(glb([one, both]))
     assert [material.doubleSided for material in document.materials] == [False, True]
+    assert document.scenes[0].nodes == [0]
     look = document.materials[0].pbrMetallicRoughness
     assert (look.baseColorFactor, look.metallicFactor, look.roughnessFactor) == ([1, 0, 0, 1], 0, 0.8)
 
@@ -430,3 +432,169 @@ def test_states_are_told_every_second_frame_and_at_the_end() -> None:
     assert contents[1]["shuttle"] == {"x": 0.1, "y": 0.2, "z": 0.3, "speed": 5.0}
     assert contents[1]["player_0"] == {"x": 0.0, "y": -2.8, "speed": 5.0}
     assert contents[1]["player_1"] == {"x": 0.04, "y": 0.0, "speed": 1.0}
+
+
+def test_parts_of_a_racket_and_a_shuttle() -> None:
+    """Strings lie in the plane of the head, within its ellipse; vanes stand around the cork."""
+    shaft, normal = np.array([0.6, 0.0, 0.8]), np.array([0.0, -1.0, 0.0])
+    across = np.cross(normal, shaft)
+    grip, rod, head, strings = (mesh.vertices @ np.column_stack([across, normal, shaft]) for mesh in racket(shaft, normal))
+    assert (grip[:, 2].min(), grip[:, 2].max()) == pytest.approx((-0.10, 0.11))
+    assert np.hypot(grip[:, 0], grip[:, 1]).max() == pytest.approx(0.016)
+    assert (rod[:, 2].min(), rod[:, 2].max()) == pytest.approx((0.10, 0.45 - RACKET_HEAD[0]))
+    assert np.hypot(rod[:, 0], rod[:, 1]).max() == pytest.approx(0.008)
+    radius = np.hypot(head[:, 0] / 0.105, (head[:, 2] - 0.45) / 0.125)
+    assert radius.min() > 0.93
+    assert radius.max() < 1.07
+    assert np.abs(head[:, 1]).max() <= 0.006 + 1e-12
+    assert (head[:, 2].max(), head[:, 0].max()) == pytest.approx((0.575 + 0.006, 0.105 + 0.006), abs=2e-3)
+    assert len(strings) == 22 * 2 * 4
+    middles = strings.reshape(44, 4, 3).mean(axis=1)
+    assert_allclose(np.hypot(middles[:, 0] / 0.105, (middles[:, 2] - 0.45) / 0.125), 1, atol=1e-9)
+    assert_allclose(np.linalg.norm(strings.reshape(44, 4, 3) - middles[:, None], axis=2), 0.0009)
+    along, sideways = middles[:22], middles[22:]
+    assert_allclose(along[::2, 0], np.linspace(-0.86, 0.86, 11) * 0.105, atol=1e-9)
+    assert_allclose(sideways[::2, 2] - 0.45, np.linspace(-0.86, 0.86, 11) * 0.125, atol=1e-9)
+    assert_allclose(along[::2, 0], along[1::2, 0], atol=1e-9)
+    _, band, feathers = shuttle()
+    assert (band.vertices[:, 2].min(), band.vertices[:, 2].max()) == pytest.approx((-1.9 * 0.014, -1.9 * 0.010))
+    assert np.hypot(*band.vertices[:, :2].T) == pytest.approx(1.9 * 1.02 * CORK)
+    vanes = feathers.vertices.reshape(16, 4, 3) / 1.9
+    for k, vane in enumerate(vanes):
+        turn = Rotation.from_euler("z", 360 * k / 16, degrees=True).as_matrix()
+        expected = [[0.012, -0.0015, -0.013], [0.012, 0.0015, -0.013], [0.032, 0.0075, -0.076], [0.032, -0.0075, -0.076]]
+        assert_allclose(vane, expected @ turn.T, atol=1e-12)
+    assert feathers.two_sided
+    a, b, c = (feathers.vertices[feathers.triangles[:, k]] for k in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    assert areas.sum() == pytest.approx(16 * 1.9**2 * np.hypot(0.020, 0.063) * 0.009), "trapezia"
+    facing = (np.cross(b - a, c - a) * feathers.normals[feathers.triangles[:, 0]]).sum(axis=1)
+    assert (facing > 0).all()
+
+
+def boxes_of(entity: object) -> F64:
+    """``[N, 6]`` centres and sizes of the boxes of an entity."""
+    found = re.findall(r"CubePrimitive \{.*?position: Some\(Vector3 \{(.*?)\}.*?size: Some\(Vector3 \{(.*?)\}", str(entity))
+    return np.array([numbers(f"{place} {size}") for place, size in found])
+
+
+def test_lines_of_the_court_are_those_of_the_laws() -> None:
+    """Law 1: 13.40 m by 6.10 m, lines of 4 cm that belong to the areas which they bound."""
+    ground, net = court(5)
+    found = boxes_of(ground)
+    assert_allclose(found[0], [0, 0, -0.065, 10.1, 17.4, 0.1])
+    assert_allclose(found[1], [0, 0, -0.0075, 7.1, 14.6, 0.015])
+    expected = []
+    for side in (-1, 1):
+        expected += [[side * x, 0, 0.04, 13.40] for x in (3.05 - 0.02, 2.59 - 0.02)]
+        expected += [[0, side * y, 6.10, 0.04] for y in (6.70 - 0.02, 6.70 - 0.76, 1.98 + 0.02)]
+        expected += [[0, side * (1.98 + 6.70) / 2, 0.04, 6.70 - 1.98]]
+    assert_allclose(found[2:, [0, 1, 3, 4]], expected, atol=1e-9)
+    assert_allclose(found[2:, [2, 5]], [[0.0015, 0.003]] * 12)
+    cloth = boxes_of(net)
+    tape, posts = cloth[:-2], cloth[-2:]
+    assert_allclose(posts, [[-3.05, 0, 0.775, 0.04, 0.04, 1.55], [3.05, 0, 0.775, 0.04, 0.04, 1.55]])
+    assert len(tape) == 9
+    assert tape[:, 3].sum() == pytest.approx(6.10 + 9 * 0.002)
+    ends = np.linspace(-3.05, 3.05, 10)
+    top = 1.524 + 0.026 * (ends / 3.05) ** 2
+    assert_allclose(tape[:, 0], (ends[1:] + ends[:-1]) / 2, atol=1e-9)
+    assert_allclose(tape[:, 2], (top[1:] + top[:-1]) / 2 - 0.0375, atol=1e-9)
+    assert_allclose(tape[:, 4:], [[0.02, 0.075]] * 9)
+    (strands,) = re.findall(r"points: \[(.*?)\]", str(net))
+    points = np.array(numbers(strands.replace("Point3", ""))).reshape(-1, 3)
+    upright, level = points[:164].reshape(82, 2, 3), points[164:].reshape(11, 9, 2, 3)
+    assert_allclose(upright[:, 0, 0], np.linspace(-3.05, 3.05, 82), atol=1e-9)
+    assert_allclose(upright[:, 0, 2] - upright[:, 1, 2], 0.76)
+    assert_allclose(upright[:, 0, 2], 1.524 + 0.026 * (upright[:, 0, 0] / 3.05) ** 2)
+    assert_allclose(level[:, 0, 0, 2], 1.55 - np.linspace(0, 0.76, 11))
+    assert_allclose(level[0, :, 0, 0], ends[:-1], atol=1e-9)
+    assert_allclose(level[0, :, 1, 0], ends[1:], atol=1e-9)
+
+
+def test_models_follow_the_bones_and_shadows_lie_below() -> None:
+    skeleton = load_skeleton("male")
+    motion = types.SimpleNamespace(
+        hands=("right", "left"), skeletons=(skeleton, skeleton), racket=lambda seat: skeleton.racket(right_handed=not seat)
+    )
+    found = {re.search(r'frame_id="(.*?)"', str(entity))[1]: str(entity) for entity in players(5, motion, ("Anna", "Bea"))}  # type: ignore[arg-type]
+    bones = {f"{seat}/{bone}" for seat in (0, 1) for bone in BONES}
+    assert {"shuttle", "shadow_0", "shadow_1", "shadow_shuttle", "0/name", "1/name"} <= set(found)
+    assert set(found) - bones == {"shuttle", "shadow_0", "shadow_1", "shadow_shuttle", "0/name", "1/name"}
+    assert {"0/Racket", "1/Racket", "0/Head", "1/LeftFoot"} <= set(found)
+    for name, width in (("shadow_0", 0.62), ("shadow_1", 0.62), ("shadow_shuttle", 0.16)):
+        (size,) = re.findall(r"size: Some\(Vector3 \{(.*?)\}", found[name])
+        assert numbers(size) == [width, width, 0.002]
+        assert "bottom_scale: 1.0, top_scale: 1.0" in found[name]
+    assert ('text: "Anna"' in found["0/name"], 'text: "Bea"' in found["1/name"]) == (True, True)
+
+
+def walking(ends_changed: bool) -> tuple[Any, F64]:
+    """A motion of twenty frames in which both players and the shuttle drift, and their hips turn."""
+    n, rng = 20, np.random.default_rng(0)
+    skeleton = load_skeleton("male")
+    rotation = Rotation.random(n * 46, random_state=0).as_quat().reshape(n, 2, 23, 4)
+    rally = types.SimpleNamespace(
+        ends_changed=ends_changed, striker=np.array([0, 1]), facing=lambda seat: 1.0 if bool(seat) == ends_changed else -1.0
+    )
+    motion = types.SimpleNamespace(
+        fps=50, time=np.arange(n) / 50, rotation=rotation, position=rng.normal(size=(n, 2, 23, 3)),
+        shuttle=rng.normal(size=(n, 3)), shuttle_velocity=rng.normal(size=(n, 3)), contact_frame=np.array([4, 11]),
+        trajectory=types.SimpleNamespace(rally=rally, end_time=np.array([0.22, 0.3])),
+        parents=lambda seat: skeleton.parents(right_handed=True), rest=lambda seat: skeleton.rest_pose(right_handed=True),
+    )  # fmt: skip
+    return motion, rotation
+
+
+@pytest.mark.parametrize("ends_changed", [False, True])
+def test_frames_of_reference_give_the_bones_again(ends_changed: bool) -> None:
+    motion, rotation = walking(ends_changed)
+    tracks = {track.child: track for track in moving.tracks_of(motion)}
+    rest, parents = motion.rest(0), motion.parents(0)
+    half_turn = np.diag([-1.0, -1.0, 1.0]) if ends_changed else np.eye(3)
+    assert_allclose(Rotation.from_quat(tracks["play"].values[3]).as_matrix(), half_turn, atol=1e-9)
+    reach = moving._reach(rest, parents)
+    for seat in (0, 1):
+        turns: list[F64] = []
+        for bone, name in enumerate(BONES):
+            track = tracks[f"{seat}/{name}"]
+            own = Rotation.from_quat(track.values[7]).as_matrix()
+            parent = parents[bone]
+            if parent < 0:
+                assert track.parent == f"player_{seat}"
+                turns.append(half_turn @ own)
+            elif bone == BONES.index("Racket"):
+                turns.append(turns[parent] @ own)
+            else:
+                assert track.parent == f"{seat}.{bone}"
+                turns.append(turns[parent] @ own)
+            assert_allclose(turns[-1], Rotation.from_quat(rotation[7, seat, bone]).as_matrix(), atol=2e-3)
+            assert track.tolerance == pytest.approx(0.008 / reach[bone])
+            assert np.flatnonzero(track.exact).tolist() == [(4, 11)[seat]]
+        place = tracks[f"player_{seat}"]
+        assert (place.parent, place.tolerance) == ("play", 0.008)
+        assert_allclose(place.values @ half_turn, motion.position[:, seat, 0], atol=1e-4)
+        name = tracks[f"{seat}/name"]
+        assert (name.parent, name.tolerance, name.exact.any()) == ("court", 0.02, False)
+        assert_allclose(name.values, motion.position[:, seat, BONES.index("Head")] + [[0, 0, 0.42]], atol=1e-4)
+        shadow = tracks[f"shadow_{seat}"]
+        assert shadow.tolerance == 0.02
+        assert_allclose(shadow.values, motion.position[:, seat, 0] * [[1, 1, 0]] + [[0, 0, 0.012]], atol=1e-4)
+    assert_allclose(tracks["shuttle_place"].values, motion.shuttle, atol=1e-4)
+    assert np.flatnonzero(tracks["shuttle_place"].exact).tolist() == [4, 11]
+    assert tracks["shuttle"].tolerance == pytest.approx(0.08)
+    assert_allclose(Rotation.from_quat(tracks["shuttle"].values).as_matrix(), moving._heading(motion), atol=1e-3)
+    assert_allclose(tracks["shadow_shuttle"].values[:, :2], motion.shuttle[:, :2], atol=1e-4)
+
+
+def test_joints_are_where_the_bones_begin_on_their_parents() -> None:
+    motion, _ = walking(False)
+    time, topic, message = moving.joint_message(9, motion)
+    assert (time, topic) == (9, "/tf_static")
+    found = re.findall(r'parent_frame_id: "(.*?)", child_frame_id: "(.*?)", translation: Some\(Vector3 \{(.*?)\}', str(message))
+    assert len(found) == 44
+    rest, parents = motion.rest(0), motion.parents(0)
+    for (parent, child, place), bone in zip(found[:22], range(1, 23), strict=True):
+        assert (parent, child) == (f"0/{BONES[parents[bone]]}", f"0.{bone}")
+        assert_allclose(numbers(place), rest[bone] - rest[parents[bone]], atol=1e-4)
+    assert found[22][1] == "1.1"
