@@ -127,6 +127,22 @@ def test_arms_stay_within_the_range_of_their_joints() -> None:
         assert_allclose(again, q)
 
 
+def test_the_solver_starts_from_poses_all_over_the_range_of_the_arm() -> None:
+    """In degrees: hanging, out to all sides with a bent elbow, overhead, and across the body, with both grips."""
+    found = np.degrees(arms.anywhere(2))
+    expected = [
+        (5, 5, 0, 0, 0, 60, 0, 0, 10, 0),
+        (10, 10, -40, 60, 40, 60, 0, 0, 10, 0),
+        (10, 10, 40, -40, -40, 80, 40, 0, 10, 0),
+        (15, 5, 0, 70, -60, 90, -40, 0, 20, 0),
+        (5, 10, 60, 0, 60, 100, 60, 0, 10, 40),
+        (5, 10, -60, -30, 0, 40, -30, 0, 10, -40),
+    ]
+    assert_allclose(found[:, 0], expected)
+    assert_allclose(found[:, 1], expected)
+    assert (arm_of(MALE).clipped(np.radians(found)) == np.radians(found)).all()
+
+
 def test_linear_equations_are_solved() -> None:
     rng = np.random.default_rng(0)
     square = rng.normal(size=(10, 10))

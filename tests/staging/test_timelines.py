@@ -400,6 +400,40 @@ def test_what_a_hit_wants_of_the_arm() -> None:
             assert np.linalg.norm(direction) == pytest.approx(1)
 
 
+@pytest.mark.parametrize(
+    ("shot", "ratio", "soft"),
+    [
+        ("short-serve", 0.60, 0.3),
+        ("long-serve", 0.62, 0.0),
+        ("clear", 0.72, 0.0),
+        ("lift", 0.68, 0.0),
+        ("drop", 0.45, 0.25),
+        ("smash", 0.72, 0.0),
+        ("half-smash", 0.70, 0.0),
+        ("drive", 0.68, 0.0),
+        ("push", 0.60, 0.35),
+        ("net-kill", 0.80, 0.0),
+        ("net-shot", 0.32, 0.75),
+        ("block", 0.30, 0.75),
+        ("cross-court-net-shot", 0.36, 0.7),
+    ],
+)
+def test_strings_are_slower_than_the_shuttle_and_soft_strokes_have_no_swing(shot: str, ratio: float, soft: float) -> None:
+    """Serves are struck first, the others third."""
+    i, names = (0, (f"{shot}:", *NAMES[1:])) if "serve" in shot else (2, (*NAMES[:2], f"{shot}:", NAMES[3]))
+    trajectory = a_trajectory(names=names)
+    _, hit = hit_of(trajectory, i, 0)
+    assert np.linalg.norm(hit.swing) == pytest.approx(ratio * trajectory.flight.launch_speed[i])
+    assert hit.soft == soft
+
+
+def test_feet_in_the_split_step_the_landing_and_the_wait_for_the_serve() -> None:
+    """Left and right foot: to the right, ahead, heading in degrees; after a jump the racket foot lands in front."""
+    assert SPLIT.tolist() == [[-0.29, 0.03, 14], [0.29, 0.00, -14]]
+    assert LANDING.tolist() == [[-0.16, -0.26, 22], [0.14, 0.26, -6]]
+    assert WAIT.tolist() == [[-0.10, 0.24, 0], [0.12, -0.22, -28]]
+
+
 def test_the_racket_leans_back_in_overhead_strokes_upwards() -> None:
     """By twice the sine of the angle of the launch; otherwise shaft and elbow are those of the motion."""
     trajectory = a_trajectory()
