@@ -239,3 +239,36 @@ def test_names_of_games_name_model_variant_and_recovery() -> None:
 
 def test_the_game_of_a_pair_is_short_in_print() -> None:
     assert repr(PAIR) == f"Game(hash={PAIR.hash[:12]!r}, people={PEOPLE!r})"
+
+
+def test_states_are_described_in_words_and_numbers() -> None:
+    assert GAME.highest_observation.tolist() == [N, N, 1, 3, 2, 2, 1]
+    assert GAME.highest_observation.dtype == np.int32
+    names = GAME.catalogue.names
+    long, short = edge(NET, NET, 3), edge(NET, NET, 2)
+    block = (2 * GAME.levels + 1) * GAME.n_base_states
+    before = f"own {names[NET]}, incoming {names[NET]}, contact"
+    assert GAME.describe(4 * long) == f"{before} below, net shots in a row 3 or more, effort 0 against 0"
+    assert GAME.describe(block + 4 * short + 3) == f"{before} above, hurried, net shots in a row 2, effort 2 against 1"
+    first = edge(CLEAR, NET, 1)
+    expected = f"own {names[CLEAR]}, incoming {names[NET]}, contact above, effort 0 against 0"
+    assert GAME.describe(4 * first + 1) == expected
+    assert GAME.state_of(NET, NET, 1, 2, 2, 1, 1) == block + 4 * short + 3
+    assert GAME.incoming_shot(np.array([0, 4 * first])).tolist() == [13, GAME.catalogue.shot[NET]]
+
+
+def test_blocks_of_efforts_follow_each_other() -> None:
+    size, pairs = GAME.n_base_states, GAME.n_base_pairs
+    assert (GAME.n_blocks, GAME.n_states, GAME.n_pairs) == (9, 9 * size, 9 * pairs)
+    assert GAME.block_states(2) == slice(2 * size, 3 * size)
+    assert GAME.block_pairs(2) == slice(2 * pairs, 3 * pairs)
+    # Own effort 1 against 2: the other is to strike with effort 2 against 1, or against 2 after an attack.
+    assert GAME.block_following(1 * 3 + 2) == (2 * 3 + 1, 2 * 3 + 2)
+    assert GAME.block_following(2 * 3 + 0) == (2, 2)
+    attack = int(GAME.pair(5 * size + 4 * edge(CLEAR, LIFT) + 1, SMASH))
+    other = int(GAME.pair(5 * size + 4 * edge(CLEAR, LIFT) + 1, CLEAR))
+    arrivals = GAME.arrivals(np.array([attack, other]))
+    assert arrivals.tolist() == [
+        (block * size + 4 * edge(LIFT, stroke) + np.arange(4)).tolist() for block, stroke in ((8, SMASH), (7, CLEAR))
+    ]
+    assert GAME.edge_attack[[0, edge(CLEAR, SMASH), edge(CLEAR, 3), edge(CLEAR, LIFT)]].tolist() == [False, True, True, False]

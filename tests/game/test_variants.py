@@ -35,6 +35,7 @@ from shuttle_marl.game.tabulated import thresholds
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpacked
 from shuttle_marl.policy import baselines
+from tests.exact.exact_games import tiring_game
 from tests.reduced import reduced_game, reduced_model
 
 
@@ -113,6 +114,72 @@ def test_chances_of_a_hurried_receiver_come_back() -> None:
     assert reached.mean() > 0.2
     assert np.abs(found.hurry.astype(int) - other.hurry)[reached].max() <= 6
     assert (found.hurry != game.hurry).mean() > 0.9
+
+
+def even(*threshold: int, hurry: int = 64) -> Game:
+    """A small game in which all strokes have the same probabilities."""
+    game = tiring_game()
+    table = np.tile(np.array(threshold, np.uint16), (game.n_base_pairs, 1))
+    return replace(game, threshold=table, hurry=np.full_like(game.hurry, hurry))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "steps", "coarse"),
+    [
+        # Log-odds of 64 and 128 in 256, half a unit on either side, differ by 17.5 steps, slightly less; 0 and 255 by 182.
+        (64, 128, 17, 16),
+        (128, 64, -17, -16),
+        (64, 64, 0, 0),
+        (0, 255, 127, 124),
+        (255, 0, -127, -124),
+    ],
+)
+def test_steps_are_limited_multiples(before: int, after: int, steps: int, coarse: int) -> None:
+    game, other = (even(1000, 3000, 30000, hurry=number) for number in (before, after))
+    for unit, expected in ((1, steps), (4, coarse)):
+        found = steps_between(game, other, unit)
+        assert (found.dtype, found.shape) == (np.int8, (5, game.n_base_pairs))
+        assert found[:, 0].tolist() == [0, 0, 0, expected, expected]
+        assert (found == found[:, :1]).all()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "steps"),
+    [
+        # A tenth less is 1.5 steps down, slightly more: to the nearest one, but upwards where fewer than .6 % end the rally.
+        ((1100, 3200, 30000), (1000, 3000, 30000), -2),
+        ((110, 220, 30000), (100, 200, 30000), -1),
+        ((110, 420, 30000), (100, 393, 30000), -1),
+        ((110, 420, 30000), (100, 394, 30000), -2),
+    ],
+)
+def test_rare_ends_are_rounded_upwards(before: tuple[int, ...], after: tuple[int, ...], steps: int) -> None:
+    found = steps_between(even(*before), even(*after))
+    assert found[0, 0] == steps
+    assert found[2:, 0].tolist() == [0, 0, 0]
+
+
+def test_odds_are_multiplied_by_powers_of_e() -> None:
+    game, size = even(1000, 3000, 30000), tiring_game().n_base_pairs
+
+    def of(step: int) -> Game:
+        return moved(game, np.full((5, size), step, np.int8))
+
+    for step in (-16, -1, 1, 16):
+        factor, found = np.exp(step / 16), of(step)
+        shares = 1000 / ONE, 2000 / (ONE - 1000), 27000 / (ONE - 3000)
+        fault, winner, below = (factor * share / (1 + (factor - 1) * share) for share in shares)
+        expected = [fault, fault + (1 - fault) * winner]
+        expected.append(expected[1] + (1 - expected[1]) * below)
+        assert (found.threshold[0] / ONE).tolist() == pytest.approx(expected, abs=1.6 / ONE)
+        late = factor * 0.25 / (1 + (factor - 1) * 0.25)
+        assert (found.hurry[0] / 256).tolist() == pytest.approx([late, late], abs=0.51 / 256)
+    assert of(-128).hash == of(-127).hash != of(-126).hash
+    # No probability reaches 1.
+    assert moved(even(65000, 65500, 65530, hurry=255), np.full((5, size), 127, np.int8)).threshold.max() == ONE - 1
+    assert moved(even(65000, 65500, 65530, hurry=255), np.full((5, size), 127, np.int8)).hurry.max() == 255
+    odds = np.array([ONE, ONE, 2 * ONE], np.int32)
+    assert moved(game, np.zeros((5, size), np.int8), odds).fault_odds.tolist() == odds.tolist()
 
 
 @pytest.fixture(autouse=True)

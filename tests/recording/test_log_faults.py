@@ -207,6 +207,43 @@ def test_numbers_that_point_nowhere(tmp_path: Path, header: Callable[..., LogHea
             read_all(path)
 
 
+@pytest.mark.parametrize(
+    ("column", "limit", "what"),
+    [
+        ("server", 2, "seat"),
+        ("winner", 2, "seat"),
+        ("reason", 2, "reason"),
+        ("policy", 2, "policy"),
+        ("pairing", 3, "pairing"),
+        ("stroke", 7, "stroke"),
+    ],
+)
+def test_numbers_of_a_batch_stay_below_their_limits(
+    column: str, limit: int, what: str, header: Callable[..., LogHeader], rallies: Callable[..., Rallies]
+) -> None:
+    about = header(7)
+    for value, fits in ((limit - 1, True), (limit, False)):
+        part = rallies(4, n_strokes=7)
+        getattr(part, column)[-1] = value
+        message = message_of(bytes(encode(0, part, 7)))
+        if fits:
+            assert same(decode(message, about)[1], part)
+        else:
+            with pytest.raises(DamagedLogError, match=f"{what} {limit} in a batch, expected less than {limit}"):
+                decode(message, about)
+
+
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_no_server_of_a_batch_is_hurried(row: int, header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
+    about, part = header(), rallies(3)
+    part.hurried[:] = 1
+    part.hurried[part.first_stroke[:-1]] = 0
+    assert same(decode(message_of(bytes(encode(0, part, len(about.strokes)))), about)[1], part)
+    part.hurried[part.first_stroke[row]] = 1
+    with pytest.raises(DamagedLogError, match="a server who is hurried"):
+        decode(message_of(bytes(encode(0, part, len(about.strokes)))), about)
+
+
 def test_indexes_and_headers_of_another_kind_are_refused(
     log_file: Path, tmp_path: Path, header: Callable[..., LogHeader], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -330,7 +367,7 @@ def test_room_is_set_aside_in_steps_as_long_as_there_is_some(sink: Sink, monkeyp
     step = 1 << 20
     sink.reserve(10)
     assert asked == [(0, step)]
-    sink.write(b"abc")
+    assert sink.write(b"abc") == 3
     assert (sink.tell(), sink.length) == (3, 0)
     sink.commit()
     assert (sink.tell(), sink.length) == (3, 3)

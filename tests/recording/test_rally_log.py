@@ -200,6 +200,8 @@ def test_columns_of_tables_stand_in_order(log_file: Path, rallies: Callable[...,
         *("points_0", "points_1", "games_0", "games_1", "length", "strokes", "hurried"),
     ]
     assert set(table["file"].to_pylist()) == {"rallies.mcap"}
+    assert table["reason"].chunk(0).dictionary.to_pylist() == ["fault", "winner"]
+    assert table["policy_1"].chunk(0).dictionary.to_pylist() == names
     assert set(table["seed"].to_pylist()) == {7}
     for name in ("pairing", "match", "rally", "server", "winner"):
         assert table[name].to_pylist() == getattr(whole, name).tolist()
