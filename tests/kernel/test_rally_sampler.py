@@ -1,6 +1,7 @@
 """Rallies of a learner that acts from a table: the rules, the draws, the network's numbers, and the sums."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -116,6 +117,83 @@ def test_the_sums_are_those_of_the_strokes_one_by_one(opponents: tuple[Tabulated
     assert (strokes.reward[~ended] == 0).all()
     again = sampler.take()
     assert not again.visits.size or not np.isfinite(again.returns).any()
+
+
+def test_rallies_are_planned_by_the_mean_number_of_strokes() -> None:
+    """Four strokes a rally are expected at first, then as many as there were, in all iterations."""
+    sampler = RallySampler(GAME, [RANDOM])
+    strokes, rallies = 0, 0
+    for iteration, count in enumerate((700, 1300)):
+        sampler.collect(count, network(iteration))
+        played = sampler.record(sampler.numbers)
+        # The learner at seat 0 plays every other stroke, from the first on if it serves.
+        own = (played.length - played.server + 1) // 2
+        planned, now = 0, 0
+        while now < count:
+            mean = strokes / rallies if rallies else 4.0
+            more = math.ceil((count - now) / mean)
+            part = int(own[planned : planned + more].sum())
+            planned, now, strokes, rallies = planned + more, now + part, strokes + part, rallies + more
+        assert (len(sampler.numbers), sampler.count) == (planned, now)
+        found = sampler.take()
+        assert (found.strokes, found.rallies) == (now, planned)
+        assert found.played == played.length.sum()
+        assert found.won == (played.winner == 0).sum()
+    assert sampler.numbers[-1] == rallies - 1
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 3])
+def test_outputs_are_reused_in_so_many_iterations(iterations: int) -> None:
+    sampler = RallySampler(GAME, [RANDOM], cache_iterations=iterations)
+    known, later = list[set[int]](), list[set[int]]()
+    for _ in range(4):
+        asked: list[set[int]] = []
+
+        def assess(states: np.ndarray, asked: list[set[int]] = asked) -> tuple[np.ndarray, np.ndarray]:
+            asked.append(set(states.tolist()))
+            return network(0)(states)
+
+        before = set(sampler.known.tolist())
+        sampler.collect(2000, assess)
+        assert asked[0] == before or not before, "those of the last iteration are refreshed first"
+        known.append(set(sampler.known.tolist()))
+        later.append(set().union(*asked[1 if before else 0 :]))
+    # Outputs of states that came in the first iteration alone are as old as the second, at whose beginning they were refreshed.
+    for number in (2, 3):
+        old = known[0] - set().union(*known[1:number])
+        assert old & known[number], "some come again"
+        reused = number - 1 < iterations
+        assert bool(old & later[number]) != reused
+
+
+def test_distinct_states_are_returned_in_the_order_that_is_asked_for() -> None:
+    found = []
+    for backwards in (False, True):
+        sampler = RallySampler(GAME, [RANDOM])
+        sampler.collect(500, network(0))
+        order = np.arange(len(sampler.known))[::-1] if backwards else None
+        known, taken = sampler.known, sampler.take(order)
+        assert taken.state.tolist() == (known[::-1] if backwards else np.sort(known)).tolist()
+        assert taken.start[0] == 0
+        assert taken.start[-1] == len(taken.row) == len(taken.advantage)
+        assert taken.row.tolist() == np.repeat(np.arange(len(taken.state)), np.diff(taken.start)).tolist()
+        found.append(dict(zip(taken.state.tolist(), taken.visits.tolist(), strict=True)))
+    assert found[0] == found[1]
+
+
+def test_records_are_of_the_last_iteration() -> None:
+    sampler = RallySampler(GAME, [RANDOM])
+    sampler.collect(50, network(0))
+    sampler.collect(50, network(0))
+    first, last = int(sampler.numbers[0]), int(sampler.numbers[-1])
+    assert sampler.record(np.array([last, first])).match.tolist() == [last, first]
+    for number in (first - 1, last + 1):
+        with pytest.raises(KernelError, match=f"rallies: {number} to {number}; expected {first} to {last}"):
+            sampler.record(np.array([number]))
+    for states in ([-1], [GAME.n_states]):
+        with pytest.raises(KernelError, match="states: "):
+            sampler.reset(1, np.array(states))
+    assert sampler.served(sampler.numbers).all()
 
 
 def test_some_rallies_may_be_of_self_play() -> None:

@@ -13,8 +13,10 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
+from shuttle_marl import __version__
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.scoring import BWF
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import (
     LogHeader,
@@ -27,7 +29,7 @@ from shuttle_marl.recording import (
     Sampling,
     recover,
 )
-from shuttle_marl.recording.header import Pair
+from shuttle_marl.recording.header import SINGLE_RALLY, Pair
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recorder import free_name
 from shuttle_marl.recording.replay import check
@@ -205,6 +207,26 @@ def test_headers_have_limits(header) -> None:
     ):
         with pytest.raises(RecordingError, match=says):
             header(**wrong)
+
+
+def test_headers_have_defaults() -> None:
+    made = LogHeader(seed=3, game="g", strokes=("a",), policies=())
+    assert (made.pairings, made.matches_per_draw, made.rules, made.draws, made.record) == ((0,), 2, BWF, "league", "all")
+    assert (made.columns, made.pair, made.part, made.first_rally) == ((), None, 0, 0)
+    assert made.software == f"shuttle_marl {__version__}"
+    assert made == dataclasses.replace(made, part=4, first_rally=7) != dataclasses.replace(made, seed=4)
+    assert SINGLE_RALLY.as_tuple == (1, 1, 1, 1)
+    assert Player(name="a").hash == ""
+
+
+def test_nothing_waits_after_a_flush(tmp_path: Path, rallies, header) -> None:
+    with RallyRecorder.create(tmp_path / "a.mcap", header(), batch_rallies=8) as recorder:
+        for count in (3, 9):
+            recorder.add(rallies(count))
+            assert recorder.flush(sync=False) == (3 if count == 3 else 12)
+            assert recorder._waiting == 0
+    with RallyLog(tmp_path / "a.mcap") as log:
+        assert log.rallies.tolist() == [3, 8, 1]
 
 
 def test_headers_without_strokes_or_of_no_version_are_refused(header) -> None:
