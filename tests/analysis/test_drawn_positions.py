@@ -1,0 +1,287 @@
+"""Points, reasons and times that simulated strokes get, where players wait, and refusals of simulations and pictures."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from shuttle_marl.analysis import pictures, strokes, waits
+from shuttle_marl.analysis.strokes import (
+    BREAK,
+    FAULT_MIX,
+    FLIGHT,
+    INTERVAL,
+    SimulatedStrokes,
+    SimulationError,
+    sample_positions,
+    simulate,
+)
+from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.game import court, default_game
+from shuttle_marl.game.recovery import N_POSITIONS, position_of
+from shuttle_marl.game.stroke import N_SHOTS, SHOTS
+from shuttle_marl.game.tabulated import TabulatedPolicy
+
+RETURNED, OUT, NET, SHORT, LANDED = (REASONS.index(name) for name in ("returned", "out", "net", "short", "landed"))
+X_CUTS = (-court.HALF_WIDTH, -court.SIDE_CUT, court.SIDE_CUT, court.HALF_WIDTH)
+Y_CUTS = (0.3, court.MIDDLE_CUT, court.BACK_CUT, court.HALF_LENGTH)
+
+
+def rallies(n: int, length: int, **columns: Any) -> SimulatedStrokes:
+    """Rallies of equal length, which end by a winner, of lifts to all areas in turn after short serves, in one game."""
+    size = n * length
+    stroke = np.tile(np.arange(length) + 1, n)
+    usual: dict[str, Any] = {
+        "shot": np.where(stroke == 1, 0, SHOTS.index("lift")), "area": np.arange(size) % 9,
+        "outcome": np.where(stroke == length, Outcome.WINNER, Outcome.RETURNED), "stroke": stroke,
+        "new_game": np.arange(size) == 0, "right": np.arange(size) // length % 2 == 0,
+    }  # fmt: skip
+    return SimulatedStrokes(**usual | columns)
+
+
+def drawn(some: SimulatedStrokes, seed: int = 0) -> Any:
+    places, reason, frame = sample_positions(some, np.random.default_rng(seed))
+    return *(places[name] for name in ("landing", "contact", "striker", "receiver")), reason, frame
+
+
+def test_good_strokes_land_in_their_area() -> None:
+    some = rallies(900, 5)
+    landing, contact, _, _, reason, _ = drawn(some)
+    assert set(reason[some.outcome == Outcome.RETURNED]) == {RETURNED}
+    assert set(reason[some.outcome == Outcome.WINNER]) == {LANDED}
+    side, depth, serve = some.area % 3, some.area // 3, some.stroke == 1
+    low = np.stack([np.take(X_CUTS, side), np.take(Y_CUTS, depth)], axis=1)
+    high = np.stack([np.take(X_CUTS, side + 1), np.take(Y_CUTS, depth + 1)], axis=1)
+    low[serve, 1] = np.maximum(low[serve, 1], court.SHORT_SERVICE - 0.05)
+    assert (landing >= low + 0.05 - 1e-9).all()
+    assert (landing <= high - 0.05 + 1e-9).all()
+    for area in range(9):
+        here = (some.area == area) & ~serve
+        assert landing[here].mean(axis=0) == pytest.approx(((low + high) / 2)[here][0], abs=0.1), "dense towards the centre"
+        assert landing[here].std(axis=0) == pytest.approx(((high - low - 0.1)[here][0]) / math.sqrt(24), rel=0.12)
+    assert np.isnan(contact[serve]).all()
+    np.testing.assert_array_equal(contact[~serve], -landing[np.flatnonzero(~serve) - 1])
+
+
+def test_out_strokes_land_beyond_the_line_next_to_their_area() -> None:
+    some = rallies(3600, 2, outcome=np.tile([Outcome.RETURNED, Outcome.FAULT], 3600), shot=np.tile([1, 1], 3600),
+                   area=np.repeat(np.arange(9), 800))  # fmt: skip
+    landing, _, _, _, reason, _ = drawn(some)
+    out = reason == OUT
+    inner = np.isin(some.area, (1, 4))
+    fault = some.outcome == Outcome.FAULT
+    assert (reason[fault & inner] == NET).all(), "nothing goes out in front of the net"
+    assert out[fault & ~inner].all()
+    beyond = np.stack([np.abs(landing[:, 0]) - court.HALF_WIDTH, landing[:, 1] - court.HALF_LENGTH], axis=1)
+    assert ((beyond[out] > 0).sum(axis=1) == 1).all(), "beyond one line"
+    assert beyond[out].max(axis=1).min() >= 0.03 - 1e-9
+    assert beyond[out].max() <= 1
+    assert np.median(beyond[out].max(axis=1)) == pytest.approx(0.03 + 0.2 * math.log(2), rel=0.1)
+    behind = beyond[:, 1] > 0
+    assert {int(a): round(float(behind[out & (some.area == a)].mean()), 1) for a in np.unique(some.area[out])} == {
+        0: 0, 2: 0, 3: 0, 5: 0, 6: 0.5, 7: 1, 8: 0.5
+    }  # fmt: skip
+    sideways = out & ~behind
+    assert (np.sign(landing[sideways, 0]) == some.area[sideways] % 3 - 1).all()
+
+
+def test_faults_are_mixed_by_shot_type() -> None:
+    n = 30_000
+    shot, area = np.repeat(np.arange(N_SHOTS), n // N_SHOTS), np.tile([0, 1, 6], n)[: n // N_SHOTS * N_SHOTS]
+    some = rallies(len(shot), 1, shot=shot, area=area, outcome=np.full(len(shot), Outcome.FAULT))
+    reason = strokes._reasons(some, np.random.default_rng(0))
+    for kind in range(N_SHOTS):
+        free, mix = area != 1, FAULT_MIX[kind]
+        shares = [(reason[(shot == kind) & free] == each).mean() for each in (OUT, NET, SHORT)]
+        assert shares == pytest.approx(mix.tolist(), abs=0.045)
+        middle = [(reason[(shot == kind) & ~free] == each).mean() for each in (OUT, NET, SHORT)]
+        rest = mix[1:] / mix[1:].sum() if mix[1:].sum() else [1, 0]
+        assert middle == pytest.approx([0, *rest], abs=0.06)
+    assert FAULT_MIX.sum(axis=1) == pytest.approx(1)
+
+
+def test_short_faults_fall_on_the_way_to_their_target() -> None:
+    landing, start = np.array([[2.0, 4.0], [0.0, 2.0], [1.0, 5.0]] * 500), np.array([[0.0, -4.0], [1.0, -2.0], [1.0, -5.0]] * 500)
+    reason = np.tile([NET, SHORT, OUT], 500)
+    found = landing.copy()
+    strokes._fall_short(found, start, reason, np.random.default_rng(0))
+    assert (found[2::3] == landing[2::3]).all()
+    assert found[::3, 0] == pytest.approx(1.0), "where the line crosses the net"
+    assert found[1::3, 0] == pytest.approx(0.5)
+    for kind, mean in ((found[::3, 1], 0.25), (found[1::3, 1], 0.6)):
+        assert kind.max() <= -0.02
+        assert kind.min() >= -3
+        assert np.median(-kind - 0.02) == pytest.approx(mean * math.log(2), rel=0.15)
+
+
+def test_times_are_those_of_flights_pauses_and_intervals() -> None:
+    some = rallies(3000, 3, shot=np.tile([0, 4, 5], 3000), new_game=np.arange(9000) % 30 == 0)
+    frame = drawn(some)[-1]
+    step = np.diff(frame, prepend=0) / 30
+    for number in (2, 3):
+        assert np.median(step[some.stroke == number]) == pytest.approx(FLIGHT[some.shot[number - 2]], abs=0.03)
+    assert np.median(step[some.new_game]) == pytest.approx(INTERVAL, rel=0.08)
+    assert np.median(step[(some.stroke == 1) & ~some.new_game]) == pytest.approx(BREAK, rel=0.03)
+    logs = np.log(step[some.stroke == 2] / FLIGHT[0])
+    assert logs.std() == pytest.approx(0.15, abs=0.015)
+    assert step[some.stroke > 1].min() >= 0.2 - 1 / 30
+
+
+def test_players_stand_where_they_serve_and_come_from_where_they_struck() -> None:
+    some = rallies(1200, 4)
+    _, contact, striker, receiver, _, frame = drawn(some)
+    serve = some.stroke == 1
+    side = some.area % 3
+    right = np.where(np.where(side == 1, some.right, side == 0), 1.0, -1.0)
+    for place, x, y in ((striker, 0.3, -3.1), (receiver, -0.95, 4.0)):
+        off = place[serve] - np.stack([x * right[serve], np.full(serve.sum(), y)], axis=1)
+        assert off.mean(axis=0) == pytest.approx([0, 0], abs=0.02)
+        assert off.std(axis=0) == pytest.approx([0.12, 0.12], abs=0.01)
+    rows = np.flatnonzero(~serve)
+    reach = np.linalg.norm(striker[rows] - contact[rows], axis=1)
+    assert reach.max() <= 1.1 + 0.6, "only who would stand at the net is farther away"
+    assert np.median(reach) == pytest.approx(0.7, abs=0.05)
+    assert striker[:, 1].max() <= -0.3
+    before = rows - 1
+    moved = np.linalg.norm(-receiver[rows] - striker[before], axis=1)
+    flown = (frame[rows] - frame[before]) / 30
+    unclamped = striker[before, 1] < -0.3
+    assert (moved <= 1.5 * (flown + 0.05))[unclamped].all()
+    away = np.linalg.norm(striker[before] - [0, -3.7], axis=1) > 3
+    assert np.median((moved / flown)[away & unclamped]) == pytest.approx(1.5, abs=0.05)
+    points, goal = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 1.0]]), np.array([[3.0, 4.0], [3.0, 4.0], [1.0, 1.0]])
+    assert strokes._towards(points, goal, np.array([1.0, 10.0, 2.0])) == pytest.approx(np.array([[0.6, 0.8], [3, 4], [1, 1]]))
+
+
+def test_players_of_one_discipline_meet() -> None:
+    names = ["viktor-axelsen", "chen-long", "an-se-young", "x"]
+    assert strokes._pairs(names) == [
+        ("viktor-axelsen", "chen-long"),
+        ("viktor-axelsen", "x"),
+        ("chen-long", "x"),
+        ("an-se-young", "x"),
+    ]
+    for none, said in ((["an-se-young", "chen-long"], "an-se-young, chen-long"), (["x"], "x"), ([], "none")):
+        with pytest.raises(SimulationError, match=f"players {said}: expected at least two of one discipline"):
+            strokes._pairs(none)
+
+
+def test_probabilities_of_a_simulation_fit_the_game(bc: TabulatedPolicy) -> None:
+    game, p = bc.game, bc.pair_probabilities()
+    negative, off = p.copy(), p.copy()
+    pair = int(np.flatnonzero(p > 0.1)[0])
+    negative[pair] = -0.1
+    off[pair] += 0.05
+    for wrong, says in ((p[:-1], f"player 'a': expected {game.n_pairs} probabilities"), (negative, "none negative"),
+                        (off, r"player 'a': probabilities sum to 1\.05, not 1, in state: ")):  # fmt: skip
+        with pytest.raises(SimulationError, match=says):
+            strokes._table(game, "a", wrong)
+    off[pair] -= 0.05 - 1e-9
+    assert strokes._table(game, "a", off).game is game
+    with pytest.raises(SimulationError, match="0 matches: expected at least one"):
+        simulate(game, {"a": p, "b": p}, matches=0, seed=0)
+
+
+# Where players wait.
+
+
+def test_both_ends_of_a_match_weigh_alike() -> None:
+    rng = np.random.default_rng(2)
+    n, shot = 400, SHOTS.index("clear")
+    match, end = rng.integers(0, 4, n), rng.integers(0, 2, n)
+    player = np.where(rng.random(n) < 0.5, "A", "B").astype(object)
+    end[(match == 2) & (player == "A")] = 1  # of one end only
+    end[(match == 3) & (player == "B")] = 0
+    depth, side = rng.normal(4 + end, 0.5) + 0.2 * (player == "A"), rng.normal(0.2 * match, 0.6)
+    rows = waits._Rows(player=player, shot=np.full(n, shot), match=match, end=end, rally=np.arange(n) // 2,
+                       known=np.ones(n, np.bool_), depth=depth, side=side)  # fmt: skip
+    mine = player == "A"
+    found = waits._wait(rows, 1, shot, mine, ~mine, np.random.default_rng(0))
+    assert (found.player, found.shot, found.strokes, found.others) == (1, "clear", int(mine.sum()), int((~mine).sum()))
+    for value, place in ((depth, found.depth), (side, found.side)):
+        total = weight = own = other = fair = 0.0
+        for number in range(4):
+            cells = [[(match == number) & (who == mine) & (end == e) for e in (0, 1)] for who in (True, False)]
+            count = sum(cell.sum() for cell in cells[0])
+            both = all(cell.any() for cell in cells[0])
+            middle = np.mean([value[cell].mean() for cell in cells[0]]) if both else value[(match == number) & mine].mean()
+            total, weight = total + count * middle, weight + count
+            if both and all(cell.any() for cell in cells[1]):
+                own, fair = own + count * middle, fair + count
+                other += count * np.mean([value[cell].mean() for cell in cells[1]])
+        assert place.mean.value == pytest.approx(total / weight)
+        assert place.difference.value == pytest.approx((own - other) / fair)
+        assert place.mean.low < place.mean.value < place.mean.high
+        assert 0 < place.p < 1
+    cell = [((match == number) & mine & (end == e)).sum() for number in range(4) for e in (0, 1)]
+    weights = np.array([1 if 0 in cell[2 * m : 2 * m + 2] else (cell[2 * m] + cell[2 * m + 1]) / 2 / cell[2 * m + e]
+                        for m, e in zip(match[mine], end[mine], strict=True)])  # fmt: skip
+    expected = np.bincount(position_of(side[mine], depth[mine]), weights, N_POSITIONS)
+    assert found.positions == pytest.approx(tuple(expected / expected.sum()))
+
+
+def test_a_place_with_its_interval_and_the_p_value_of_a_difference() -> None:
+    # Sums of weights of the player, of those that are fair, and of the others; then of the weighted depths.
+    total = np.array([4.0, 2.0, 2.0, 16.0, 9.0, 7.0, 0, 0, 0])
+    drawn = np.tile(total, (101, 1))
+    drawn[:, 3] += np.linspace(-4, 4, 101)
+    drawn[:, 5] += np.linspace(-2, 2, 101)
+    found = waits._place(total, drawn, 1, 5, enough=True)
+    assert found.mean == pytest.approx((4.0, 4 - 0.95, 4 + 0.95))
+    assert found.difference == pytest.approx((1.0, 1 - 0.95, 1 + 0.95))
+    error = np.linspace(-1, 1, 101).std() * math.sqrt(5 / 4)
+    assert found.p == pytest.approx(2 * stats.t.sf(1 / error, 4))
+    assert math.isnan(waits._place(total, drawn, 1, 5, enough=False).p)
+    alone = waits._place(total, drawn, 1, 1, enough=True)
+    assert math.isnan(alone.p)
+    assert alone.mean.value == 4
+    assert math.isnan(alone.mean.low)
+    assert waits._place(total, np.tile(total, (9, 1)), 1, 5, enough=True).p == 0, "no spread, and a difference"
+    same = np.where(np.arange(9) == 4, 7.0, total)
+    assert waits._place(same, np.tile(same, (9, 1)), 1, 5, enough=True).p == 1
+    none = waits._place(np.array([4.0, 0, 0, 16.0, 0, 0, 0, 0, 0]), drawn, 1, 5, enough=False)
+    assert math.isnan(none.difference.value)
+    assert math.isnan(none.difference.high)
+
+
+# Pictures.
+
+
+def test_pictures_have_formats_and_areas_have_corners(tmp_path: Path) -> None:
+    for name in ("a.png", "a.svg", "a.pdf"):
+        pictures.check_format(tmp_path / name)
+    for name in ("a.jpg", "a", "a.PNG"):
+        with pytest.raises(AnalysisError, match=r"pictures are written as \.png, \.svg, \.pdf; use one of these suffixes"):
+            pictures.check_format(tmp_path / name)
+    (x0, x1), (y0, y1) = court.area_box(3)
+    assert pictures.corners(3) == ([x0, x1, x1, x0], [y0, y0, y1, y1])
+    assert pictures.corners(3, incoming=True) == ([-x0, -x1, -x1, -x0], [-y0, -y0, -y1, -y1])
+    assert [pictures.of_hand(area, "left") for area in (-1, 0, 4, 8)] == [-1, 2, 4, 6]
+    assert [pictures.of_hand(area, hand) for area in (-1, 5) for hand in ("right", None)] == [-1, -1, 5, 5]
+
+
+def test_strokes_that_never_come_are_refused() -> None:
+    game = default_game()
+    edge = int(np.flatnonzero(game.edge_own < game.n_strokes)[0])
+    incoming, own = int(game.edge_incoming[edge]), int(game.edge_own[edge])
+    every = pictures.edges_of(game, incoming)
+    assert (game.edge_incoming[every] == incoming).all()
+    assert len(every) == (game.edge_incoming == incoming).sum()
+    one = pictures.edges_of(game, incoming, own)
+    assert ((game.edge_own[one] == own) & (game.edge_incoming[one] == incoming)).all()
+    assert edge in one
+    other = next(k for k in range(game.n_strokes) if k not in game.edge_own[every])
+    with pytest.raises(ExactError, match=f"never comes in after one's own {game.catalogue.names[other]}: it is no legal reply"):
+        pictures.edges_of(game, incoming, other)
+    name = game.catalogue.names[incoming]
+    assert pictures.stroke_index(game, name) == incoming
+    with pytest.raises(ExactError, match=f"; did you mean .*{name}"):
+        pictures.stroke_index(game, f"{name}x")
+    with pytest.raises(ExactError) as caught:
+        pictures.stroke_index(game, "0")
+    assert "did you mean" not in str(caught.value)
