@@ -1,6 +1,8 @@
 """What becomes of single rows: cleaning of raw rallies, readers of other formats, and players, rallies and results of a table."""
 
+import dataclasses
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +12,7 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.base.files import content_hash
-from shuttle_marl.data import DataError, clean_matches, cleaning, read_matches
+from shuttle_marl.data import DataError, clean_matches, cleaning, read_matches, readers, upstream
 from shuttle_marl.data.column_map import ColumnMap, plain, whole
 from shuttle_marl.data.columns import Columns
 from shuttle_marl.data.hands import receiver_hands
@@ -20,12 +22,12 @@ from shuttle_marl.data.readers.reading import sheet_of
 from shuttle_marl.data.schema import NAMES, REASONS, Cleaned, Outcome, named, outcome_of
 from shuttle_marl.data.shuttleset import AREA_OF_LABEL
 from shuttle_marl.data.strict_csv import StrictCsv
-from shuttle_marl.data.table import anonymised
+from shuttle_marl.data.table import anonymised, provenance_of, validate
 from shuttle_marl.data.words import Words, bare
 from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import SHOTS
 from tests.data.test_written_matches import import_text
-from tests.data.upstream_layout import CLEAR, LIFT, SERVE, SMASH, Hit, Layout, Row, game, pixel, rally
+from tests.data.upstream_layout import CLEAR, LIFT, SERVE, SMASH, Hit, Layout, Row, game, pixel, plain_game, rally
 
 HERE = Path("f")
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -305,6 +307,54 @@ def test_points_of_elan_follow_the_scores() -> None:
         elan._points(HERE, tier("0/1/1-x"), strokes, [])
 
 
+def test_annotations_that_divide_another_one() -> None:
+    def tier(*previous: str) -> Any:
+        inside = "".join(
+            f'<ANNOTATION><REF_ANNOTATION ANNOTATION_ID="{name}" ANNOTATION_REF="r" PREVIOUS_ANNOTATION="{before}">'
+            f"<ANNOTATION_VALUE>{name} </ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>"
+            for name, before in zip("abc", previous, strict=False)
+        )
+        return tree.parse_xml(HERE, f'<TIER TIER_ID="t">{inside}</TIER>'.encode())
+
+    def found(*previous: str) -> tuple[list[Any], list[str]]:
+        inferred: list[str] = []
+        return elan._dependent(tier(*previous), {"r": elan.Annotation(10.0, 16.0, "", 1, "r")}, inferred), inferred
+
+    three, told = found("", "a", "b")
+    assert [each[:3] for each in three] == [(10, 12, "a"), (12, 14, "b"), (14, 16, "c")]
+    assert told == ["times of 't': 3 annotations divide that of another one evenly"]
+    assert [each[:3] for each in found("")[0]] == [(10, 16, "a")]
+    assert found("")[1] == []
+    for wrong in (("a",), ("", "b"), ("", "a", "a")):
+        with pytest.raises(ValueError, match="tier 't' has annotations in another order than they follow each other"):
+            found(*wrong)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16-le", "utf-16-be"])
+def test_xml_is_recognised_in_each_encoding(encoding: str, tmp_path: Path) -> None:
+    mark = {"utf-16-le": b"\xff\xfe", "utf-16-be": b"\xfe\xff"}.get(encoding, b"")
+    content = f"<file><ALL_INSTANCES>{instance(1, 2, 'smash')}</ALL_INSTANCES></file>"
+    (tmp_path / "f").write_bytes(mark + content.encode(encoding))
+    assert readers.read(tmp_path / "f", ColumnMap()).format == "Sportscode XML"
+
+
+def test_other_files_are_recognised_by_their_content(tmp_path: Path) -> None:
+    path = tmp_path / "f"
+    for content, form in (
+        (' [{"type": "smash"}]', "JSON of a video pipeline"),
+        ("\ufeff{\"strokes\": [{\"type\": \"smash\"}]}", "JSON of a video pipeline"),
+        ("player;shot\nAda;smash\n", "CSV"), (HEADER + "1,1,A,發短球" + "," * 14 + "\n", "ShuttleSet"),
+    ):  # fmt: skip
+        path.write_text(content)
+        assert readers.read(path, ColumnMap()).format == form
+    path.write_text("player;shot\nAda;smash\n")
+    mapped = ColumnMap(columns={"player": "player", "shot": "shot"})
+    with pytest.raises(DataError, match="missing column player, shot"):
+        readers.read(path, mapped)  # a comma, unless the map says otherwise
+    reading = readers.read(path, dataclasses.replace(mapped, delimiter=";"))
+    assert (reading.sheet.columns["shot"], reading.strict, reading.source) == (("smash",), True, "own matches")
+
+
 def instance(start: object, end: object, code: str, **labels: str) -> str:
     told = "".join(f"<label><group>{group.strip('_')}</group><text>{text}</text></label>" for group, text in labels.items())
     return f"<instance><start>{start}</start><end>{end}</end><code>{code}</code>{told}</instance>"
@@ -549,3 +599,86 @@ def test_names_of_codes() -> None:
     assert found.column_names == strokes.column_names
     played = [rules.FAULT, rules.WINNER, rules.RETURNED_BELOW, rules.RETURNED_ABOVE]
     assert outcome_of(np.array(played)).tolist() == [1, 2, 0, 0]
+
+
+# Folders of the published data.
+
+
+def publish(root: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Take the files of a folder for the published ones; the match one is of the train split, two of the test split."""
+    found = {path.relative_to(root).as_posix(): content_hash(path.read_bytes()) for path in sorted(root.rglob("*.csv"))}
+    monkeypatch.setattr(upstream, "manifest", lambda: found)
+    monkeypatch.setattr("shuttle_marl.data.table.split_of", {"one": "train", "two": "test"}.get)
+    return found
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    layout = Layout(tmp_path)
+    layout.match("one", [plain_game(4), plain_game(2)])
+    layout.match("two", [plain_game(2)], number=2)
+    return tmp_path
+
+
+def test_a_whole_folder_is_sound(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    published = publish(folder, monkeypatch)
+    report = validate(folder)
+    assert (report.problems, report.notes) == ((), ())
+    assert report.splits == {"train": (2, 2), "validation": (0, 0), "test": (1, 1)}
+    assert report.account is not None
+    assert (report.account.matches, report.account.rallies, report.account.strokes) == (2, 8, 13 + 6 + 6)
+    cleaned = clean_matches(folder)
+    told = provenance_of(folder, cleaned)
+    games = [(name, digest) for name, digest in published.items() if "/set" in name.removeprefix("ShuttleSet/set")]
+    content = b"".join(f"{name}\n".encode() + bytes.fromhex(digest) for name, digest in games)
+    assert (told["files"], told["sha256"]) == (3, content_hash(content))
+    assert clean_matches(folder, ["two"]).account.strokes == 6
+    with pytest.raises(DataError, match="no files of four, three; get them with"):
+        clean_matches(folder, ["three", "one", "four"])
+
+
+def test_files_are_missing_only_where_their_split_is_wanted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    publish(folder, monkeypatch)
+    shutil.rmtree(folder / "ShuttleSet/set/two")
+    some = validate(folder, ["train"])
+    assert (some.problems, some.splits["test"]) == ((), (0, 1))
+    assert some.account is not None
+    assert some.account.matches == 1
+    [problem] = validate(folder, ["train", "test"]).problems
+    assert problem.message.startswith("missing set1.csv (test split); download them with ")
+    (folder / "ShuttleSet/set/homography.csv").unlink()
+    found = validate(folder, ["train"])
+    assert [problem.message.partition(" ")[0] for problem in found.problems] == ["missing", "cannot"]
+    assert "(train split)" not in found.problems[0].message, "the lists are of no split"
+    assert found.account is None
+    (folder / "ShuttleSet/set/one/set2.csv").rename(folder / "ShuttleSet/set/one/set3.csv")
+    assert validate(folder, []).splits["train"] == (1, 2)
+
+
+def test_wrong_values_of_published_files_are_notes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = folder / "ShuttleSet/set/two/set1.csv"
+    path.write_text(path.read_text(encoding="utf-8").replace("殺球", "飛球", 1), encoding="utf-8")
+    publish(folder, monkeypatch)
+    report = validate(folder)
+    assert report.problems == ()
+    [note] = report.notes
+    assert note.endswith("(in the published file: the row is dropped)")
+    assert "unknown type '飛球'" in note
+    assert report.account is not None
+    assert report.account.dropped == {"unreadable value": 1}
+    path.write_text(path.read_text(encoding="utf-8").replace("殺球", "飛球", 1) + "\n", encoding="utf-8")
+    altered = validate(folder)
+    assert altered.account is None
+    assert altered.notes == ()
+    assert altered.problems[0].message.startswith("altered: SHA-256 is ")
+    assert sum("unknown type" in problem.message for problem in altered.problems) >= 1
+    assert altered.splits["test"] == (0, 1)
+
+
+def test_games_of_a_match_are_those_that_are_listed(folder: Path) -> None:
+    (folder / "ShuttleSet/set/one/set2.csv").rename(folder / "ShuttleSet/set/one/set3.csv")
+    with pytest.raises(DataError, match=r"match.csv lists 2 games, files set1.csv, set2.csv, …; present: set1.csv, set3.csv"):
+        clean_matches(folder)
+    (folder / "ShuttleSet/set/one/set3.csv").rename(folder / "ShuttleSet/set/one/set2.csv")
+    (folder / "ShuttleSet/set/one/settings.csv").touch()
+    assert clean_matches(folder).account.matches == 2
