@@ -3,6 +3,7 @@
 import dataclasses
 import errno
 import functools
+import io
 import json
 import math
 import os
@@ -16,6 +17,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy import stats
 
@@ -46,9 +48,9 @@ from shuttle_marl.base.errors import (
 )
 from shuttle_marl.base.files import FileReadError, FileWriteError
 from shuttle_marl.base.intervals import Interval, Moments, combined, estimate, interquartile_mean, probability_of_improvement
-from shuttle_marl.base.programs import Program, ProgramError
+from shuttle_marl.base.programs import Program, ProgramError, ProgramTimeoutError
 from shuttle_marl.base.runs import CONFIG, LOCK, MANIFEST, Journal, RunError
-from shuttle_marl.base.tensor_files import checked, packed_bytes, unpacked_bytes
+from shuttle_marl.base.tensor_files import checked, packed_bytes, read_tensors, tensor_bytes, unpacked_bytes
 
 
 def message(call: Callable[..., object], kind: type[Exception] = ShuttleError, *arguments: Any) -> str:
@@ -608,3 +610,121 @@ def test_calls_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     check_processes(1)
     assert "processes cannot be started" in message(lambda: check_processes(2), ClusterError)
     assert "processes cannot be started" in message(lambda: list(in_processes(abs, [1], 2)), ClusterError)
+
+
+# Bounds of files and late programs.
+
+
+def test_values_of_the_compact_protocol() -> None:
+    def read(*parts: bytes) -> Any:
+        return table_files._thrift(io.BytesIO(b"".join(parts)), 12)
+
+    last = b"\x15\x54\x00"  # field number one more, an integer, 42; the end
+    assert read(last) == {1: 42}
+    assert read(b"\x05\x20\x54\x15\x53\x00") == {16: 42, 17: -42}, "a number of its own, and a negative integer"
+    assert read(b"\x16\xac\x02", last) == {1: 150, 2: 42}, "seven bits in each byte"
+    assert read(b"\x34\xff\xff\x03", b"\x00") == {3: -32768}
+    for skipped in (b"\x11", b"\x12", b"\x13\x07", b"\x17" + bytes(8), b"\x18\x03abc", b"\x19\x25\x02\x04", b"\x1a\xf5\x10" + bytes(16),
+                    b"\x19\x08", b"\x19\x28\x01a\x02bc"):  # fmt: skip
+        assert read(skipped, last) == {1: None, 2: 42}
+    assert read(b"\x1c\x15\x02\x00", last) == {1: {1: 1}, 2: 42}
+    for wrong in (b"\x1d\x00", b"\x19\x1d\x00"):
+        with pytest.raises(KeyError):
+            read(wrong, last)
+    with pytest.raises(IndexError):
+        read(b"\x15")
+
+
+def test_tables_are_as_large_as_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, n = tmp_path / "t.parquet", 50_000
+    texts = pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, np.int8)), pa.array(["abc"]))
+    for column, size in ((pa.nulls(n, pa.int64()), 8 * n), (texts, (4 + 3) * n), (pa.array(np.zeros(n, np.bool_)), n)):
+        pq.write_table(pa.table({"a": column}), path, store_schema=False)
+        monkeypatch.setattr(table_files, "_MOST", size)
+        assert table_files.read_parquet(path).num_rows == n
+        monkeypatch.setattr(table_files, "_MOST", size - 1)
+        assert "divide the file" in message(lambda: table_files.read_parquet(path), pa.ArrowInvalid)
+    pq.write_table(pa.table({"a": np.arange(n)}), path, use_dictionary=False, row_group_size=n // 2)
+    about = pq.ParquetFile(path).metadata
+    with path.open("rb") as file:
+        sizes = [table_files._unpacked(file, about.row_group(i).column(0)) for i in (0, 1)]
+    assert 8 * n <= sum(sizes) <= 8 * n + 2000
+    monkeypatch.setattr(table_files, "_MOST", sum(sizes))
+    table_files.open_parquet(path).close()
+    monkeypatch.setattr(table_files, "_MOST", sum(sizes) - 1)
+    assert message(lambda: table_files.open_parquet(path), pa.ArrowInvalid).startswith("columns of 0 MB, expected at most 0")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"PAR1", b"PAR1\x00\x00\x00\x00PAR", b"PAR1" + (9).to_bytes(4, "little") + b"PAR1", b"x" * 40]
+)
+def test_files_that_are_no_tables(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "t").write_bytes(content)
+    assert "not a Parquet file, or truncated" in message(lambda: table_files.read_parquet(tmp_path / "t"), pa.ArrowInvalid)
+
+
+def test_blocks_and_footers_of_a_file() -> None:
+    content = b"PAR1" + b"pages" + b"footer" + (6).to_bytes(4, "little") + b"PAR1"
+    assert table_files._footer(io.BytesIO(content)) == (9, len(content))
+    assert table_files._footer(io.BytesIO(content[:4] + content[9:]))[0] == 4, "without pages"
+    with pytest.raises(pa.ArrowInvalid, match="truncated"):
+        table_files._footer(io.BytesIO(content[6:]))
+    assert b"".join(table_files._blocks(io.BytesIO(content), (0, 4), (9, 15))) == b"PAR1footer"
+    assert list(table_files._blocks(io.BytesIO(b"x"), (0, 9))) == [b"x"]
+
+
+def test_headers_of_arrays_are_as_long_as_allowed(tmp_path: Path) -> None:
+    content = tensor_bytes({"a": np.arange(3)}, {"k": "v"})
+    length = int.from_bytes(content[:8], "little")
+    for size, says in ((1 << 20, ""), ((1 << 20) + 8, "a header of 1048584 bytes, expected at most 1048576")):
+        padded = content[8 : 8 + length].ljust(size) + content[8 + length :]
+        (tmp_path / "t").write_bytes(size.to_bytes(8, "little") + padded)
+        if says:
+            assert says in message(lambda: read_tensors(tmp_path / "t"), ValueError)
+        else:
+            found = read_tensors(tmp_path / "t")
+            assert (found.metadata, found.arrays["a"].tolist()) == ({"k": "v"}, [0, 1, 2])
+
+
+def test_programs_that_are_late_are_killed() -> None:
+    idle = Program([sys.executable, "-S", "-E", "-c", "input(); input()"], seconds=0.05)
+    idle.write(b"\n")
+    assert message(idle.read_line, ProgramTimeoutError) == "no answer within 0.05 s"
+    assert "no answer within 0.05 s; it is not asked again" in message(lambda: idle.write(b"\n"), ProgramError)
+    for call in (lambda late: late.read(1), lambda late: late.read_rest()):
+        late = Program([sys.executable, "-S", "-E", "-c", "import signal; signal.pause()"], seconds=0.05)
+        late.write(b"")
+        assert message(call, ProgramTimeoutError, late) == "no answer within 0.05 s"
+
+
+def test_a_journal_that_wrote_half_a_line_removes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Half(io.FileIO):
+        def write(self, content: Any) -> int:
+            return super().write(content[: len(content) // 2])
+
+    journal = Journal(tmp_path / "journal")
+    journal.append([{"n": 1}])
+    with monkeypatch.context() as disk:
+        disk.setattr(Path, "open", lambda path, *_, **__: Half(path, "ab"))
+        assert "free disk space and continue with --resume" in message(lambda: journal.append([{"n": 2}]), RunError)
+    assert journal.read(finished=True) == [{"n": 1}]
+
+
+def test_interrupts_are_raised_in_the_main_thread_alone() -> None:
+    seen: list[bool] = []
+
+    def check() -> None:
+        interrupts.check_interrupt()
+        seen.append(interrupts.was_interrupted())
+
+    def interrupted() -> None:
+        with interrupts.interrupts_held():
+            signal.raise_signal(signal.SIGINT)
+            thread = threading.Thread(target=check)
+            thread.start()
+            thread.join()
+            seen.append(False)
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert seen == [True, False]
