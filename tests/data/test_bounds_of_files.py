@@ -240,6 +240,9 @@ def test_points_and_areas_of_columns() -> None:
     assert named.areas(landing).tolist() == [*computed, court.AREAS.index("front-left")]
     assert [warning.line for warning in table.warnings] == [3]
     assert columns_of(table, "area", areas_seen_by="striker").areas(landing)[2] == court.AREAS.index("front-right")
+    right = sheet(area=["front-right", "front-left", ""])
+    assert columns_of(right, "area").areas(np.tile([2.0, 1.0], (3, 1))).tolist() == [computed[0]] * 3
+    assert [warning.line for warning in right.warnings] == [2]
     centre = columns_of(sheet(area=["back-centre", ""]), "area", areas_seen_by="striker")
     assert centre.areas(np.full((2, 2), np.nan)).tolist() == [court.AREAS.index("back-centre"), -1]
     assert columns_of(table, "side").areas(landing).tolist() == [*computed, -1]

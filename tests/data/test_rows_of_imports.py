@@ -65,12 +65,22 @@ def test_a_repeated_stroke_is_one_of_the_same_player_and_not_a_serve() -> None:
         def take(self, rows: Any) -> "Rows":
             return Rows(**{name: values[rows] for name, values in vars(self).items()})
 
-    rows: Any = Rows(**vars(raw("2211111", "1211223", "ABAAABA")), line=np.arange(7))
+    rows: Any = Rows(**vars(raw("2211111", "1211223", "ABAABAB")), line=np.arange(7))
     found, repeated = cleaning.arrange(rows)
     assert (found.line.tolist(), repeated) == ([2, 3, 4, 5, 6, 0, 1], 0), "by the number of the rally"
     rows.by_a[5] = rows.by_a[4]
     assert cleaning.arrange(rows)[0].line.tolist() == [2, 3, 4, 6, 0, 1]
     assert cleaning.arrange(rows)[1] == 1
+
+
+def test_times_from_the_first_frame_are_times() -> None:
+    rows: Any = SimpleNamespace(frame=np.array([0, 10, 20]), clock=np.array([0, 0, 1]), shot=np.array([0, 3, 4]))
+    assert cleaning.timed(rows, np.array([True, False, False])).all()
+    rows.frame, rows.clock = np.array([0, 10, 20, 5, 15, 30]), np.array([0, 0, 1, 3, 3, 4])
+    rows.shot = np.array([0, 3, 4, 3, 4, 3])
+    found = cleaning.timed(rows, np.arange(6) % 6 == 0)
+    assert found.tolist() == [True, True, True, False, False, True], "the longest rising part"
+    assert cleaning.timed(rows, np.arange(6) % 3 == 0).all(), "in each rally"
 
 
 def test_outcomes_by_score_winner_and_reason() -> None:
@@ -303,6 +313,10 @@ def test_points_of_elan_follow_the_scores() -> None:
     service = tier("0/10/T2P1S", "10/10/T1P1S", "20/20.5/T2P1S", "29/31/T2P1S")
     told = elan._points(HERE, scores, strokes, service)
     assert [each.strokes[0][0] for each in told] == [1, 0, 1, 1], "who serves, where it is said in a point"
+    jump = tier("0/10/0:0", "10/20/0:2")
+    for end, server in ((), 0), (("5/6/end_miss",), 1), (("5/6/end_out",), 0):
+        later = elan._points(HERE, jump, tier("1/2/Serve", "3/4/Lift", *end, "11/12/Serve"), [])
+        assert later[1].strokes[0][0] == server, "where the score jumps, the cause tells who serves"
     with pytest.raises(DataError, match=r"f, line 7: point '1-x'; expected the score before it"):
         elan._points(HERE, tier("0/1/1-x"), strokes, [])
 
@@ -365,17 +379,18 @@ def test_instances_of_sportscode() -> None:
         instance(0, 100, "Game 1"), instance(10, 20, "Rally"), instance(21, 40, "Rally 2"),
         instance(22, 23, "Bea", Shot="lift", Area="rear left"), instance(11, 12, "smash", Player="Ada", Mood="calm", _="out"),
         instance(15.5, 15.6, "Player", Shot="drop", player="Bea"), instance(50, 51, "clear"), instance(60, 61, "Pause"),
+        instance(70, 71, "Player", Shot="push"),
     ]  # fmt: skip
     content = f"<file><ALL_INSTANCES>{''.join(inside)}</ALL_INSTANCES></file>"
     reading = sportscode.read(HERE, b"", tree.parse_xml(HERE, content.encode()))
     columns = reading.sheet.columns
-    assert columns["shot"] == ("smash", "drop", "lift", "clear")
-    assert columns["player"] == ("Ada", "Bea", "Bea", "")
-    assert columns["game"] == ("1", "1", "1", "1")
-    assert columns["rally"] == ("1", "1", "2", "")
-    assert columns["ending"] == ("out", "", "", "")
-    assert columns["area"] == ("", "", "rear left", "")
-    assert columns["seconds"] == ("11.000", "15.500", "22.000", "50.000")
+    assert columns["shot"] == ("smash", "drop", "lift", "clear", "push")
+    assert columns["player"] == ("Ada", "Bea", "Bea", "", "")
+    assert columns["game"] == ("1",) * 5
+    assert columns["rally"] == ("1", "1", "2", "", "")
+    assert columns["ending"] == ("out", "", "", "", "")
+    assert columns["area"] == ("", "", "rear left", "", "")
+    assert columns["seconds"] == ("11.000", "15.500", "22.000", "50.000", "70.000")
     assert reading.sheet.others == 4
     assert reading.lost[1] == "labels that are no columns here: 'Mood'"
     for wrong in ("x", "nan", "", "inf"):
@@ -508,6 +523,26 @@ def test_a_rally_begins_with_a_serve_or_after_a_pause() -> None:
     assert [(row["rally"], row["stroke"]) for row in rows] == [(1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 1), (3, 2)]
     assert SHOTS[rows[0]["shot"]] == "short-serve", "a lift is no reply to a long serve"
     assert "where rallies begin: with each serve, or after a pause of 4 s" in found.provenance["inferred"]
+
+
+def test_lets_do_not_count_in_their_game() -> None:
+    def rally(game: int, number: int, ending: str) -> list[str]:
+        return [f"{game},{number},Ada,short serve,", f"{game},{number},Bea,lift,{ending}"]
+
+    rows = [
+        *rally(1, 1, "let"),
+        *rally(1, 2, "out"),
+        *rally(2, 1, "out"),
+        *rally(2, 2, "let"),
+        *rally(2, 3, "out"),
+        *rally(2, 4, "out"),
+    ]
+    found = table(*rows, columns="game,rally,player,shot,ending")
+    assert found.account.dropped == {"let": 4}
+    numbers = list(zip(found.strokes["game"].to_pylist(), found.strokes["rally"].to_pylist(), strict=True))
+    assert numbers[::2] == [(1, 1), (2, 1), (2, 2), (2, 3)]
+    same = table(*[row.replace("2,3", "2,2").replace("2,4", "2,3") for row in rows], columns="game,rally,player,shot,ending")
+    assert same.strokes["rally"].to_pylist() == found.strokes["rally"].to_pylist(), "a replay may have the number of its let"
 
 
 def test_a_match_has_two_players() -> None:

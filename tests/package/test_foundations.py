@@ -624,8 +624,8 @@ def test_values_of_the_compact_protocol() -> None:
     assert read(b"\x05\x20\x54\x15\x53\x00") == {16: 42, 17: -42}, "a number of its own, and a negative integer"
     assert read(b"\x16\xac\x02", last) == {1: 150, 2: 42}, "seven bits in each byte"
     assert read(b"\x34\xff\xff\x03", b"\x00") == {3: -32768}
-    for skipped in (b"\x11", b"\x12", b"\x13\x07", b"\x17" + bytes(8), b"\x18\x03abc", b"\x19\x25\x02\x04", b"\x1a\xf5\x10" + bytes(16),
-                    b"\x19\x08", b"\x19\x28\x01a\x02bc"):  # fmt: skip
+    for skipped in (b"\x11", b"\x12", b"\x13\x07", b"\x17" + bytes(8), b"\x18\x03abc", b"\x19\x25\x02\x04",
+                    b"\x1a\xf5\x10" + bytes(16), b"\x19\x08", b"\x19\x28\x01a\x02bc"):  # fmt: skip
         assert read(skipped, last) == {1: None, 2: 42}
     assert read(b"\x1c\x15\x02\x00", last) == {1: {1: 1}, 2: 42}
     for wrong in (b"\x1d\x00", b"\x19\x1d\x00"):
