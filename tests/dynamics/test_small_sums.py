@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,10 @@ from scipy.sparse import csr_matrix, identity
 from scipy.special import expit, logit
 
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics import evaluate, features, habits, hurried, prior, recovery, skill, splits
+from shuttle_marl.data.upstream import matches_of
+from shuttle_marl.dynamics import evaluate, features, habits, hurried, make, prior, recovery, skill, splits
 from shuttle_marl.dynamics.boosting import check_nodes, stored_trees
 from shuttle_marl.dynamics.card import add_truth
 from shuttle_marl.dynamics.choices import Choices, _remembered, best_shifts, fit_choice_shifts, fit_shifts
@@ -41,6 +44,7 @@ from shuttle_marl.dynamics.situations import Situations
 from shuttle_marl.dynamics.trees import Trees
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.shipped import REFITS
 from shuttle_marl.game.skill import COMPONENTS, GROUPS
 from shuttle_marl.game.stroke import SHOTS
 from tests.dynamics.rows import plain_rows
@@ -602,3 +606,45 @@ def test_a_truth_lacks_no_field(tmp_path: Path) -> None:
     for name in fields:
         with pytest.raises(ShuttleError, match=f"not a result of experiments.truth: {name} missing; create one with --json"):
             add_truth(tmp_path, {key: value for key, value in fields.items() if key != name})
+
+
+@pytest.mark.parametrize(
+    ("refits", "matches", "of_prior", "found"),
+    [(None, make.MIN_MATCHES_FOR_REFITS, None, REFITS), (None, make.MIN_MATCHES_FOR_REFITS - 1, None, 0),
+     (3, make.MIN_MATCHES_FOR_REFITS, None, 3), (3, make.MIN_MATCHES_FOR_REFITS - 1, None, "train matches, at least"),
+     (0, 2, None, 0), (None, 1, 2, 2), (2, 1, 2, 2), (0, 1, 2, 0),
+     (3, 99, 2, "the model of --prior has 2, which are corrected too")],
+)  # fmt: skip
+def test_refits_need_matches_or_those_of_the_prior(refits: int | None, matches: int, of_prior: int | None, found: Any) -> None:
+    start: Any = None if of_prior is None else SimpleNamespace(refits=[None] * of_prior)
+    if isinstance(found, str):
+        with pytest.raises(ShuttleError, match=f"--refits {refits}: .*{found}"):
+            make._checked_refits(refits, matches, start)
+    else:
+        assert make._checked_refits(refits, matches, start) == found
+
+
+def test_splits_without_strokes_are_refused() -> None:
+    rows = plain_rows(3)
+    with pytest.raises(ShuttleError, match="no match of the split 'train' in the data"):
+        splits.rows_of(rows, "train")
+    named = plain_rows(3, matches=("x", matches_of("train")[0]), match=np.array([0, 1, 1], np.int32))
+    assert len(splits.rows_of(named, "train")) == 2
+    for share in (0.0, 1.0, -0.1, 1.1):
+        with pytest.raises(ShuttleError, match="expected a number between 0 and 1, such as"):
+            splits.train_and_validation(rows, share)
+    club = plain_rows(10, matches=tuple("abcdefghij"), match=np.arange(10, dtype=np.int32))
+    for share, aside in ((0.01, 1), (0.2, 2), (0.21, 3), (0.99, 9)):
+        train, validation = splits.train_and_validation(club, share)
+        assert (len(train), len(validation)) == (10 - aside, aside)
+
+
+@pytest.mark.parametrize(("fold", "fine"), [(0, True), (1, True), (2, False), (-1, False)])
+def test_an_index_has_the_forests_that_its_folds_name(fold: int, fine: bool, tmp_path: Path) -> None:
+    dataclasses.replace(forests(), fold=np.array([fold], np.int32)).save(tmp_path / "h")
+    if fine:
+        found = Hurry.checked(read_tensors(tmp_path / "h"))
+        assert (found.matches, found.fold.tolist(), found.value.tolist()) == (("b",), [fold], forests().value.tolist())
+    else:
+        with pytest.raises(ValueError, match="an unknown fold"):
+            Hurry.checked(read_tensors(tmp_path / "h"))
