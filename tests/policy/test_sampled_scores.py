@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ from shuttle_marl.exact.match import Odds
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import lockstep
 from shuttle_marl.policy import scorecard
 from shuttle_marl.policy.scorecard import Scorecard, Scorer, sample
-from tests.exact.exact_games import random_game, tiring_game
+from tests.exact.exact_games import random_game, tiring_game, with_probabilities
 from tests.exact.test_hidden_positions_solved import with_recovery
 
 GAME = tiring_game()
@@ -155,3 +157,75 @@ def test_a_sampled_card_has_the_figures_of_its_matches(monkeypatch: pytest.Monke
     assert told["home"] == card.home
     assert {**told, "away": None} == card.as_json()
     assert set(told) == {field.name for field in dataclasses.fields(Scorecard)} | {"home"}
+
+
+def stub_scorer(monkeypatch: pytest.MonkeyPatch, bounds: dict[str, float], best: float = 0.75) -> Scorer:
+    """A scorer of a policy that wins 0.625 serving and 0.5 receiving, whose figures have given bounds of errors."""
+    striking = (np.zeros(GAME.n_states), np.full(GAME.n_states, 0.125))
+    answer = Mock(error_bound=bounds.get("answer", 0.0), striking=striking)
+    answer.odds.return_value = Odds(serving=0.7, receiving=0.6, error_bound=0.0)
+    seen = Mock(error_bound=bounds.get("visits", 0.0), rally_length=6.5)
+    seen.endings.return_value = {"a": 0.4, "b": 0.3, "c": 0.2, "d": 0.1}
+    seen.shot_mix.return_value = np.arange(len(SHOTS)) / 100
+    seen.base_pairs.return_value = np.stack([np.full(GAME.n_base_pairs, 1.0), np.arange(GAME.n_base_pairs)])
+    odds = Odds(serving=0.625, receiving=0.5, error_bound=bounds.get("odds", 0.0))
+    monkeypatch.setattr(scorecard, "evaluate", lambda *_, **__: Mock(odds=lambda: odds))
+    monkeypatch.setattr(scorecard, "best_response", lambda *_, **__: Mock(value=answer))
+    monkeypatch.setattr(scorecard, "policy_regret", lambda *_, **__: Mock(per_rally=0.05, error_bound=bounds.get("regret", 0.0)))
+    monkeypatch.setattr(scorecard, "visits", lambda *_, **__: seen)
+    scorer = Scorer.__new__(Scorer)
+    scorer.game, scorer.refits, scorer.tolerance, scorer.reference = GAME, (), 1e-9, last(GAME)
+    scorer.__dict__["solution"] = Mock(value_at_serve=0.5, error_bound=bounds.get("solution", 0.0))
+    scorer.__dict__["reference_best"] = Odds(serving=best, receiving=best, error_bound=bounds.get("best", 0.0))
+    return scorer
+
+
+@pytest.mark.parametrize(
+    ("bounds", "largest"),
+    [
+        ({"odds": 0.01}, 0.04),  # over what the best response wins more than half
+        ({"odds": 0.01, "answer": 0.1}, 0.1),
+        ({"solution": 0.2, "answer": 0.1}, 0.3),
+        ({"regret": 0.2, "odds": 0.01}, 0.2),
+        ({"visits": 0.3, "solution": 0.1}, 0.3),
+        ({"best": 0.05}, 0.25 * 0.05 / 0.2),  # for a normalised score of 1/4
+        ({"best": 0.05, "odds": 0.02}, (0.02 + 0.25 * 0.05) / 0.2),
+    ],
+)
+def test_the_bound_of_a_card_is_the_largest(bounds: dict[str, float], largest: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    card = stub_scorer(monkeypatch, bounds).score(last(GAME), "some")
+    assert card.error_bound == pytest.approx(largest)
+    assert card.normalised_score == pytest.approx(0.25)
+
+
+def test_figures_of_a_card_are_where_they_belong(monkeypatch: pytest.MonkeyPatch) -> None:
+    behind = np.arange(len(GAME.edge_own)) % 7
+    monkeypatch.setattr(scorecard, "real_strokes", lambda _: behind)
+    card = stub_scorer(monkeypatch, {}).score(last(GAME), "some")
+    assert (card.rally_win_vs_bc, card.rally_win_serving, card.rally_win_receiving) == (0.5625, 0.625, 0.5)
+    assert card.match_win_vs_bc == Odds(serving=0.625, receiving=0.5, error_bound=0.0).match()
+    assert (card.exploitability, card.gap_at_serve) == (pytest.approx(0.3), 0.375)
+    assert (card.regret_per_rally, card.rally_length_vs_bc, card.sampled, card.matches) == (0.05, 6.5, False, None)
+    assert card.endings_vs_bc == {
+        "own winner": 0.4, "fault of the opponent": 0.3, "winner of the opponent": 0.2, "own fault": 0.1,
+    }  # fmt: skip
+    assert card.shot_mix_vs_bc == {name: i / 100 for i, name in enumerate(SHOTS)}
+    played = 1.0 + np.arange(GAME.n_base_pairs)
+    assert card.thin_vs_bc == pytest.approx(played[behind[GAME.base_pair_edge] < 5].sum() / played.sum())
+    assert card.away is None
+    nothing = stub_scorer(monkeypatch, {}, best=0.5).score(last(GAME), "some")
+    assert (nothing.normalised_score, nothing.error_bound) == (None, 0.0)
+    monkeypatch.setattr(scorecard, "real_strokes", lambda _: None)
+    assert stub_scorer(monkeypatch, {}).score(last(GAME), "some").thin_vs_bc is None
+
+
+def test_figures_away_are_of_the_policy_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    scorer, refit = stub_scorer(monkeypatch, {}), with_probabilities(GAME, 2)
+    scorer.refits = (refit, refit)
+    asked: list[Any] = []
+    monkeypatch.setattr(scorecard, "over", lambda refits, figure: asked.append((refits, figure(refit))))
+    scorer.score(last(GAME), "some")
+    ((refits, figures),) = asked
+    assert refits == scorer.refits
+    match = Odds(serving=0.625, receiving=0.5, error_bound=0.0).match()
+    assert figures == {"rally_win_vs_bc": 0.5625, "match_win_vs_bc": match, "exploitability": pytest.approx(0.3)}
