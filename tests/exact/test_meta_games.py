@@ -1,11 +1,23 @@
 """Equilibria and rankings of small games between policies, against known answers and OpenSpiel."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.exact.meta_games import MetaGameError, alpha_rank, maximal_lottery, nash, nash_average
+from shuttle_marl.exact import meta_games
+from shuttle_marl.exact.meta_games import (
+    MetaGameError,
+    _log_fixation,
+    _stationary,
+    alpha_rank,
+    maximal_lottery,
+    nash,
+    nash_average,
+)
 
 ROCK_PAPER_SCISSORS = np.array([[0.0, -1, 1], [1, 0, -1], [-1, 1, 0]])
 TRANSITIVE = np.array([[0.0, 1, 2], [-1, 0, 1], [-2, -1, 0]])
@@ -106,3 +118,85 @@ def test_what_makes_no_game_is_refused(wrong: list[list[float]]) -> None:
         nash_average(wrong)
     with pytest.raises(MetaGameError, match="alpha"):
         alpha_rank(TRANSITIVE, alpha=0)
+
+
+@pytest.mark.parametrize(
+    ("payoff", "says"),
+    [
+        ([0.0, 1.0], r"payoffs of shape \(2,\): expected a matrix of finite numbers"),
+        ([[]], r"payoffs of shape \(1, 0\): expected a matrix of finite numbers"),
+        ([[[0.0]]], r"payoffs of shape \(1, 1, 1\): expected a matrix"),
+        ([[0.0, np.inf], [0.0, 0.0]], r"payoffs of shape \(2, 2\): expected a matrix of finite numbers"),
+        ([[0.0, np.nan], [0.0, 0.0]], r"payoffs of shape \(2, 2\): expected a matrix of finite numbers"),
+    ],
+)
+def test_payoffs_are_matrices_of_finite_numbers(payoff: Any, says: str) -> None:
+    for solver in (nash, nash_average, maximal_lottery, alpha_rank):
+        with pytest.raises(MetaGameError, match=says):
+            solver(payoff)
+
+
+def test_rankings_are_of_square_matrices() -> None:
+    for solver in (nash_average, maximal_lottery, alpha_rank):
+        for payoff in (np.zeros((2, 3)), np.zeros((2, 1))):
+            with pytest.raises(MetaGameError, match="expected a square matrix"):
+                solver(payoff)
+    assert nash(np.zeros((2, 3))).column.shape == (3,)
+
+
+def test_payoffs_are_antisymmetric_up_to_a_millionth_of_the_largest() -> None:
+    for scale in (1e-9, 1.0, 1e6):
+        assert np.allclose(nash_average(scale * np.array([[0, 1], [-1 + 0.9e-6, 0]])), [1, 0], atol=1e-6)
+        with pytest.raises(MetaGameError, match=r"the payoff matrix is not antisymmetric; expected a = -a\.T"):
+            nash_average(scale * np.array([[0, 1], [-1 + 1.1e-6, 0]]))
+    with pytest.raises(MetaGameError, match="not antisymmetric"):
+        nash_average(np.eye(2))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"alpha": 0.0}, {"alpha": -1.0}, {"alpha": np.nan}, {"population": 1}, {"noise": 0.0}, {"noise": 1.0}]
+)
+def test_parameters_of_a_population(wrong: dict[str, Any]) -> None:
+    with pytest.raises(MetaGameError, match=r"expected alpha > 0, population >= 2 and 0 < noise < 1"):
+        alpha_rank(TRANSITIVE, **wrong)
+
+
+@pytest.mark.parametrize(("alpha", "population"), [(0.1, 2), (0.5, 3), (1e-3, 50), (2.0, 5)])
+def test_two_policies_are_ranked_by_their_advantage(alpha: float, population: int) -> None:
+    """Fixation of one of m mutants with an advantage u is exp((m - 1) u) times as likely as the reverse; here u = 2 alpha."""
+    found = alpha_rank([[0.0, 1.0], [-1.0, 0.0]], alpha=alpha, population=population)
+    assert found[0] / found[1] == pytest.approx(np.exp((population - 1) * 2 * alpha))
+    assert found.sum() == pytest.approx(1)
+
+
+def test_the_fitter_of_two_policies_wins_but_for_noise() -> None:
+    for noise in (0.01, 0.25, 0.5):
+        assert np.allclose(alpha_rank([[0, 1], [-1, 0]], alpha=np.inf, noise=noise), [1 - noise, noise])
+    assert np.allclose(alpha_rank([[0, 1], [1, 0]], alpha=np.inf, noise=0.01), [0.5, 0.5])
+    assert np.allclose(alpha_rank(np.zeros((3, 3)), alpha=2.0), [1 / 3] * 3)
+
+
+def test_chances_of_a_mutant() -> None:
+    """(1 - exp(-u)) / (1 - exp(-m u)): 1 / m without advantage, nearly 1 - exp(-u) with a large one."""
+    u = np.array([0.0, 0.5, -0.5, 3.0, -3.0, 1e-9])
+    for m in (2, 5, 50):
+        expected = [1 / m, *((1 - np.exp(-x)) / (1 - np.exp(-m * x)) for x in u[1:5]), 1 / m]
+        assert np.exp(_log_fixation(u, m)) == pytest.approx(expected, rel=1e-6)
+    assert _log_fixation(np.array([-1000.0]), 3) == pytest.approx(-2000)
+
+
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_stationary_distributions_are_eigenvectors(size: int) -> None:
+    rate = np.random.default_rng(size).uniform(0.1, 1, (size, size))
+    chain = rate - np.diag(rate.sum(axis=1))
+    found = _stationary(rate)
+    assert found @ chain == pytest.approx(np.zeros(size), abs=1e-12)
+    assert found.sum() == pytest.approx(1)
+    assert (rate == np.random.default_rng(size).uniform(0.1, 1, (size, size))).all()
+
+
+def test_games_that_the_program_cannot_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(meta_games, "linprog", lambda *_, **__: SimpleNamespace(success=False, message="no time"))
+    for solver in (nash, nash_average):
+        with pytest.raises(MetaGameError, match="the game cannot be solved: no time"):
+            solver(TRANSITIVE)
