@@ -250,7 +250,11 @@ def test_estimates_are_probabilities(monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[Any] = []
 
     def estimator(found: Any) -> Any:
-        return lambda setting: SimpleNamespace(estimate=lambda log, policies: (given.append(policies), found)[1])
+        def estimate(log: Any, policies: Any) -> Any:
+            given.append(policies)
+            return found
+
+        return lambda setting: SimpleNamespace(estimate=estimate)
 
     task = Evaluate()
     assert task.play(arena, case, estimator([-0.5, 1.5]), 0, Path()).answers == {"estimates": [0.0, 1.0]}
