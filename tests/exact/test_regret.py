@@ -1,6 +1,7 @@
 """Where losses are, bounds of errors, and the numbers that solvers report of themselves."""
 
 import dataclasses
+import re
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from shuttle_marl.exact import (
     crossplay,
     evaluate,
     holes,
+    optimal,
     policy_regret,
     solve,
     solve_robust,
@@ -34,7 +36,7 @@ from shuttle_marl.exact.optimal import gap_bound, limited, pure_policy, restrict
 from shuttle_marl.exact.profile import crossplay_by, induced, odds_of_pairs, tabulated_pairs
 from shuttle_marl.exact.regret import Hole, Holes, Regret
 from shuttle_marl.exact.saddles import Saddle
-from shuttle_marl.exact.solver import ProfileValue
+from shuttle_marl.exact.solver import ProfileValue, by_blocks, solve_players
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.tables import ROOT, Game
@@ -413,3 +415,71 @@ def test_pure_policies_play_one_rank() -> None:
     share = pure_policy(GAME, rank).pair_probabilities()
     ranks = GAME.rank(GAME.pair_state, GAME.pair_stroke)
     np.testing.assert_array_equal(share, (ranks == rank[GAME.pair_state]).astype(float))
+
+
+class Counting:
+    """A player who counts the blocks that it sweeps."""
+
+    def __init__(self, game: Game) -> None:
+        self.player, self.calls = optimal._BestStrokes((game,)), 0
+        self.game, self.contraction = game, self.player.contraction
+
+    def block_sweep(self, block: int, plain: Any, after_attack: Any) -> Any:
+        self.calls += 1
+        return self.player.block_sweep(block, plain, after_attack)
+
+
+def test_sweeps_are_counted() -> None:
+    """Those of the first player; in the symmetric game one more block is swept for the guess, which is not counted."""
+    game = random_game(3, 3)
+    assert game.n_blocks == 1
+    first, second, alone = Counting(game), Counting(with_probabilities(game, 1)), Counting(game)
+    _, sweeps = solve_players(first, second, 1e-9)
+    assert first.calls == sweeps
+    assert second.calls == sweeps + 1
+    _, sweeps = solve_players(alone, None, 1e-9)
+    assert alone.calls == sweeps + 1
+    wide = Counting(GAME)
+    _, sweeps = solve_players(wide, None, 1e-9, start=np.zeros(GAME.n_states))
+    assert wide.calls == GAME.n_blocks * (sweeps - 1) + 1
+    blocks = Counting(GAME)
+    guess, swept = by_blocks(blocks, None, 1e-9)
+    pairs = 3  # of blocks with the efforts exchanged: 00, 01 with 10, 11
+    assert swept == -(-(blocks.calls - pairs) // GAME.n_blocks)
+    np.testing.assert_allclose(guess[FIRST_RALLY_STATE:], solve(GAME).value[0][FIRST_RALLY_STATE:], atol=1e-8)
+
+
+def test_solutions_count_the_sweeps_of_both_players(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted: list[int] = []
+
+    def solving(*arguments: Any, **options: Any) -> Any:
+        value, sweeps = solve_players(*arguments, **options)
+        counted.append(sweeps)
+        return value, sweeps
+
+    monkeypatch.setattr(optimal, "solve_players", solving)
+    other, hidden = with_probabilities(GAME, 1), with_recovery(random_game(3, 3), 3)
+    twin = with_recovery(with_probabilities(random_game(3, 3), 5), 3)
+    prior, theirs = (waiting(random_policy(game, 1), 1) for game in (hidden, twin))
+    found: list[tuple[Any, int]] = [
+        (solve(GAME), 1), (solve(GAME, other), 2), (solve(hidden), 1), (solve(hidden, twin), 2), (solve_robust([GAME, other]), 2),
+        (solve_robust([hidden, twin]), 2), (solve_soft(alike(GAME), tau=0.1), 1),
+        (solve_soft(alike(GAME), alike(other), tau=0.1), 2),
+        (solve_soft(prior, tau=0.5), 1), (solve_soft(prior, theirs, tau=0.5), 2), (best_response(random_policy(GAME, 0)), 1),
+    ]  # fmt: skip
+    assert [each.sweeps for each, _ in found] == [times * sweeps for (_, times), sweeps in zip(found, counted, strict=True)]
+    assert min(counted) > 1
+
+
+def test_endless_states_are_named() -> None:
+    """The only state whose only stroke never ends the rally."""
+    single = np.flatnonzero(np.diff(GAME.base_pair_start) == 1)
+    state = int(single[single >= FIRST_RALLY_STATE][2])
+    threshold = GAME.threshold.copy()
+    threshold[int(GAME.base_pair_start[state]), :2] = 0
+    endless = dataclasses.replace(GAME, threshold=threshold)
+    stroke = GAME.catalogue.names[int(GAME.base_pair_stroke[GAME.base_pair_start[state]])]
+    with pytest.raises(ExactError, match=re.escape(f"{stroke} never ends the rally in state: {GAME.describe(state)};")):
+        largest_continuation(endless)
+    with pytest.raises(ExactError, match=re.escape(f"ever ends the rally in state: {GAME.describe(state)}")):
+        induced(random_policy(endless, 0))
