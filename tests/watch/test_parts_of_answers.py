@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import shutil
 import subprocess
+import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,16 +15,18 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.scoring import Score
+from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.pages.languages import current
-from shuttle_marl.watch import WatchError, answers, building, messages, server, stager
+from shuttle_marl.watch import WatchError, answers, building, match_log, messages, server, stager
 from shuttle_marl.watch.answers import Answers, _branch, _continues, _first_of
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.match import CourtRally, side_name
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import OnceCache
-from shuttle_marl.watch.recorded import _event
+from shuttle_marl.watch.recorded import RealRallies, _event
 from shuttle_marl.watch.stager import Stager
 
 PLAN = Plan(seed=1, sides=(Side(policy="bc"), Side(policy="safe")))
@@ -488,3 +491,105 @@ def test_a_rally_at_a_score_has_its_server_and_ends() -> None:
     rally = CourtRally.at(score, **about, key=1)
     assert (rally.server, rally.points, rally.games, rally.ends_changed) == (1, (3, 11), (1, 1), score.ends_changed)
     assert (rally.chooser, CourtRally.at(score, **about, key=1, receives=True).chooser) == (1, 0)
+
+
+# Annotated strokes: match, game, rally, stroke, player, opponent, points of the player and of the opponent, a serve, outcome.
+FAULT, WINNER, BACK = int(Outcome.FAULT), int(Outcome.WINNER), int(Outcome.RETURNED)
+ROWS: list[tuple[Any, ...]] = [
+    ("m", 1, 1, 1, "ada", "bea", 0, 1, True, BACK), ("m", 1, 1, 2, "bea", "ada", 1, 0, False, WINNER),
+    ("m", 1, 2, 1, "bea", "ada", 1, 1, True, FAULT),
+    ("m", 1, 3, 1, "ada", "bea", 2, 1, True, BACK), ("m", 1, 3, 3, "ada", "bea", 2, 1, False, WINNER),  # a stroke is missing
+    ("m", 1, 4, 1, "ada", "bea", np.nan, np.nan, True, WINNER),
+    ("m", 1, 5, 1, "ada", "bea", 4, 1, False, WINNER),  # no serve
+    ("m", 1, 6, 1, "ada", "bea", 5, 1, True, BACK),  # no end
+    ("m", 1, 7, 2, "ada", "bea", 6, 1, True, FAULT),  # the serve is missing
+    ("m", 2, 1, 1, "ada", "bea", 0, 1, True, FAULT),
+    ("m", 3, 1, 1, "bea", "ada", 0, 1, True, BACK), ("m", 3, 1, 2, "ada", "bea", 1, 0, False, BACK),
+    ("m", 3, 1, 3, "bea", "ada", 0, 1, False, FAULT),
+    ("n", 1, 1, 1, "cem", "ada", 1, 0, True, WINNER),
+]  # fmt: skip
+
+
+def annotated() -> Any:
+    names = ("match", "game", "rally", "stroke", "player", "opponent", "points", "points_opponent", "shot", "outcome")
+    columns = {name: np.array(column) for name, column in zip(names, zip(*ROWS, strict=True), strict=True)}
+    columns["shot"] = np.where(columns["shot"], N_SERVES - 1, N_SERVES)
+    own: Any = SimpleNamespace(_columns=columns)
+    own._rallies = list(RealRallies._found(own))
+    own.count = len(own._rallies)
+    own._at = lambda number: RealRallies._at(own, number)
+    own.match = lambda number: RealRallies.match(own, number)
+    return own
+
+
+def test_whole_rallies_of_annotated_matches_have_the_score_before_them() -> None:
+    found = annotated()._rallies
+    assert [rally.rows.tolist() for rally in found] == [[0, 1], [2], [5], [9], [10, 11, 12], [13]]
+    scores = [(rally.score.server, rally.score.points, rally.score.games, rally.score.finished) for rally in found]
+    assert scores == [
+        (0, (0, 0), (0, 0), ()),
+        (1, (0, 1), (0, 0), ()),
+        (0, (2, 1), (0, 0), ()),  # of the rally before, because its own is unknown
+        (0, (0, 0), (1, 0), ((6, 1),)),
+        (1, (0, 0), (1, 1), ((6, 1), (0, 1))),
+        (0, (0, 0), (0, 0), ()),
+    ]
+    assert [rally.players for rally in found] == [("ada", "bea")] * 5 + [("cem", "ada")]
+    assert not list(RealRallies._found(cast(Any, SimpleNamespace(_columns={"rally": np.zeros(0)}))))
+
+
+def test_annotated_rallies_are_found_by_number_and_by_match() -> None:
+    own = annotated()
+    assert RealRallies.numbers(own, "m") == {(1, 1): 0, (1, 2): 1, (1, 4): 2, (2, 1): 3, (3, 1): 4}
+    assert RealRallies.numbers(own, "n") == {(1, 1): 5}
+    assert [own.match(number) for number in (0, 4, 5)] == ["m", "m", "n"]
+    for number in (-1, 6):
+        with pytest.raises(WatchError, match=f"no rally {number + 1}: there are 6"):
+            own._at(number)
+    match = RealRallies._described(own, 0, 5)
+    # Of 7 + 1 points of finished games, and the one of the last rally, five rallies are there.
+    assert (match.first, match.title, match.names, match.date, match.missing) == (0, "m", ("ada", "bea"), None, 4)
+    assert RealRallies._described(own, 5, 6).missing == 0
+
+
+def test_few_logs_are_open_and_a_rally_is_recorded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(match_log, "_MOST_OPEN", 2)
+    monkeypatch.setattr(match_log, "LogHeader", lambda **_: None)
+    monkeypatch.setattr(match_log, "Pair", SimpleNamespace(of=lambda _: None))
+    monkeypatch.setattr(match_log, "columns_of", lambda _: ())
+    done: list[str] = []
+
+    def create(path: Path, _: object) -> Any:
+        number = path.stem.rpartition("-")[2]
+        return SimpleNamespace(
+            add=lambda rally: done.append(f"add {rally} to {number}"),
+            flush=lambda sync: done.append(f"flush {number}") if sync else None,
+            close=lambda: done.append(f"close {number}"),
+        )
+
+    monkeypatch.setattr(match_log, "RallyRecorder", SimpleNamespace(create=create))
+    monkeypatch.setattr(match_log.MatchLog, "_row", lambda self, rally, winner: f"{rally.number}:{winner}")
+    policies: Any = SimpleNamespace(
+        between=lambda _: SimpleNamespace(game=SimpleNamespace(hash=""), table=lambda *_: SimpleNamespace(hash=""))
+    )
+    log = match_log.MatchLog(tmp_path / "logs", policies)
+
+    def add(seed: int, number: int, winner: int | None = 0) -> None:
+        rally: Any = SimpleNamespace(winner=winner, number=number, names=("you", "bc"), catalogue=SimpleNamespace(names=()))
+        log.add(msgspec.structs.replace(PLAN, seed=seed), rally)
+
+    add(1, 0, None)
+    assert not (tmp_path / "logs").exists()
+    for seed, number in ((1, 0), (2, 0), (1, 0), (1, 1), (3, 0), (1, 2), (2, 1)):
+        add(seed, number, 1)
+    assert done == [
+        *("add 0:1 to 1", "add 0:1 to 2", "add 1:1 to 1", "close 2", "add 0:1 to 3", "add 2:1 to 1", "close 3", "add 1:1 to 4")
+    ]
+    log.close()
+    assert sorted(done[-2:]) == ["close 1", "close 4"]
+
+
+def test_what_a_tool_prints_is_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(building, "SOURCE", tmp_path)
+    with pytest.raises(BuildError, match=r"^the page cannot be built: no such module$"):
+        building._run([sys.executable, "-c", "raise SystemExit('no such module')"])
