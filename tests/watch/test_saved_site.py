@@ -91,7 +91,9 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A small page and small models of the athletes."""
     (tmp_path / "page").mkdir()
     for name in FILES:
-        (tmp_path / "page" / name).write_bytes(b'<html lang="en"><head></head><!-- <head> --></html>' if name == "index.html" else b"x" * 99)
+        (tmp_path / "page" / name).write_bytes(
+            b'<html lang="en"><head></head><!-- <head> --></html>' if name == "index.html" else b"x" * 99
+        )
     for name in ("male", "female"):
         (tmp_path / name).write_bytes(name.encode() * 50)
     monkeypatch.setattr(site_module, "model_file", lambda name: tmp_path / name)
