@@ -14,20 +14,26 @@ import msgspec
 import numpy as np
 import pytest
 
+from shuttle_marl.analysis.decisions import Places
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import Looks
+from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
+from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.pages.languages import current
-from shuttle_marl.watch import WatchError, answers, building, match_log, messages, server, stager
+from shuttle_marl.policy import registry
+from shuttle_marl.watch import WatchError, answers, building, match_log, messages, server, stager, values
 from shuttle_marl.watch.answers import Answers, _branch, _continues, _first_of
 from shuttle_marl.watch.building import BuildError
-from shuttle_marl.watch.match import CourtRally, side_name
+from shuttle_marl.watch.match import CourtRally, play_rally, side_name
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import OnceCache
 from shuttle_marl.watch.recorded import RealRallies, _event
 from shuttle_marl.watch.stager import Stager
+from tests.exact.exact_games import hand_made
 
 PLAN = Plan(seed=1, sides=(Side(policy="bc"), Side(policy="safe")))
 
@@ -593,3 +599,74 @@ def test_what_a_tool_prints_is_text(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(building, "SOURCE", tmp_path)
     with pytest.raises(BuildError, match=r"^the page cannot be built: no such module$"):
         building._run([sys.executable, "-c", "raise SystemExit('no such module')"])
+
+
+@pytest.mark.parametrize(
+    ("waited", "support", "gain"),
+    [
+        (6, (RELIABLE, RELIABLE), (1, 0.475)),
+        (6, (RELIABLE, RELIABLE - 1), None),  # nobody knows whether the stroke is good
+        (4, (RELIABLE, RELIABLE), (0, 0.05)),
+        (2, (RELIABLE, RELIABLE), None),
+        (None, (RELIABLE, RELIABLE), None),
+        (5, (RELIABLE, RELIABLE), None),
+    ],
+)
+def test_a_side_is_open_where_a_stroke_gains_by_the_position(
+    waited: int | None, support: tuple[float, float], gain: tuple[int, float] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two strokes against positions 2, 4 and 6; people wait at 2 and 4 alike, so the strokes win 0.55 and 0.425 against them."""
+    places = Places(
+        position=np.array([2, 4, 6]), people=np.array([0.5, 0.5, 0]), perfect=np.array([0, 0.25, 0.75]),
+        win=np.array([[0.5, 0.6, 0.5], [0.4, 0.45, 0.9]]), struck=np.array([1.0, 0]),
+    )  # fmt: skip
+    monkeypatch.setattr(values, "places_of", lambda *_: places)
+    monkeypatch.setattr(values, "waited_at", lambda *_: waited)
+    fields = dict.fromkeys(("shot", "area", "height", "technique"), "") | {"seat": 0, "box": (0, 0, 0, 0)}
+    monkeypatch.setattr(values, "stroke_facts", lambda rally, stroke, seat: {"stroke": stroke, **fields})
+    own: Any = SimpleNamespace(game=SimpleNamespace(recovery=object()), policies=SimpleNamespace(solution=None))
+    choice: Any = SimpleNamespace(state=0, seat=0, stroke=np.array([70, 71]), support=np.array(support))
+    found = values.StrokeValues._waiting(own, cast(Any, None), 0, choice, 1)
+    side = found["open"]
+    assert (None if side is None else (side.stroke - 70, pytest.approx(side.gain))) == gain
+    shown = [(place.position, place.people, place.perfect, place.loss, place.win) for place in found["places"]]
+    assert np.allclose(shown, [(2, 0.5, 0, 0, 0.4), (4, 0.5, 0.25, 0.1, 0.45), (6, 0, 0.75, 0, 0.9)])
+    own.game.recovery = None
+    assert values.StrokeValues._waiting(own, cast(Any, None), 0, choice, 1) == {"places": None, "open": None, "wait": None}
+
+
+def test_rallies_are_played_to_their_end_or_to_the_turn_of_a_person() -> None:
+    game = hand_made()
+    policies = (registry.resolve("random", game), registry.resolve("random", game))
+
+    def play(number: int, chosen: dict[int, int] | None = None, person: Person | None = None, **options: Any) -> CourtRally:
+        about = number, ("a", "b"), Score(server=number % 2)
+        return play_rally(game, policies, stream(5, 0, number), about, chosen or {}, person, **options)
+
+    lengths = set()
+    for number in range(20):
+        rally = play(number)
+        lengths.add(len(rally))
+        assert (rally.turn, rally.receives, rally.chosen, rally.waited) == (None, False, (), None)
+        assert rally.ending < RETURNED_BELOW
+        assert rally.winner in (0, 1)
+        assert (rally.server, rally.key) == (number % 2, int(stream(5, 0, number)[0]) >> 1)
+        again = play(number, dict(enumerate(rally.stroke.tolist())) | {99: 0})
+        assert again.stroke.tolist() == rally.stroke.tolist()
+        assert again.chosen == tuple(range(len(rally))), "strokes after the end are not played"
+        states = rally.states(game).tolist()
+        for seat in (0, 1):
+            mine = play(number, person=Person(seat=seat, rally=number, stroke=0))
+            before = int(seat != number % 2)
+            assert (len(mine), mine.receives) == (min(before, len(rally)), False)
+            if len(rally) > before:
+                assert (mine.turn, mine.winner) == (states[before], None)
+                assert mine.ending == RETURNED_BELOW or (before and mine.ending > RETURNED_BELOW)
+            assert play(number, person=Person(seat=seat, rally=number + 1, stroke=0)).stroke.tolist() == rally.stroke.tolist()
+        kept = len(rally) - 1
+        continued = play(number, begun=(rally, kept))
+        assert continued.stroke.tolist() == rally.stroke.tolist()
+        assert continued.hurried.tolist() == rally.hurried.tolist()
+        with pytest.raises(WatchError, match=f"rally {number + 1}: the stroke chosen as number {len(rally)} is not legal there"):
+            play(number, {kept: next(k for k in range(game.n_strokes) if k not in game.legal_strokes(states[kept]))})
+    assert len(lengths) > 2
