@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base import runs
-from shuttle_marl.league import LeagueConfig, LeagueError
+from shuttle_marl.league import LeagueConfig, LeagueError, entrants
 from shuttle_marl.league.curves import Curve, learning_charts, read_curve
 from shuttle_marl.league.entrants import PAIRINGS, Entrant
 from shuttle_marl.league.page.tournament import _improvements, _labels, _names, _pairings, _stroke, _summary, _words
@@ -20,7 +20,10 @@ from shuttle_marl.league.run import _curves, append_results, check_same, continu
 from shuttle_marl.league.tournament import (
     BOUND,
     COUNTS,
+    MatchOptions,
     PairResult,
+    Tournament,
+    _counted,
     decided,
     forfeited,
     log_likelihood_ratio,
@@ -321,3 +324,39 @@ def test_the_test_of_two_entrants_is_symmetric_and_sure_at_19_to_1() -> None:
     assert decided((sure, 0, 0), 100)
     assert not decided((0, 0, sure - 1), 100)
     assert np.isfinite(log_likelihood_ratio((0, 0, 0), 10))
+
+
+@pytest.mark.parametrize(("batch", "size"), [(1, 2), (2, 2), (3, 2), (7, 6), (8, 8), (8192, 8192)])
+def test_batches_hold_whole_cells(batch: int, size: int) -> None:
+    pool: Any = [SimpleNamespace(table=table) for table in (None, "a", None, "b", "c")]
+    found = Tournament(cast(Any, None), pool, MatchOptions(matches=4, seed=0, batch=batch), workers=3)
+    assert (found._batch, found._workers) == (size, 3)
+    assert found._table_of.tolist() == [-1, 0, -1, 1, 2]
+    on_a_cluster = Tournament(cast(Any, None), pool, found._options, cluster=cast(Any, SimpleNamespace(slots=7)))
+    assert on_a_cluster._workers == 7
+
+
+def test_the_game_of_a_tournament_is_that_of_its_players(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(entrants, "resolve_game", lambda *about: about)
+    monkeypatch.setattr(entrants, "pair_game", lambda *players, **about: (players, about))
+    found: Any = LeagueConfig(game="club", profile="men").load()
+    assert found == ("club", "men")
+    found = LeagueConfig(game="club", profile="men", players=("a", "b"), date="2021-01-02").load()
+    assert found == (("a", "b"), {"date": "2021-01-02", "discipline": "men", "game": "club"})
+
+
+def test_the_default_pool_has_few_players_and_what_the_game_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["bc", *(f"bc:{letter}" for letter in "abcdefgh"), "bc:history", "random", "safe", "minimax", "ppo", "human:0.05"]
+    monkeypatch.setattr("shuttle_marl.policy.registry.names", lambda _: names)
+    found = entrants.default_pool(cast(Any, SimpleNamespace(seats=(None, None))))
+    assert found == ("bc", *(f"bc:{letter}" for letter in "abcdef"), "safe", "random", "ppo", "minimax")
+
+
+def test_strokes_are_counted_and_the_progress_is_shown_once() -> None:
+    counted: list[int] = []
+    half = dict.fromkeys(COUNTS, 0)
+    one = PairResult(pairing=0, names=("a", "b"), seats=({**half, "strokes": 5}, {**half, "strokes": 7}))
+    task: Any = SimpleNamespace(result=lambda: [(one, []), (one, [])])
+    assert _counted(task, counted.append) == [(one, [])] * 2
+    assert counted == [24]
+    assert _counted(task, None) == [(one, [])] * 2
