@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from shuttle_marl.league.tournament import (
     round_robin,
     share_of,
 )
-from shuttle_marl.pages import Cell
+from shuttle_marl.pages import Cell, charts
 
 NAN = math.nan
 
@@ -360,3 +361,57 @@ def test_strokes_are_counted_and_the_progress_is_shown_once() -> None:
     assert _counted(task, counted.append) == [(one, [])] * 2
     assert counted == [24]
     assert _counted(task, None) == [(one, [])] * 2
+
+
+def texts(drawing: str) -> list[tuple[str, str]]:
+    """Texts of a chart with their colours."""
+    root = ElementTree.fromstring(drawing)
+    return [(each.text or "", each.get("fill") or "") for each in root.iter("{http://www.w3.org/2000/svg}text")]
+
+
+def titles(drawing: str) -> list[str]:
+    root = ElementTree.fromstring(drawing)
+    return [each.text or "" for each in root.iter("{http://www.w3.org/2000/svg}title")]
+
+
+@pytest.mark.parametrize(("n", "shown"), [(3, True), (26, True), (27, False)])
+def test_cells_of_payoffs_show_their_number_where_there_is_room(n: int, shown: bool) -> None:
+    win = np.full((n, n), NAN)
+    win[0, 1], win[1, 0], win[0, 2], win[2, 0] = 0.9, 0.1, 0.77, 0.23
+    drawing = str(charts.heat_map([f"p{i}" for i in range(n)], win))
+    numbers = {text: colour for text, colour in texts(drawing) if text.isdigit()}
+    assert numbers == ({"90": "#ffffff", "10": "#ffffff", "77": "#16191c", "23": "#16191c"} if shown else {})
+    assert titles(drawing)[:2] == ["p0 beats p1 in 90.0 % of matches", "p0 beats p2 in 77.0 % of matches"]
+    assert len(titles(drawing)) == 4
+    root = ElementTree.fromstring(drawing)
+    assert float(str(root.get("width"))) == pytest.approx(n * (36 if n == 3 else 800 / n) + 240, abs=1)
+
+
+def test_ratings_that_are_unknown_are_not_drawn() -> None:
+    rows = [("a", 10.0, 5.0, 15.0, 12.0), ("b", NAN, NAN, NAN, 7.0), ("c", 3.0, 1.0, 4.0, NAN), ("d", NAN, NAN, NAN, NAN)]
+    drawing = str(charts.forest(rows, "Elo"))
+    assert titles(drawing) == [
+        *["a: +10 Elo, 95 % +5 to +15"] * 2, "a: exactly +12 Elo", "b: exactly +7 Elo", *["c: +3 Elo, 95 % +1 to +4"] * 2,
+    ]  # fmt: skip
+    assert {"a", "b", "c", "d"} <= {text for text, _ in texts(drawing)}
+
+
+def test_curves_keep_their_colours_and_names_do_not_overlap() -> None:
+    lines: dict[str, list[tuple[float, float]]] = {
+        "a": [(1.0, 1.0), (2.0, 2.0)],
+        "b": [],
+        "c": [(1.0, 0.0), (2.0, -1.0)],
+        "d": [(1.0, 3.0)],
+    }
+    drawing = str(charts.curves(lines, "strokes", "won"))
+    assert [colour in drawing for colour in ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b")] == [True, False, True, True]
+    assert list(dict.fromkeys(titles(drawing))) == ["a", "c", "d"]
+    logarithmic = str(charts.curves(lines, "strokes", "won", logarithmic=True))
+    assert "#3f6fd8" not in logarithmic, "no point of c is above 0"
+    assert charts.curves({"b": [], "c": []}, "strokes", "won") is None
+    close = str(charts.scatter({name: (0.5, 1.0 + k / 1000) for k, name in enumerate("wxyz")}, "across", "up"))
+    root = ElementTree.fromstring(close)
+    placed = [each for each in root.iter("{http://www.w3.org/2000/svg}text") if each.text in set("wxyz")]
+    heights = sorted(float(str(each.get("y") or each.get("transform", "").split()[1].strip(")"))) for each in placed)
+    assert len(heights) == 4
+    assert np.diff(heights).min() > 12
