@@ -160,16 +160,16 @@ def test_the_linear_part_is_the_change_at_fixed_strategies(given: dict[str, floa
 @pytest.mark.parametrize("tau", [0.01, 0.2, 5.0])
 def test_soft_strategies_answer_each_other_softly(tau: float) -> None:
     """x is b exp(M y / tau) and y is q exp(-x M / tau), normalised; the value is x M y - tau KL(x, b) + tau KL(y, q)."""
-    game = game_of(1)
+    game = with_recovery(random_game(0, 6), 0)
     following, policy = following_of(game), waiting(random_policy(game, 2), 2)
     before, usual = policy.pair_probabilities(), policy.position_probabilities()
     assert usual is not None
     never = game.base_pair_rank == 0  # strokes that people never play, where there are others
-    several = np.diff(game.base_pair_start)[game.base_pair_state] > 1
+    several = np.diff(game.base_pair_start)[game.base_pair_state] > 2
     before = before * np.where(np.tile(never & several, game.n_blocks), 0.0, 1.0)
     before /= np.bincount(game.pair_state, before, game.n_states)[game.pair_state]
     blocks = tuple(before[game.block_pairs(block)] for block in range(game.n_blocks))
-    player = SoftSaddle((game,), strokes=blocks, positions=usual, tau=tau)
+    player, mixed = SoftSaddle((game,), strokes=blocks, positions=usual, tau=tau), 0
     for block in range(game.n_blocks):
         here = successors(game, following, block)
         found = player.strategies(block, *here)
@@ -184,9 +184,11 @@ def test_soft_strategies_answer_each_other_softly(tau: float) -> None:
             np.testing.assert_allclose(x, strokes / strokes.sum(), atol=1e-6)
             np.testing.assert_allclose(y, waits / waits.sum(), atol=1e-6)
             played = x > 0
+            mixed += x[played].min() < 0.9
             cost = (x[played] * np.log(x[played] / b[played])).sum() - (y * np.log(y / q)).sum()
             assert found.value[s] == pytest.approx(x @ matrix @ y - tau * cost, abs=1e-9)
     assert 0 <= player.gap < 1e-8
+    assert mixed > 5
 
 
 def test_the_largest_continuation_is_over_positions_and_games() -> None:
