@@ -13,6 +13,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from shuttle_marl.base import runs
+from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.training import Evaluation, PPOConfig, TrainingError, self_play
 from shuttle_marl.training import run as training_run
 from shuttle_marl.training.learner import (
@@ -25,9 +26,10 @@ from shuttle_marl.training.learner import (
     weighted_sums,
     with_prefix,
 )
-from shuttle_marl.training.networks import MIN_LOG, DistinctStrokes, DivergedError, LegalStrokes
+from shuttle_marl.training.networks import MIN_LOG, DistinctStrokes, DivergedError, LegalStrokes, imitate, make_actor, tabulated
 from shuttle_marl.training.run import Checkpoint, _Run, last_checkpoint, resumable, save_checkpoint
 from shuttle_marl.training.self_play import ReferencePolicy, SelfPlayOpponents
+from tests.exact.exact_games import tiring_game
 
 
 def strokes() -> TensorDict:
@@ -473,3 +475,21 @@ def test_a_run_that_diverges_says_what_is_kept() -> None:
         run.at.iteration = iteration
         with pytest.raises(TrainingError, match=f"run: learning diverged in iteration 9: too far; {says}"), _Run._diverging(run):
             raise DivergedError("too far")
+
+
+def test_an_actor_imitates_a_policy_in_every_state_however_rare() -> None:
+    game = tiring_game()
+    preferred = 4.0 ** -(game.pair_stroke % 3)
+    policy = from_pair_probabilities(game, preferred / np.bincount(game.pair_state, preferred)[game.pair_state])
+    weight = np.where(game.playable, 1e-6, 0.0)
+    weight[np.flatnonzero(game.playable)[-1]] = 1.0
+    gaps, tables = [], []
+    for steps in (1, 60):
+        torch.manual_seed(0)
+        actor = make_actor(game, width=8, hidden=0)
+        gaps.append(imitate(actor, policy, weight, torch.Generator().manual_seed(5), steps=steps))
+        tables.append(tabulated(actor, game).pair_probabilities())
+    start, end = (np.abs(table - policy.pair_probabilities()).max() for table in tables)
+    assert start > 0.25
+    assert end < 0.2
+    assert 0 < 5 * gaps[1] < gaps[0]
