@@ -19,6 +19,7 @@ from shuttle_marl.training import run as training_run
 from shuttle_marl.training.learner import (
     Learner,
     Mean,
+    RallyCollector,
     check_finite,
     minibatches,
     normalised,
@@ -493,3 +494,20 @@ def test_an_actor_imitates_a_policy_in_every_state_however_rare() -> None:
     assert start > 0.25
     assert end < 0.2
     assert 0 < 5 * gaps[1] < gaps[0]
+
+
+def test_a_collector_counts_what_remains_and_checks_the_network() -> None:
+    own: Any = SimpleNamespace(
+        _config=SimpleNamespace(iterations=5), _observer=SimpleNamespace(observations=lambda states: states)
+    )
+    for iteration, remaining in ((0, 5), (4, 1), (5, 0), (7, 0)):
+        own.iteration = iteration
+        assert RallyCollector.__len__(own) == remaining
+    for logit, value in ((1.0, 2.0), (math.nan, 2.0), (1.0, math.inf), (-math.inf, 2.0)):
+        own._predict = lambda _, found=(logit, value): (torch.tensor([[found[0], 0.5]]), torch.tensor([found[1]]))
+        if math.isfinite(logit + value):
+            logits, values = RallyCollector._outputs(own, np.zeros(1, np.int32))
+            assert (logits.tolist(), values.tolist()) == ([[1.0, 0.5]], [2.0])
+        else:
+            with pytest.raises(DivergedError, match="an output of the network is not finite"):
+                RallyCollector._outputs(own, np.zeros(1, np.int32))
