@@ -574,9 +574,9 @@ def test_frames_of_reference_give_the_bones_again(ends_changed: bool) -> None:
         place = tracks[f"player_{seat}"]
         assert (place.parent, place.tolerance) == ("play", 0.008)
         assert_allclose(place.values @ half_turn, motion.position[:, seat, 0], atol=1e-4)
-        name = tracks[f"{seat}/name"]
-        assert (name.parent, name.tolerance, name.exact.any()) == ("court", 0.02, False)
-        assert_allclose(name.values, motion.position[:, seat, BONES.index("Head")] + [[0, 0, 0.42]], atol=1e-4)
+        above = tracks[f"{seat}/name"]
+        assert (above.parent, above.tolerance, above.exact.any()) == ("court", 0.02, False)
+        assert_allclose(above.values, motion.position[:, seat, BONES.index("Head")] + [[0, 0, 0.42]], atol=1e-4)
         shadow = tracks[f"shadow_{seat}"]
         assert shadow.tolerance == 0.02
         assert_allclose(shadow.values, motion.position[:, seat, 0] * [[1, 1, 0]] + [[0, 0, 0.012]], atol=1e-4)
