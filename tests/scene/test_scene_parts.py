@@ -145,10 +145,10 @@ def test_the_scoreboard_has_the_score_before_or_after_the_rally() -> None:
             assert f'frame_id: "{view.frame}"' in str(update)
             place = view.point(-0.95, 0.58)
             assert re.search(rf"x: {place[0]}, y: {place[1]}, z: {place[2]}", str(update))
-    single = a_report(played=types.SimpleNamespace(points=(0, 0), games=(0, 0), match=0), names=("Anna", "Bea"))
+    single = a_report(played=types.SimpleNamespace(points=(0, 0), games=(0, 0), match=0), names=("C" * 20, "Bea"))
     (text,) = re.findall(r'text: "(.*?)"', str(boards(single, 7, "serve")[0][2]))
     rows = [row.rstrip() for row in text.split("\\n")]
-    assert rows == ["  Anna                     0", "  Bea                      0", "", "serve", "", "", ""]
+    assert rows == [f"  {'C' * 20}     0", "  Bea                      0", "", "serve", "", "", ""]
 
 
 def test_scores_of_a_report() -> None:
@@ -481,6 +481,7 @@ def boxes_of(entity: object) -> F64:
 def test_lines_of_the_court_are_those_of_the_laws() -> None:
     """Law 1: 13.40 m by 6.10 m, lines of 4 cm that belong to the areas which they bound."""
     ground, net = court(5)
+    assert ["frame_locked=true" in str(entity) for entity in (ground, net)] == [True, True]
     found = boxes_of(ground)
     assert_allclose(found[0], [0, 0, -0.065, 10.1, 17.4, 0.1])
     assert_allclose(found[1], [0, 0, -0.0075, 7.1, 14.6, 0.015])
