@@ -240,6 +240,7 @@ def test_intervals_are_those_of_wilson(won: int, n: int) -> None:
 
 def test_endings_are_those_that_a_plain_count_finds() -> None:
     (mine, _), (others, _) = some_plays(500, 4), some_plays(900, 5)
+    mine.fault[mine.shot == CLEAR] = 1.0
     kinds = [(shot, None) for shot in SHOTS] + [(shot, technique) for shot in SHOTS for technique in TECHNIQUES]
     expected = {}
     for shot, technique in kinds:
@@ -261,6 +262,7 @@ def test_endings_are_those_that_a_plain_count_finds() -> None:
             pooled = (a + b) / (n + m)
             tests.append(2 * stats.norm.sf(abs(a / n - b / m) / math.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))))
     assert [mark for each in found for mark in each.clear] == discoveries(tests).tolist()
+    assert {mark for each in found for mark in each.clear} == {False, True}
     assert endings(tally(mine.take(np.arange(500) < 19)), tally(others)) == []
     same = tally(plays_of(30))
     assert [each.clear for each in endings(same, same)] == [(False, False)] * 2, "no ending at all"
