@@ -121,7 +121,7 @@ class PlayerMotion:
         """Plan and plants up to a frame, with ``strokes`` strokes struck."""
         keys = self.prepared.keys
         n = int(np.searchsorted(keys.frame, frame))
-        if 0 < n < len(keys.frame):
+        if keys.frame[0] < frame < keys.frame[-1]:
             pose, slope = curve_at(keys.frame, keys.pose, keys.slope, frame)
         else:
             pose = keys.pose[min(n, len(keys.frame) - 1)]

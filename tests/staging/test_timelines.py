@@ -482,7 +482,7 @@ def plan(n: int = 60) -> tuple[PlayerMotion, Keys]:
     return PlayerMotion(course, ready, np.zeros((0, 3)), 3), keys
 
 
-@pytest.mark.parametrize(("frame", "known"), [(0, 0), (5, 1), (20, 1), (21, 2), (41, 3), (50, 3)])
+@pytest.mark.parametrize(("frame", "known"), [(0, 0), (5, 1), (20, 1), (21, 2), (40, 2), (41, 3), (50, 3)])
 def test_the_past_of_a_continued_motion_ends_in_its_last_frame(frame: int, known: int) -> None:
     motion, keys = plan()
     past, plants = motion.past(frame, 4)
