@@ -37,7 +37,10 @@ class Drill(NamedTuple):
 
 def drills(asked: Iterable[Drill]) -> list[Drill]:
     """The first drills of different kinds."""
-    return list({drill.kind: drill for drill in [*asked][::-1]}.values())[::-1][:DRILLS]
+    first: dict[int, Drill] = {}
+    for drill in asked:
+        first.setdefault(drill.kind, drill)
+    return [*first.values()][:DRILLS]
 
 
 class Difference(NamedTuple):

@@ -98,7 +98,7 @@ def test_distances_and_shares_of_positions() -> None:
 
 
 def test_drills_are_the_first_three_of_different_kinds() -> None:
-    asked = [Drill("lift", 1, stroke, kind) for stroke, kind in ((1, 5), (2, 5), (3, 6), (4, 7), (5, 7), (6, 8))]
+    asked = [Drill("lift", 1, stroke, kind) for stroke, kind in ((1, 5), (2, 5), (3, 6), (4, 7), (5, 7), (6, 8), (7, 5))]
     assert [drill.stroke for drill in drills(asked)] == [1, 3, 4]
     assert drills(asked[:2]) == asked[:1]
     assert drills([]) == []
