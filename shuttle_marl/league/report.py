@@ -80,9 +80,11 @@ def ranking(standings: Sequence[Standing], styles: Mapping[str, Style] | None = 
 
 
 def _percents(low: float, high: float) -> Cell:
+    if math.isnan(low):
+        return Cell()
     # Normal intervals of probabilities may reach beyond 0 and 1.
     low, high = max(0.0, low), min(1.0, high)
-    return Cell() if math.isnan(low) else Cell(f"{percent(low).text} to {percent(high).text}", high - low)
+    return Cell(f"{percent(low).text} to {percent(high).text}", high - low)
 
 
 def _away(standing: Standing) -> Cell:

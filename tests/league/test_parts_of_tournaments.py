@@ -162,6 +162,7 @@ def test_who_is_first_in_a_sentence() -> None:
 
 def test_intervals_of_fractions_stay_between_0_and_100() -> None:
     assert _percents(-0.1, 1.2) == Cell("0.0 % to 100.0 %", 1.0)
+    assert _percents(math.nan, math.nan) == Cell()
     assert _percents(0.25, 0.5) == Cell("25.0 % to 50.0 %", 0.25)
     assert _away(standing("a", away_share=0.5, away_low=0.25, away_high=0.75)) == Cell("50.0 % (25.0 % to 75.0 %)", 0.5)
     assert _away(standing("a")).text == ""
