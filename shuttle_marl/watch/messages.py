@@ -32,7 +32,9 @@ class Request(Struct, forbid_unknown_fields=True, tag_field="op", frozen=True):
     id: int
 
 
-Secret = Annotated[str, Meta(pattern="^[A-Za-z0-9_-]{1,64}$")]
+_END: Final = r"(?![\s\S])"
+"""The end of a text, to Python and JavaScript; ``$`` is also before a last line feed to Python."""
+Secret = Annotated[str, Meta(pattern=f"^[A-Za-z0-9_-]{{1,64}}{_END}")]
 
 
 class FriendSeat(Struct, forbid_unknown_fields=True, frozen=True):
@@ -148,7 +150,7 @@ class OpeningRequest(Request, tag="opening", frozen=True):
 _HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 SHOWN: Final = contextvars.ContextVar[list[str]]("shown")
 """Of a connection: the hash of the inputs that its last reply gave, if there was one."""
-NAME: Final = rf"^[^{_HIDDEN}\s=+\-@][^{_HIDDEN}]*$"
+NAME: Final = rf"^[^{_HIDDEN}\s=+\-@][^{_HIDDEN}]*{_END}"
 """Pattern of a text of a cell, which no spreadsheet takes for a formula, in Python and in the page."""
 LONGEST_NAME: Final = 100
 Name = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME, pattern=NAME)]

@@ -73,7 +73,7 @@ LIMITS: dict[str, tuple[Any, tuple[Any, ...], tuple[Any, ...]]] = {
         ("a", "aZ_-09", "x" * 64, None),
         ("", "x" * 65, "a/b", "a b"),
     ),
-    "key": (lambda value: {**RALLY, "friend": {"token": "a", "key": value}}, ("a", "x" * 64), ("", "x" * 65, "ä")),
+    "key": (lambda value: {**RALLY, "friend": {"token": "a", "key": value}}, ("a", "x" * 64), ("", "x" * 65, "ä", "a\n")),
     "rally of a friend": (lambda value: {"id": 1, "op": "friend", "rally": value}, (0, 999), (-1, 1000)),
     "stroke of a friend": (lambda value: {"id": 1, "op": "friend", "stroke": value}, (0, 19_999), (-1, 20_000)),
     "choice of a friend": (lambda value: {"id": 1, "op": "friend", "choice": value}, (0, (1 << 16) - 1, None), (-1, 1 << 16)),
