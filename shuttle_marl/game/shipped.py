@@ -295,7 +295,7 @@ def factor_of(game: Game, horizon: str = "end") -> Estimate | None:
 
 def default_game() -> Game:
     """The benchmark's game: the symmetric average profile, as shipped."""
-    return load_game()
+    return load_game("default")
 
 
 def folder_of(game: Game) -> Path | None:
@@ -327,7 +327,7 @@ def shipped_game(digest: str) -> Game | None:
 def _origin_of_hash(digest: str) -> Origin | None:
     if digest not in _ORIGINS and (_MODELS / "default" / GAME).is_file():
         folder = _MODELS / "default"
-        _ORIGINS[load_game().hash] = Origin(folder, None)
+        _ORIGINS[load_game("default").hash] = Origin(folder, None)
         _ORIGINS.update({value: Origin(folder, name) for name, value in _variant_hashes(folder).items()})
     return _ORIGINS.get(digest)
 

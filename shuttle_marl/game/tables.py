@@ -329,11 +329,7 @@ class Game(Layout):
     def stroke_probabilities(self, pairs: slice | Indices = ALL) -> tuple[F64, F64, F64]:
         """Probability that the stroke is good, that a good one is returned, that a return is from above; of legal pairs."""
         fault, winner, below = np.moveaxis(self.limits_of(pairs).astype(np.float64), -1, 0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            good = (ONE - fault) / ONE
-            returned = np.where(fault < ONE, (ONE - winner) / (ONE - fault), 0.0)
-            above = np.where(winner < ONE, (ONE - below) / (ONE - winner), 0.0)
-        return good, returned, above
+        return (ONE - fault) / ONE, (ONE - winner) / (ONE - fault), (ONE - below) / (ONE - winner)
 
     def stroke_values(self, following: F64, pairs: slice | Indices = ALL) -> F64:
         """Q-values: what legal pairs are worth to the striker, +1 for winning the rally and -1 for losing it.

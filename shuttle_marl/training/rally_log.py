@@ -20,7 +20,6 @@ from shuttle_marl.recording.recover import resume
 from shuttle_marl.training.config import AUTO, SelfPlayConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
 
-"""The rally log in the folder of a run."""
 FIRST: Final = 10_000
 """Rallies at the beginning of a run that have figures by default, so that those of a short run all have them."""
 _FIGURES: Final = ("log_probability", "value")
