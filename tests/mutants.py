@@ -215,7 +215,7 @@ class _Forks:
 
 
 def _exchange(path: Path, mutant: Mutant) -> None:
-    """Let the mutant's function, where it was imported, run the code of the mutant."""
+    """Let the mutant's function, where it was imported, and what it has defined run the code of the mutant."""
 
     def inner(code: CodeType) -> Iterator[CodeType]:
         for constant in code.co_consts:
@@ -227,8 +227,8 @@ def _exchange(path: Path, mutant: Mutant) -> None:
     outer = mutant.function.split(".<locals>")[0]
     for function in [each for each in gc.get_objects() if isinstance(each, FunctionType)]:
         code = function.__code__
-        if code.co_qualname == outer and code.co_filename == str(path):
-            function.__code__ = new[outer, code.co_firstlineno]
+        if code.co_qualname.split(".<locals>")[0] == outer and code.co_filename == str(path):
+            function.__code__ = new.get((code.co_qualname, code.co_firstlineno), code)
 
 
 def _serve(template: Path, tasks: list[Task], jobs: int, results: multiprocessing.connection.Connection) -> None:
