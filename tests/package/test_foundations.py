@@ -161,11 +161,11 @@ def test_commands_work_as_printed(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     monkeypatch.chdir(tmp_path)
     found: dict[str, str | None] = {}
     monkeypatch.setattr("shuttle_marl.base.errors.shutil.which", found.get)
-    monkeypatch.setattr(sys, "executable", "/opt/env/bin/python3")
-    assert command("data", "import", "my file.csv") == "/opt/env/bin/python3 -m shuttle_marl.data import 'my file.csv'"
+    monkeypatch.setattr(sys, "executable", "/env/bin/python3")
+    assert command("data", "import", "my file.csv") == "/env/bin/python3 -m shuttle_marl.data import 'my file.csv'"
     found["python"] = "/usr/bin/python"
-    assert command("data") == "/opt/env/bin/python3 -m shuttle_marl.data"
-    found["python"] = "/opt/env/bin/python"
+    assert command("data") == "/env/bin/python3 -m shuttle_marl.data"
+    found["python"] = "/env/bin/python"
     assert command("data", "a\x1b") == r"python -m shuttle_marl.data 'a\x1b'"
     found.clear()
     monkeypatch.setattr(sys, "executable", str(tmp_path / "env" / "python"))

@@ -335,16 +335,19 @@ def test_every_process_has_a_user_of_its_own() -> None:
 
 
 def test_all_is_mounted_for_reading_but_devices(tmp_path: Path) -> None:
+    root = "/mnt"
     steps = remote._mounts(tmp_path)
     assert steps[0] == "mount -t tmpfs -o mode=755,size=4g none /mnt"
     bound = [step.split()[-1] for step in steps if step.startswith("mount --bind")]
     locked = [step.split()[-1] for step in steps if step.startswith("mount -o remount,bind,ro")]
-    devices = ["/mnt/dev/null", "/mnt/dev/zero", "/mnt/dev/urandom"]
+    devices = [f"{root}/dev/null", f"{root}/dev/zero", f"{root}/dev/urandom"]
     assert [each for each in bound if each not in locked] == devices
-    assert "/mnt/code" in locked
-    assert f"mount --bind {tmp_path} /mnt/code" in steps
-    assert {"mkdir -p /mnt/usr", "mkdir -p /mnt/code", "touch /mnt/dev/null", "mkdir -p /mnt/proc /mnt/tmp"} <= set(steps)
-    assert steps[-2:] == ["chmod 1777 /mnt/tmp", "mount -t proc -o subset=pid none /mnt/proc"]
+    assert f"{root}/code" in locked
+    assert f"mount --bind {tmp_path} {root}/code" in steps
+    assert {f"mkdir -p {root}/usr", f"mkdir -p {root}/code", f"touch {root}/dev/null", f"mkdir -p {root}/proc {root}/tmp"} <= set(
+        steps
+    )
+    assert steps[-2:] == [f"chmod 1777 {root}/tmp", f"mount -t proc -o subset=pid none {root}/proc"]
     assert len({*steps}) == len(steps)
     for inside in bound:
         assert not any(Path(inside).is_relative_to(other) for other in bound if other != inside)

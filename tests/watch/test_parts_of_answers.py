@@ -6,6 +6,8 @@ import shutil
 import subprocess
 import sys
 import threading
+from collections.abc import Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -284,6 +286,12 @@ def test_a_connection_may_ask_in_bursts_and_then_at_its_rate() -> None:
     assert [budget.take(99.0) for _ in range(121)][-2:] == pytest.approx([0.0, 0.025])
 
 
+def returned(coroutine: Coroutine[Any, Any, Any]) -> Any:
+    """What a coroutine returns, in a thread: a browser of other tests has an event loop in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(asyncio.run, coroutine).result()
+
+
 def sent(app: Any, scope: dict[str, Any]) -> list[dict[str, Any]]:
     """What an application sends."""
     events: list[dict[str, Any]] = []
@@ -291,7 +299,7 @@ def sent(app: Any, scope: dict[str, Any]) -> list[dict[str, Any]]:
     async def send(event: dict[str, Any]) -> None:
         events.append(event)
 
-    asyncio.run(app(scope, None, send))
+    returned(app(scope, None, send))
     return events
 
 
@@ -346,7 +354,7 @@ def test_downloads_name_a_rally_and_a_language(query: dict[str, str], status: in
         handler = server._download(make, "report.html", "text/html", anyio.CapacityLimiter(1))
         return await handler(cast(Any, SimpleNamespace(query_params=query)))
 
-    response = asyncio.run(respond())
+    response = returned(respond())
     assert (response.status_code, response.body) == (status, body)
     if status == 200:
         assert response.headers["content-security-policy"] == "frame-ancestors 'none'"
