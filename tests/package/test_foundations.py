@@ -497,7 +497,7 @@ def test_a_cache_keeps_the_newest_results(tmp_path: Path, monkeypatch: pytest.Mo
     assert not (tmp_path / NAME).exists()
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def interruptible() -> Iterator[None]:
     """Processes in the background of a shell ignore interrupts."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -505,7 +505,6 @@ def interruptible() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.usefixtures("interruptible")
 def test_interrupts_wait_for_a_safe_point() -> None:
     steps: list[object] = []
 
@@ -530,7 +529,6 @@ def test_interrupts_wait_for_a_safe_point() -> None:
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.usefixtures("interruptible")
 def test_interrupts_are_not_held_elsewhere() -> None:
     handlers = []
 
