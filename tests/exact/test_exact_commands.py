@@ -115,6 +115,10 @@ def test_sampled_rallies_are_recorded(capsys: pytest.CaptureFixture[str], reader
     capsys.readouterr()
 
 
+def test_one_hole_may_be_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert len(json.loads(output(capsys, "holes", "random", "--top", "1", "--json"))["holes"]) == 1
+
+
 def test_a_best_response_is_saved_and_plays(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "answer.safetensors"
     found = json.loads(output(capsys, "best-response", "random", "--save", str(path), "--json"))

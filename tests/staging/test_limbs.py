@@ -127,6 +127,12 @@ def test_arms_stay_within_the_range_of_their_joints() -> None:
         assert_allclose(again, q)
 
 
+def test_the_shoulder_is_limited_in_each_frame() -> None:
+    """Arms in several dimensions are those of each row."""
+    arm, many = arm_of(MALE), np.random.default_rng(8).normal(0, 2, (2, 3, 10))
+    assert_allclose(arm.clipped(many), [[arm.clipped(q[None])[0] for q in part] for part in many])
+
+
 def test_the_solver_starts_from_poses_all_over_the_range_of_the_arm() -> None:
     """In degrees: hanging, out to all sides with a bent elbow, overhead, and across the body, with both grips."""
     found = np.degrees(arms.anywhere(2))

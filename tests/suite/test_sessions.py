@@ -95,6 +95,13 @@ def test_a_method_is_told_the_game_as_it_is_seen(method: Method, tmp_path: Path)
     assert not path.exists(), "nobody else reads it"
 
 
+def test_rallies_at_once_are_limited(method: Method, tmp_path: Path) -> None:
+    session = session_of(setting_of(tmp_path, budget=1 << 17))
+    assert len(session._reset({"reset": 1 << 16, "opponent": 0})["state"]) == 1 << 16
+    with pytest.raises(SuiteError, match=r"65537 rallies: .* 1 to 65536 at once"):
+        session._reset({"reset": (1 << 16) + 1, "opponent": 0})
+
+
 @pytest.mark.parametrize("opponents", [0, 2])
 def test_rallies_and_strokes_are_counted(opponents: int, method: Method, tmp_path: Path) -> None:
     """Seven rallies may be reset and seven strokes played of a budget of 7, and one more of neither."""
@@ -332,6 +339,14 @@ def test_every_process_has_a_user_of_its_own() -> None:
     users = {int(remote._nobody()) for _ in range(50)}
     assert len(users) > 45
     assert (1 << 30) <= min(users) <= max(users) < (1 << 30) + (1 << 29)
+
+
+def test_what_is_missing_or_shown_already_is_not_mounted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "shown" / "inside").mkdir(parents=True)
+    places = [str(tmp_path / name) for name in ("shown", "shown/inside", "missing")]
+    monkeypatch.setattr(remote, "_SHOWN", places)
+    bound = [step.split()[-2] for step in remote._mounts(tmp_path / "code") if step.startswith("mount --bind")]
+    assert [place in bound for place in places] == [True, False, False]
 
 
 def test_all_is_mounted_for_reading_but_devices(tmp_path: Path) -> None:
