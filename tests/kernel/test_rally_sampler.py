@@ -292,6 +292,7 @@ def test_numbers_that_cannot_be_meant_are_refused() -> None:
         sampler.collect(10, lambda states: (np.zeros((len(states), 2), np.float32), np.zeros(len(states), "f4")))
     with pytest.raises(KernelError, match="states"):
         sampler.reset(0, np.array([GAME.n_states]))
+    assert len(sampler.record(np.array([], np.int64)).length) == 0
     sampler.reset(0, np.array([GAME.n_states - 1]))
     assert sampler.known.tolist() == [GAME.n_states - 1]
     with pytest.raises(KernelError, match="no legal strokes"):
