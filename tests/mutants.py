@@ -67,7 +67,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         "training/test_training_runs.py",
     ),
     "data": ("data", "analysis", "dynamics"),
-    "dynamics": ("dynamics", "data", "policy"),
+    "dynamics": ("dynamics", "data", "policy", "coach/test_advice.py"),
     "env": ("env", "suite", "policy"),
     "kernel": ("kernel", "env", "suite"),
     "pages": ("coach", "league", "package", "analysis"),

@@ -292,6 +292,11 @@ def test_a_sample_of_all_or_of_nothing_is_the_rallies_themselves(rallies, header
     assert kept.match.tolist() == some.match[Sampling(every=3).keeps(about, some.pairing, some.match)].tolist()
     assert 0 < len(kept) < 40
     assert len(Sampling(every=3).of(about, some.slice(0, 0))) == 0
+    match = np.arange(40)
+    found = np.flatnonzero(Sampling(every=3).keeps(dataclasses.replace(about, seed=1), np.zeros_like(match), match))
+    assert found.tolist() == [2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 36, 37], (
+        "logs that are written in parts by several versions have one sample"
+    )
 
 
 def test_the_players_of_a_pair_and_their_day() -> None:

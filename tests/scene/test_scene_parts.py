@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation, Slerp
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.scene import models, topics
 from shuttle_marl.scene import motion as moving
-from shuttle_marl.scene import topics
 from shuttle_marl.scene.board import CAMERAS, Camera, boards, name_lines
 from shuttle_marl.scene.mesh import GlbWriter, Mesh, _rings, glb, joined, lathe, moved, normals_of, read_array, tube
 from shuttle_marl.scene.models import court, players, racket, shuttle
@@ -216,6 +216,13 @@ def test_a_body_of_revolution_and_a_tube() -> None:
             assert_allclose(ring @ along, 0, atol=1e-12)
             assert_allclose(ring, 0.5 * pipe.normals[5 * k : 5 * k + 5], atol=1e-12)
             assert_allclose(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1), np.sin(np.pi / 5))
+
+
+def test_linear_colours_are_between_0_and_1() -> None:
+    shades = [models.KITS, *(getattr(models, f"_{name}") for name in ("FRAME", "STRING", "CORK", "BAND", "FEATHER"))]
+    found = np.concatenate([np.ravel(shade) for shade in shades])
+    assert len(found) == 27
+    assert 0 < found.min() < found.max() < 1
 
 
 def test_meshes_of_one_colour_are_joined_and_moved() -> None:

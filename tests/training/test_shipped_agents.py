@@ -97,6 +97,11 @@ def test_the_table_is_the_network_of_torch(game: Game, hidden: int) -> None:
     assert (efforts != efforts[0]).any()
 
 
+def test_sums_of_products_are_exact_in_float64() -> None:
+    """Integers up to 2^53 are."""
+    assert np.finfo(np.float64).nmant + 1 == network._EXACT_BITS
+
+
 def test_logits_may_be_as_large_as_float32_allows() -> None:
     game, largest = tiring_game(), float(np.finfo(np.float32).max)
     n, levels = game.n_strokes, game.levels
