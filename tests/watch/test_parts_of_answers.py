@@ -33,7 +33,7 @@ from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.match import CourtRally, play_rally, side_name
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import OnceCache
-from shuttle_marl.watch.recorded import RealRallies, _event
+from shuttle_marl.watch.recorded import LogRallies, RealRallies, _event
 from shuttle_marl.watch.stager import Stager
 from tests.exact.exact_games import hand_made
 
@@ -678,3 +678,12 @@ def test_rallies_are_played_to_their_end_or_to_the_turn_of_a_person() -> None:
         with pytest.raises(WatchError, match=f"rally {number + 1}: the stroke chosen as number {len(rally)} is not legal there"):
             play(number, {kept: next(k for k in range(game.n_strokes) if k not in game.legal_strokes(states[kept]))})
     assert len(lengths) > 2
+
+
+def test_players_of_a_recorded_rally_are_known_with_their_value() -> None:
+    known: Any = SimpleNamespace(value=object())
+    recorded: Any = object.__new__(LogRallies)
+    recorded._lock, found = contextlib.nullcontext(), {0: known, 1: SimpleNamespace(value=None)}
+    recorded._players = SimpleNamespace(of_rally=found.__getitem__)
+    assert recorded.players(0) is known
+    assert recorded.players(1) is None
