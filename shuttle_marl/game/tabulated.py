@@ -35,8 +35,8 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
 
-#: The probabilities of the strokes of a state may sum to 1 within this tolerance.
 SUM_TOLERANCE: Final = 1e-6
+"""Tolerance of the sum of the probabilities of the strokes of a state, which is 1."""
 
 
 def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict[str, Any]:
