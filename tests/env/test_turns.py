@@ -19,6 +19,7 @@ from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import hand_made, tiring_game
+from tests.lost_serves import SCORES
 from tests.recovery import Prefers, with_recovery
 
 SERVE, SMASH, LIFT = range(3)
@@ -208,7 +209,7 @@ def test_forks_have_luck_of_their_own() -> None:
 
 
 def waiting() -> ShuttleEnv:
-    """Who served is to choose where to wait."""
+    """The server is to choose a position."""
     env = rally_v0.raw_env(game=HIDDEN, server=0)
     for seed in range(20):
         env.reset(seed=seed)
@@ -265,20 +266,6 @@ def test_forks_believe_where_a_receiver_waits() -> None:
     for wrong in (np.ones(9), np.eye(9)[next(place for place in range(9) if place not in feasible)], np.ones(8) / 8):
         with pytest.raises(PolicyError):
             env.fork(1, wrong)
-
-
-SCORES = [
-    (0, 0, 0, 0),
-    (0, 1, 0, 0),
-    (1, 1, 0, 0),
-    (0, 0, 0, 1),
-    (1, 0, 0, 1),
-    (1, 1, 0, 1),
-    (0, 0, 1, 1),
-    (0, 1, 1, 1),
-    (1, 1, 1, 1),
-]
-"""Points and games of player 0 and of player 1, before each of nine rallies: each is lost by who serves."""
 
 
 @pytest.mark.parametrize("reward", ["match", "rally"])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,18 @@ def shares(game: Game, block: int, positions: Floats) -> None:
         assert positions[s].min() >= 0
 
 
+def played(game: Game, player: Saddle, following: Floats) -> Iterator[tuple[Any, int, int, slice, list[int]]]:
+    """Strategies of each block, and its states with strokes; a state without strokes has value 0 and one position."""
+    for block in range(game.n_blocks):
+        found = player.strategies(block, *successors(game, following, block))
+        shares(game, block, found.positions)
+        for state, s, pairs, those in states_of(game, block):
+            if pairs.start == pairs.stop:
+                assert (found.value[s], found.positions[s, those[0]]) == (0, 1)
+            else:
+                yield found, state, s, pairs, those
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("against", [None, True, False])
 def test_free_players_mix_as_in_the_matrix_of_each_state(seed: int, against: bool | None) -> None:
@@ -64,24 +77,18 @@ def test_free_players_mix_as_in_the_matrix_of_each_state(seed: int, against: boo
     games = (game_of(seed),) if against is None else (game_of(seed), sister(seed))
     game, mixed, swaps = games[0], 0, 0
     player, following = Saddle(games, against=bool(against)), following_of(game)
-    for block in range(game.n_blocks):
-        found = player.strategies(block, *successors(game, following, block))
-        shares(game, block, found.positions)
-        for state, s, pairs, those in states_of(game, block):
-            if pairs.start == pairs.stop:
-                assert (found.value[s], found.positions[s, those[0]]) == (0, 1)
-                continue
-            each = np.stack([entries(one, state, following) for one in games])
-            matrix = each[0] if against is None else each.min(axis=0) if against else each.max(axis=0)
-            value = found.value[s]
-            x, y = found.strokes[pairs], found.positions[s, those]
-            assert x.sum() == pytest.approx(1)
-            assert (x @ matrix).min() == pytest.approx(value, abs=1e-9)
-            assert (matrix @ y).max() == pytest.approx(value, abs=1e-9)
-            mixed += x.max() < 0.99
-            rows = slice(game.waiting.start[s], game.waiting.start[s] + matrix.size)
-            np.testing.assert_array_equal(found.picked[rows], (matrix != each[0]).ravel())
-            swaps += found.picked[rows].sum()
+    for found, state, s, pairs, those in played(game, player, following):
+        each = np.stack([entries(one, state, following) for one in games])
+        matrix = each[0] if against is None else each.min(axis=0) if against else each.max(axis=0)
+        value = found.value[s]
+        x, y = found.strokes[pairs], found.positions[s, those]
+        assert x.sum() == pytest.approx(1)
+        assert (x @ matrix).min() == pytest.approx(value, abs=1e-9)
+        assert (matrix @ y).max() == pytest.approx(value, abs=1e-9)
+        mixed += x.max() < 0.99
+        rows = slice(game.waiting.start[s], game.waiting.start[s] + matrix.size)
+        np.testing.assert_array_equal(found.picked[rows], (matrix != each[0]).ravel())
+        swaps += found.picked[rows].sum()
     assert mixed > 1
     assert (swaps > 0) == (against is not None)
     assert 0 <= player.gap < 1e-12
@@ -102,22 +109,16 @@ def test_a_player_who_follows_a_policy_adds_its_mean(kind: str, share: float) ->
             policy.block_units(block) if kind == "whole strokes" else policy.block_probabilities(block) for block in (0, 1, 2, 3)
         ]
         player = Saddle((game,), strokes=tuple(blocks), share=share)
-    for block in range(game.n_blocks):
-        found = player.strategies(block, *successors(game, following, block))
-        shares(game, block, found.positions)
-        for state, s, pairs, those in states_of(game, block):
-            if pairs.start == pairs.stop:
-                assert (found.value[s], found.positions[s, those[0]]) == (0, 1)
-                continue
-            matrix = entries(game, state, following)
-            if kind == "positions":
-                matrix = (1 - share) * matrix + share * (matrix @ positions[state, those])[:, None]
-            else:
-                matrix = (1 - share) * matrix + share * (strokes[game.pairs_of(state)] @ matrix)
-            assert (found.strokes[pairs] @ matrix).min() == pytest.approx(found.value[s], abs=1e-8)
-            assert (matrix @ found.positions[s, those]).max() == pytest.approx(found.value[s], abs=1e-8)
-            if share == 1 and kind != "positions":
-                np.testing.assert_allclose(found.strokes[pairs], strokes[game.pairs_of(state)], atol=1e-15)
+    for found, state, s, pairs, those in played(game, player, following):
+        matrix = entries(game, state, following)
+        if kind == "positions":
+            matrix = (1 - share) * matrix + share * (matrix @ positions[state, those])[:, None]
+        else:
+            matrix = (1 - share) * matrix + share * (strokes[game.pairs_of(state)] @ matrix)
+        assert (found.strokes[pairs] @ matrix).min() == pytest.approx(found.value[s], abs=1e-8)
+        assert (matrix @ found.positions[s, those]).max() == pytest.approx(found.value[s], abs=1e-8)
+        if share == 1 and kind != "positions":
+            np.testing.assert_allclose(found.strokes[pairs], strokes[game.pairs_of(state)], atol=1e-15)
 
 
 @pytest.mark.parametrize(

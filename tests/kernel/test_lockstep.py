@@ -14,6 +14,7 @@ from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import KernelError, Matches
 from shuttle_marl.kernel.lockstep import Log, ask, ask_position, asking, new_log, play, rallies_of
 from tests.exact.exact_games import hand_made, tiring_game
+from tests.lost_serves import SCORES
 from tests.recovery import Prefers, with_recovery
 
 SERVE, SMASH, LIFT = range(3)
@@ -46,20 +47,6 @@ class Seen:
         self.calls.append([np.array(part).T.tolist() for part in (entrant, state, striker, score, history)])
         self.draws.append(draw.tolist())
         return np.zeros(len(entrant), np.intp)
-
-
-SCORES = [
-    (0, 0, 0, 0),
-    (0, 1, 0, 0),
-    (1, 1, 0, 0),
-    (0, 0, 0, 1),
-    (1, 0, 0, 1),
-    (1, 1, 0, 1),
-    (0, 0, 1, 1),
-    (0, 1, 1, 1),
-    (1, 1, 1, 1),
-]
-"""Points and games of both seats before each of nine rallies: each is lost by who serves, and seat 0 serves first."""
 
 
 def test_players_are_shown_the_score_and_the_rally_so_far() -> None:
