@@ -397,7 +397,9 @@ def test_the_end_of_a_game_that_the_data_lack() -> None:
     first = [rally(points=(20, 10), winner=None), rally(game=2, points=(0, 0), winner=1, server=0)]
     assert score_of(first, BWF) == (((21, 10), (0, 1)), (1,)), "the leader served first in the next game"
     assert score_of([first[0], rally(game=2, winner=1, server=1)], BWF) == (((20, 10), (0, 1)), ())
-    assert score_of([first[0], rally(game=2, number=2, winner=1, server=1)], BWF) == (((21, 10), (0, 1)), (1,)), "nobody knows"
+    assert score_of([first[0], rally(game=2, number=2, winner=1, server=1)], BWF) == (((21, 10), (0, 1)), (1,)), (
+        "the first server is unknown"
+    )
     assert score_of([rally(points=(20, 10), winner=1)], BWF) == (((21, 11),), (1,))
     assert score_of([rally(points=(10, 20), winner=1)], BWF) == (((10, 21),), ())
     assert score_of([rally(points=(20, 20), winner=None)], BWF) == (((20, 20),), ())

@@ -1,4 +1,4 @@
-"""What readers of files and tables take at their bounds, and refuse just beyond."""
+"""Readers of files and tables accept values at their bounds and refuse values just beyond."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What an import infers and compares, row by row: times, scores, orders of rallies, points and heights."""
+"""Inferences and comparisons of an import, row by row: times, scores, orders of rallies, points and heights."""
 
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,7 @@ def reading_of(*scores: tuple[int, int] | None, server: str, told: str | None = 
 
 
 def test_a_score_after_the_rally_and_one_before_it() -> None:
-    # 0 serves and wins, 1 wins, 1 wins: whose number is first is told by nothing but the winners.
+    # 0 serves and wins, 1 wins, 1 wins: only the winners determine whose number is first.
     after, won, words = reading_of((1, 0), (1, 1), (1, 2), server="001", told="011")
     assert (after, won.tolist()) == ([(1, 0), (1, 1), (1, 2)], [0, 1, 1])
     assert words == "the score is that after the rally; the first number is the first striker's"
@@ -362,7 +362,7 @@ def test_a_reading_counts_what_contradicts_and_what_agrees() -> None:
     assert (*found[:3], found[3].tolist()) == (2, -1, scores, [0, 1, -1])
     found = inference._read(scores, fresh, np.array([1, 0, 1]), 1 - zero, before=False)
     assert (*found[:3], found[3].tolist()) == (1, -2, [(0, 1), (1, 1), (1, 3)], [1, 0, -1])
-    # Before the rally a game begins with 0:0; the last rally is told.
+    # Scores before the rallies start at 0:0; the reported winner decides the last rally.
     found = inference._read(scores[:2], fresh[:2], np.array([-1, 0]), zero[:2], before=True)
     assert (*found[:3], found[3].tolist()) == (1, 0, [(1, 1), (2, 1)], [1, -1])
     for start in ((0, 1), (1, 0)):

@@ -1,4 +1,4 @@
-"""What becomes of single rows: cleaning of raw rallies, readers of other formats, and players, rallies and results of a table."""
+"""Single rows: cleaning of raw rallies, readers of other formats, and players, rallies and results of a table."""
 
 import dataclasses
 import json

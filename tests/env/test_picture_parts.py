@@ -1,4 +1,4 @@
-"""What the parts of a picture paint, and where: every position worked out by hand, in pixels or in metres on the court."""
+"""Painted parts of a picture and their positions, worked out by hand in pixels or in metres on the court."""
 
 import dataclasses
 import os

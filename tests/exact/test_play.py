@@ -1,4 +1,4 @@
-"""What policies play, counted stroke by stroke; and odds under restrictions with their keys."""
+"""Shares of strokes that policies play, counted one by one, and odds under restrictions with their keys."""
 
 from typing import Any
 

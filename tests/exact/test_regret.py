@@ -1,4 +1,4 @@
-"""Where losses are, bounds of errors, and the numbers that solvers report of themselves."""
+"""Losses by state, error bounds, and the counts that solvers report."""
 
 import dataclasses
 import re
@@ -109,7 +109,7 @@ def test_losses_with_hidden_positions_are_those_of_the_policy_alone() -> None:
 
 @pytest.mark.parametrize("hidden", [False, True])
 def test_errors_of_losses_add_up(hidden: bool) -> None:
-    """That of two values in each visit of either player that counts, and twice that of the visits of each who chooses."""
+    """The bound adds that of two values for each counted visit, and twice the bound of the visits of each player who chooses."""
     game = with_recovery(random_game(2), 2) if hidden else GAME
     policy, solution = random_policy(game, 0), solve(game)
     seen = visits(*(policy, solution.policy[1]), tolerance=TOLERANCE)
@@ -283,7 +283,7 @@ def test_odds_are_probabilities(serving: float, receiving: float) -> None:
 
 
 def test_matches_of_one_point() -> None:
-    """Whoever wins a rally wins the match."""
+    """The winner of a rally wins the match."""
     sudden, odds = Rules(points=1, clear=1, cap=1, games=1), Odds(serving=0.3, receiving=0.6, error_bound=0.1)
     assert (odds.rally, odds.value) == (pytest.approx(0.45), pytest.approx(-0.1))
     assert [odds.match(sudden, server) for server in (0, 1, None)] == pytest.approx([0.3, 0.6, 0.45])

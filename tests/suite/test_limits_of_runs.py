@@ -1,4 +1,4 @@
-"""What is refused of runs and rounds, at its limits, and the aggregates of entries that are written out."""
+"""Limits of runs and rounds, and aggregates of entries that are written out."""
 
 import dataclasses
 import datetime as dt
