@@ -1,11 +1,13 @@
 """``python -m experiments.truth --data DATA (--split validation | --cross 4) [--json]``"""
 
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
+import pyarrow.parquet as pq
 import tyro
 from rich.console import Console
 
@@ -25,7 +27,7 @@ from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import Split, read_matches
+from shuttle_marl.data import Split, clean_matches, read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.policy import UniformPolicy
@@ -85,7 +87,7 @@ def truth(
         parts = marked((shipped_world(game, discipline), part) for discipline, part in by_discipline(judged, profiles))
     real, promised = judged_by(parts)
     factors = None if cross is not None else factors_of(model_folder(game))
-    about = {**describe(("numpy", "torch")), "split": split, "cross": cross, "train_only": train_only}
+    about = {**describe(("numpy", "torch")), "split": split, "cross": cross, "train_only": train_only, "labels": labels(data)}
     result: dict[str, Any] = {**about, **compare(parts, real, promised, seed)}
     if cross is not None or factors is not None:
         result["calibration"] = calibration(real, promised, parts_of(parts), factors, seed)
@@ -115,7 +117,8 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
         "matches": len(np.unique(real.rows.match)),
         "strokes": len(real),
         "decision_slope": decisions.decision_slope(real, promised),
-        "value_error": decisions.value_error(real, promised),
+        "value_error": (errors := decisions.value_error(real, promised)),
+        "net_shot": {shot: errors[shot]["own"] for shot in ("net-shot", "block") if shot in errors},
         "promised_realised": decisions.promised_realised(real, promised),
         "value_log_loss": decisions.value_log_loss(real, promised),
         "forecasts": decisions.forecast_errors(real, promised, seed),
@@ -129,6 +132,16 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
         "random_vs_bc": float(np.mean([_random_wins(world) for world, _ in parts])),
         "support": _mean([thin_support(world) for world, _ in parts]),
     }
+
+
+def labels(data: Path) -> dict[str, Any]:
+    """Matches with label conventions of their own, and the number of strokes that were renamed; see ``docs/datasheet.md``."""
+    if data.is_dir():
+        provenance = clean_matches(data).provenance
+    else:
+        provenance = json.loads((pq.read_schema(data).metadata or {}).get(b"shuttle_marl.provenance", b"{}"))
+    found = provenance.get("conventions", [])
+    return {"matches": found, "relabelled": sum(one["strokes"] for one in found)}
 
 
 def parts_of(parts: Sequence[tuple[World, Strokes]]) -> I64:

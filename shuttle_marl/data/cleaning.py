@@ -17,6 +17,7 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import command
+from shuttle_marl.data.conventions import with_common_labels
 from shuttle_marl.data.hands import unknown_hands, with_hands
 from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, Account, Cleaned, Outcome, stroke_table
 from shuttle_marl.data.shuttleset import AREA_OF_LABEL, NEAREST_OF_LABEL, RawGame, list_matches, read_game
@@ -60,6 +61,7 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
     games = [read_game(match, path) for match in matches for path in match.games()]
     cleaned = [clean_game(game) for game in games]
     strokes, inferred = with_hands(pa.concat_tables([table for table, _ in cleaned]), root)
+    strokes, conventions = with_common_labels(strokes)
     dropped = sum((collections.Counter(counts) for _, counts in cleaned), collections.Counter[str]())
     agrees = pc.equal(strokes["area"].fill_null(-1), strokes["label_area"]).drop_null().to_numpy()
     account = Account.of(
@@ -74,7 +76,11 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
         strokes=strokes,
         account=account,
         files=tuple(game.path for game in games),
-        provenance={"inferred": inferred, "lost": unknown_hands(strokes)},
+        provenance={
+            "inferred": inferred,
+            "lost": unknown_hands(strokes),
+            "conventions": [dataclasses.asdict(convention) for convention in conventions],
+        },
     )
 
 
