@@ -10,9 +10,9 @@ areas and from the same contact heights. A convention has
 - a distance from it of :data:`FAR` standard deviations between matches (the scaled median absolute deviation of the training
   matches, and at least that of chance).
 
-``meant`` is the label whose strokes are struck and land most like those of the match. Strokes of a convention count as ``meant`` in
-the search for the next one. A label that others use often in the same place is never renamed: that would be a guess. A smash and a
-half smash, or a push and a lift, are such pairs, in which annotators differ gradually.
+``meant`` is the label whose strokes are struck and land most like those of the match. Strokes of a convention count as ``meant``
+in the search for the next one. A label that others use often in the same place is never renamed: that would be a guess. A smash
+and a half smash, or a push and a lift, are such pairs, in which annotators differ gradually.
 """
 
 import dataclasses
