@@ -311,7 +311,7 @@ class PPOConfig(SelfPlayConfig):
     clip: Fraction = 0.4
     """Clipping parameter epsilon of the probability ratio."""
     entropy: Weight = 0.05
-    """Weight of the entropy bonus; decays linearly to 0. None in the variant emagnet."""
+    """Weight of the entropy bonus, which the variant emagnet does not have; decays linearly to 0."""
     anneal_after: Annotated[float | None, Within(low=0, high=1, text="a number from 0 to 1")] = None
     """Fraction of the run after which the softmax temperature of rollouts decreases from 1; 1: never. Default: 0.2 in self-play,
     else 1."""
