@@ -78,6 +78,7 @@ def truth(
         raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
     console = Console(stderr=True, highlight=False)
     strokes = strokes_of(read_matches(data))
+    training: list[tuple[World, Strokes]] = []
     fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
     if cross is not None:
         judged = of_splits(strokes, "train") if train_only else of_splits(strokes, "train", "validation")
@@ -85,10 +86,13 @@ def truth(
     else:
         judged = of_splits(strokes, split or "validation")
         parts = marked((shipped_world(game, discipline), part) for discipline, part in by_discipline(judged, profiles))
+        if split != "train":
+            seen = of_splits(strokes, "train")
+            training = [(shipped_world(game, discipline), part) for discipline, part in by_discipline(seen, profiles)]
     real, promised = judged_by(parts)
     factors = None if cross is not None else factors_of(model_folder(game))
     about = {**describe(("numpy", "torch")), "split": split, "cross": cross, "train_only": train_only, "labels": labels(data)}
-    result: dict[str, Any] = {**about, **compare(parts, real, promised, seed)}
+    result: dict[str, Any] = {**about, **compare(parts, real, promised, seed, training)}
     if cross is not None or factors is not None:
         result["calibration"] = calibration(real, promised, parts_of(parts), factors, seed)
     if values is not None:
@@ -100,19 +104,32 @@ def truth(
     show(result, "truth", "truth_shots", "truth_memory", "truth_forecasts", "truth_told_apart", as_json=json_output, out=out)
 
 
-def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Promises, seed: int) -> dict[str, Any]:
+def compare(
+    parts: Sequence[tuple[World, Strokes]],
+    real: Strokes,
+    promised: Promises,
+    seed: int,
+    training: Sequence[tuple[World, Strokes]] = (),
+) -> dict[str, Any]:
     """All figures but the calibration and the transfer.
 
     Args:
         parts: worlds, each with matches that took no part in fitting it.
         real, promised: their strokes and promises, see :func:`judged_by`.
         seed: random seed of the simulated matches and of the resampling.
+        training: worlds with other matches, on which trees learn to tell simulated rallies from real ones; empty: on the same.
     """
     legality = [world.judge(strokes, lambda w, part: judged_strokes(w.game, part)) for world, strokes in parts]
     known, forbidden = (np.concatenate(side) for side in zip(*legality, strict=True))
-    simulated = Strokes.joined([_simulated(world, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
+    simulated = _rallies(parts, seed)
+
+    def told_apart(rallies: Strokes, *, history: bool = False) -> dict[str, Any]:
+        if not training:
+            return likeness.two_sample_auc(rallies, real, seed)
+        seen = _rallies(training, seed + len(parts), history=history), Strokes.joined([strokes for _, strokes in training])
+        return likeness.two_sample_auc(rallies, real, seed, training=seen)
+
     remembers = all(world.history is not None for world, _ in parts)
-    remembered = [_simulated(world, strokes, seed + i, history=True) for i, (world, strokes) in enumerate(parts) if remembers]
     return {
         "matches": len(np.unique(real.rows.match)),
         "strokes": len(real),
@@ -124,8 +141,8 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
         "forecasts": decisions.forecast_errors(real, promised, seed),
         "memory": memory(real, promised),
         "illegal": illegal(real, promised, known, forbidden),
-        "two_sample_auc": likeness.two_sample_auc(simulated, real, seed),
-        "two_sample_auc_history": likeness.two_sample_auc(Strokes.joined(remembered), real, seed) if remembered else None,
+        "two_sample_auc": told_apart(simulated),
+        "two_sample_auc_history": told_apart(_rallies(parts, seed, history=True), history=True) if remembers else None,
         "rally_length": likeness.rally_length(simulated, real, seed),
         "divergence": likeness.divergence(simulated, real, seed),
         "recovery": recovery_effects(parts, seed),
@@ -147,6 +164,10 @@ def labels(data: Path) -> dict[str, Any]:
 def parts_of(parts: Sequence[tuple[World, Strokes]]) -> I64:
     """``[N]`` part of each stroke of :func:`judged_by`."""
     return np.repeat(np.arange(len(parts)), [len(strokes) for _, strokes in parts])
+
+
+def _rallies(parts: Sequence[tuple[World, Strokes]], seed: int, *, history: bool = False) -> Strokes:
+    return Strokes.joined([_simulated(world, strokes, seed + i, history=history) for i, (world, strokes) in enumerate(parts)])
 
 
 def _simulated(world: World, real: Strokes, seed: int, *, history: bool = False) -> Strokes:

@@ -5,6 +5,7 @@ the first stroke, which the cameras missed.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, Final
 
 import lightgbm
@@ -12,7 +13,7 @@ import numpy as np
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import ks_2samp, wasserstein_distance
 
-from experiments.truth.matches import Strokes, folds_of
+from experiments.truth.matches import Strokes, folds_of, ratio_by_match
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import area_under_curve
@@ -53,23 +54,39 @@ def divergence(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, di
     return out
 
 
-def two_sample_auc(simulated: Strokes, real: Strokes, seed: int = 0, halvings: int = 6) -> dict[str, Any]:
+def two_sample_auc(
+    simulated: Strokes, real: Strokes, seed: int = 0, halvings: int = 6, training: Sequence[Strokes] | None = None
+) -> dict[str, Any]:
     """Area under the ROC curve of boosted trees that tell whole rallies apart by what follows the serve, on matches that they
     did not see.
 
     Args:
         simulated, real: rallies of either kind.
-        seed: of the trees, and of how the real matches are halved.
+        seed: of the trees, of how the real matches are halved, and of the resamples.
         halvings: random halvings behind the figure of real against real.
+        training: simulated and real rallies of other matches, on which the trees are fitted; None: those of the same ones,
+            cross-validated by match, which takes many matches.
 
     Returns:
-        ``value``, ``real_against_real`` (the same for random halves of the real matches), and ``gives_away``: for the features
+        ``value``, ``real_against_real`` (the same for random halves of the real matches) or, of trees that were fitted to other
+        matches, ``low`` and ``high`` (95 % interval by a bootstrap over the real ones), and ``gives_away``: for the features
         with most gain, their share of the gain, their means ``simulated`` and ``real``, and the ``difference`` of these in
         standard deviations over real rallies.
     """
     sides = [_features(simulated), _features(real)]
-    value, gain = _auc(sides, seed)
-    alike = [_auc([_features(real.take(half)), _features(real.take(~half))], seed)[0] for half in _halvings(real, seed, halvings)]
+    found: dict[str, float] = {}
+    if training is None:
+        found["value"], gain = _auc(sides, seed)
+        halves = [[_features(real.take(half)), _features(real.take(~half))] for half in _halvings(real, seed, halvings)]
+        found["real_against_real"] = float(np.mean([_auc(half, seed)[0] for half in halves]))
+    else:
+        x, label, _ = _balanced([_features(side) for side in training], seed)
+        trees = _fitted(x, label, seed)
+        gain = trees.feature_importance("gain") / trees.feature_importance("gain").sum()
+        ours, theirs = (np.asarray(trees.predict(side.values)) for side in sides)
+        # The area is the mean, over real rallies, of the fraction of simulated ones that look more simulated.
+        below, not_above = (np.searchsorted(np.sort(ours), theirs, side) for side in ("left", "right"))
+        found |= ratio_by_match(1 - (below + not_above) / (2 * len(ours)), np.ones(len(theirs)), sides[1].match, seed)
     means, spread = [side.values.mean(axis=0) for side in sides], sides[1].values.std(axis=0)
     gives_away = {
         _NAMES[i]: {
@@ -80,29 +97,38 @@ def two_sample_auc(simulated: Strokes, real: Strokes, seed: int = 0, halvings: i
         }
         for i in np.argsort(-gain)[:_LISTED]
     }
-    return {"value": value, "real_against_real": float(np.mean(alike)), "gives_away": gives_away}
+    return {**found, "gives_away": gives_away}
 
 
 def _auc(sides: list["_Features"], seed: int) -> tuple[float, F64]:
-    """Cross-validated by match, with as many rallies of either side."""
+    """Cross-validated by match."""
+    x, label, match = _balanced(sides, seed)
+    p, gain = np.empty(len(x)), np.zeros(x.shape[1])
+    fold = fold_of_match(match, _FOLDS)
+    for k in range(_FOLDS):
+        seen, unseen = fold != k, fold == k
+        trees = _fitted(x[seen], label[seen], seed)
+        p[unseen] = trees.predict(x[unseen])
+        gain += trees.feature_importance("gain")
+    return float(area_under_curve(label == 1, p)), gain / gain.sum()
+
+
+def _balanced(sides: list["_Features"], seed: int) -> tuple[F64, I64, I64]:
+    """Features, labels and matches of as many rallies of either side."""
     rng = np.random.default_rng(seed)
     size = min(len(side.values) for side in sides)
     chosen = [np.sort(rng.choice(len(side.values), size, replace=False)) for side in sides]
     x = np.concatenate([side.values[rows] for side, rows in zip(sides, chosen, strict=True)])
-    label = np.repeat([1, 0], size)
     match = np.concatenate([side.match[rows] + i * 10_000 for i, (side, rows) in enumerate(zip(sides, chosen, strict=True))])
-    p, gain = np.empty(len(x)), np.zeros(x.shape[1])
+    return x, np.repeat([1, 0], size), match
+
+
+def _fitted(x: F64, label: I64, seed: int) -> lightgbm.Booster:
     options = {
         "objective": "binary", "num_leaves": 15, "learning_rate": 0.05, "min_data_in_leaf": 40, "feature_fraction": 0.7,
         "deterministic": True, "force_row_wise": True, "num_threads": 1, "seed": seed, "verbosity": -1,
     }  # fmt: skip
-    fold = fold_of_match(match, _FOLDS)
-    for k in range(_FOLDS):
-        seen, unseen = fold != k, fold == k
-        trees = lightgbm.train(options, lightgbm.Dataset(x[seen], label[seen]), num_boost_round=150)
-        p[unseen] = trees.predict(x[unseen])
-        gain += trees.feature_importance("gain")
-    return float(area_under_curve(label == 1, p)), gain / gain.sum()
+    return lightgbm.train(options, lightgbm.Dataset(x, label), num_boost_round=150)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

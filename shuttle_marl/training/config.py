@@ -28,7 +28,7 @@ from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
-SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet", "nash"]
+SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet", "emagnet", "nash"]
 
 SELF: Final = "self"
 """Name of the learner itself as opponent."""
@@ -274,15 +274,19 @@ class SelfPlayConfig(TrainingConfig):
 
     variant: SelfPlayVariant = "plain"
     """Variant of self-play: plain; rallies against best responses (best-response) or earlier policies (pool), rallies from states
-    of a best response (restarts), or regularisation towards a slow (magnet) or periodically updated (nash) reference policy."""
+    of a best response (restarts), or regularisation towards a reference policy that is slow (magnet; emagnet: in place of the
+    entropy bonus) or periodically updated (nash)."""
     fraction: FractionOrZero = 0.2
     """Fraction of rallies that are not plain self-play, for the variants best-response, restarts and pool."""
     update_interval: Count = 40
-    """Iterations between updates of the best response, the pool or the reference policy."""
+    """Iterations between updates of the best response, the pool or the reference policy of nash."""
     pool_size: Annotated[int, Within(low=1, high=64, text="a whole number from 1 to 64")] = 8
     """Maximum number of earlier policies in the pool."""
     magnet_coef: Weight = 0.05
-    """Weight of the KL divergence from the reference policy, for the variants magnet and nash."""
+    """Weight of the KL divergence from the reference policy, for the variants magnet, emagnet and nash."""
+    magnet_rate: FractionOrZero = 0.025
+    """Rate per iteration of the moving average of parameters that is the reference policy of the variants magnet and emagnet; 1:
+    the policy at the start of the iteration, 0: the initial one."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -307,7 +311,7 @@ class PPOConfig(SelfPlayConfig):
     clip: Fraction = 0.4
     """Clipping parameter epsilon of the probability ratio."""
     entropy: Weight = 0.05
-    """Weight of the entropy bonus; decays linearly to 0."""
+    """Weight of the entropy bonus, which the variant emagnet does not have; decays linearly to 0."""
     anneal_after: Annotated[float | None, Within(low=0, high=1, text="a number from 0 to 1")] = None
     """Fraction of the run after which the softmax temperature of rollouts decreases from 1; 1: never. Default: 0.2 in self-play,
     else 1."""

@@ -82,7 +82,7 @@ class PPO(ActorCritic):
         super().__init__(config, game, ClipPPOLoss, clip_epsilon=config.clip, normalize_advantage=False)
         self.config = config
         self.reference: ReferencePolicy | None = None
-        if config.variant in ("magnet", "nash"):
+        if config.variant in ("magnet", "emagnet", "nash"):
             self.reference = ReferencePolicy(config, logit_network(self.actor))
             self.modules = {**self.modules, "reference": self.reference.network}
 
@@ -101,6 +101,8 @@ class PPO(ActorCritic):
         self.decay(remaining)
         if reference is not None:
             reference.update(self.iteration)
+        if config.variant == "emagnet":
+            self.loss.entropy_coeff.zero_()
 
         def penalty(part: TensorDictBase) -> torch.Tensor:
             assert reference is not None

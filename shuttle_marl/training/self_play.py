@@ -7,9 +7,12 @@ its rallies:
 - **restarts**: from states that this best response reaches;
 - **pool**: against earlier policies of the run, one of which joins every ``update_interval`` iterations.
 
-Two change the loss of PPO, by the KL divergence from a reference policy: **magnet**, mirror descent with a slowly moving average
-(Sokota et al. 2023, arXiv 2206.05825), and **nash**, a copy of the policy every ``update_interval`` iterations (NashPG, arXiv
-2510.18183).
+Three change the loss of PPO, by the KL divergence from a reference policy:
+
+- **magnet**: mirror descent with a slowly moving reference (Sokota et al. 2023, arXiv 2206.05825): the network whose parameters
+  are the exponential moving average of those of the policy. The entropy bonus, which draws towards uniform play, stays;
+- **emagnet**: the same without the entropy bonus (EMAgnet, Maidment et al. 2026, arXiv 2606.23995);
+- **nash**: a copy of the policy every ``update_interval`` iterations (NashPG, arXiv 2510.18183).
 """
 
 import copy
@@ -103,7 +106,7 @@ def n_opponents(config: SelfPlayConfig) -> int:
 
 
 class ReferencePolicy:
-    """Reference policy of the variants magnet and nash.
+    """Reference policy of the variants magnet, emagnet and nash.
 
     Args:
         network: logits of the learner, :func:`shuttle_marl.training.networks.logit_network`.
@@ -114,9 +117,9 @@ class ReferencePolicy:
         self.network = copy.deepcopy(network).requires_grad_(False)
 
     def update(self, iteration: int) -> None:
-        """Move the reference towards the policy (magnet), or copy the policy every ``update_interval`` iterations (nash)."""
-        interval = self._config.update_interval
-        step = 1 / interval if self._config.variant == "magnet" else float(iteration % interval == 0)
+        """Average the parameters (magnet, emagnet), or copy the policy every ``update_interval`` iterations (nash)."""
+        config = self._config
+        step = float(iteration % config.update_interval == 0) if config.variant == "nash" else config.magnet_rate
         with torch.no_grad():
             for reference, current in zip(self.network.parameters(), self._current.parameters(), strict=True):
                 reference.lerp_(current, step)

@@ -95,7 +95,7 @@ def test_pairs_refuses_a_single_part(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_truth_finds_that_promises_come_true_in_the_game_itself(tmp_path: Path) -> None:
     data, values = tmp_path / "strokes.parquet", tmp_path / "values"
-    write_published(data, matches_of("validation"), seed=0)
+    write_published(data, (*matches_of("validation"), *matches_of("train")[:4]), seed=0)
     command = ("experiments.truth", "--data", data, "--split", "validation", "--game", reduced_model(), "--halvings", 0)
     assert "log-loss of the value" in run(*command, "--values", values)
     result = result_of(*command, "--against", values)
@@ -106,6 +106,7 @@ def test_truth_finds_that_promises_come_true_in_the_game_itself(tmp_path: Path) 
     slopes = result["decision_slope"]
     assert all(is_near(slope, slope["value"], 1.0) for slope in slopes.values()), slopes
     assert result["value_log_loss"] < np.log(2)
+    assert is_near(result["two_sample_auc"], result["two_sample_auc"]["value"], 0.5)
     errors = [role for roles in result["value_error"].values() for role in roles.values() if role["n"] >= 300]
     assert [error for error in errors if not is_near(error, error["points"], 0.0)] == []
     assert all(change == {"value": 0.0, "low": 0.0, "high": 0.0} for change in result["against"].values())

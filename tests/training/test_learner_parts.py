@@ -307,28 +307,33 @@ def test_rallies_restart_where_a_best_response_leads(responses: list[tuple[objec
     assert len(responses) == 4
 
 
-def reference(variant: Any, interval: int = 4) -> tuple[ReferencePolicy, nn.Linear]:
+def reference(variant: Any, rate: float = 0.25) -> tuple[ReferencePolicy, nn.Linear]:
     network = nn.Linear(1, 2, bias=False)
     with torch.no_grad():
         network.weight.copy_(torch.tensor([[0.0], [math.log(3)]]))
-    return ReferencePolicy(PPOConfig(opponent=("self",), variant=variant, update_interval=interval), network), network
+    config = PPOConfig(opponent=("self",), variant=variant, magnet_rate=rate, update_interval=4)
+    return ReferencePolicy(config, network), network
 
 
-def test_a_magnet_follows_slowly_and_a_copy_at_once() -> None:
-    magnet, network = reference("magnet")
-    nash, other = reference("nash")
+@pytest.mark.parametrize(
+    ("variant", "rate", "expected"),
+    [
+        *((variant, 0.25, [2.0, 3.5, 4.625, 5.46875]) for variant in ("magnet", "emagnet")),
+        ("emagnet", 0.0, [0, 0, 0, 0]),
+        ("emagnet", 1.0, [8, 8, 8, 8]),
+        ("nash", 0.25, [0, 0, 0, 8]),
+    ],
+)
+def test_magnets_average_parameters_and_nash_copies_them(variant: str, rate: float, expected: list[float]) -> None:
+    own, network = reference(variant, rate)
     with torch.no_grad():
-        for each in (network, other):
-            each.weight += 8.0
-    moved, copied = [], []
+        network.weight += 8.0
+    moved = []
     for iteration in (1, 2, 3, 4):
-        magnet.update(iteration)
-        nash.update(iteration)
-        moved.append(next(magnet.network.parameters())[0].item())
-        copied.append(next(nash.network.parameters())[0].item())
-    assert moved == pytest.approx([2.0, 3.5, 4.625, 5.46875])
-    assert copied == [0, 0, 0, 8]
-    assert not any(weight.requires_grad for weight in magnet.network.parameters())
+        own.update(iteration)
+        moved.append(next(own.network.parameters())[0].item())
+    assert moved == pytest.approx(expected)
+    assert not any(weight.requires_grad for weight in own.network.parameters())
 
 
 def test_the_divergence_is_that_of_the_policy_from_the_reference() -> None:

@@ -14,7 +14,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallyBatch, RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training.config import SHARP, A2CConfig, PPOConfig
-from shuttle_marl.training.learner import Observer
+from shuttle_marl.training.learner import Observer, RallyCollector, Trainer
 from shuttle_marl.training.networks import LegalStrokes, decision_masks, logit_network, make_actor, weights_of
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run import tempered
@@ -81,15 +81,15 @@ def test_a_network_waits_as_its_table() -> None:
     assert np.allclose(table.positions(seen), p[len(states) :, GAME.n_strokes :], atol=1e-4)
 
 
-@pytest.mark.parametrize("variant", ["plain", "magnet"])
+@pytest.mark.parametrize("variant", ["plain", "magnet", "emagnet"])
 def test_ppo_takes_steps_on_strokes_and_positions(variant: str, tmp_path: Path) -> None:
-    from shuttle_marl.training.learner import RallyCollector, Trainer
-
     config = PPOConfig(opponent=("self",), variant=variant, batch=2000, strokes=6000, width=16, out=tmp_path)  # type: ignore[arg-type]
     learner = PPO(config, GAME)
     trainer = Trainer(learner, RallyCollector(config, GAME, [], learner.predict, distinct=True))
     for _ in range(2):
-        assert np.isfinite(list(trainer.iterate(1.0).values())).all()
+        losses = trainer.iterate(1.0)
+        assert np.isfinite(list(losses.values())).all()
+        assert (losses["loss_entropy"] == 0) == (variant == "emagnet")
 
 
 def test_torchrl_environments() -> None:

@@ -51,7 +51,7 @@ SMALL: dict[str, Any] = {
     "checkpoint_every": 3,
     "record": "all",
 }
-VARIANTS: tuple[SelfPlayVariant, ...] = ("best-response", "restarts", "pool", "magnet", "nash")
+VARIANTS: tuple[SelfPlayVariant, ...] = ("best-response", "restarts", "pool", "magnet", "emagnet", "nash")
 CONFIGS: dict[str, TrainingConfig] = {
     "ppo": PPOConfig(**SMALL, strokes=256 * 8, minibatches=3),
     "a2c": A2CConfig(**SMALL, strokes=256 * 8),
@@ -79,7 +79,7 @@ def metrics(run: Path) -> list[dict[str, float]]:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in VARIANTS[1:4] else ()) for name in CONFIGS]
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in VARIANTS[1:5] else ()) for name in CONFIGS]
 )
 def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = CONFIGS[name]

@@ -233,7 +233,7 @@ def test_self_play_sharpens_after_a_fifth_of_the_run() -> None:
 
 
 def test_opponents_of_the_variants_of_self_play() -> None:
-    wanted = {"plain": 0, "best-response": 1, "restarts": 0, "pool": 5, "magnet": 0, "nash": 0}
+    wanted = {"plain": 0, "best-response": 1, "restarts": 0, "pool": 5, "magnet": 0, "emagnet": 0, "nash": 0}
     own = ("self",)
     assert {name: n_opponents(PPOConfig(opponent=own, variant=name, pool_size=5)) for name in wanted} == wanted  # type: ignore[arg-type]
 
