@@ -143,23 +143,22 @@ def _play(policy: TabulatedPolicy) -> dict[str, Any]:
 def evidence(data: Path, model: str) -> dict[str, Any]:
     """What matches say: by group of shot types :func:`~experiments.truth.aims.aims`, and the effects by discipline.
 
-    Training matches are judged by models and effects that were not fitted to them, all others by the shipped ones.
+    Training matches are judged by models and effects that were not fitted to them, validation matches by the shipped ones.
     """
     folder, table = model_folder(model), read_matches(data)
     models, shipped = FittedModels.load(folder), load_recovery(folder)
     assert shipped is not None
     strokes = strokes_of(table).marked(load_hurry(folder))
-    train, *others = (in_splits(strokes, split) for split in ("train", "validation", "test"))
-    seen, (validation, test) = strokes.take(train), (strokes.rows.take(which) for which in others)
+    train, aside = in_splits(strokes, "train"), in_splits(strokes, "validation")
+    seen, validation = strokes.take(train), strokes.rows.take(aside)
     members = softmax(models.m_target.logits(seen.rows.codes))
     targets = [unseen(members, seen.rows.match, EnsembleConfig().folds), models.targets(validation.codes)]
     right = table["landing_x"].to_numpy().astype(np.float64)
-    landing = np.concatenate([right[which] for which in (train, others[0])])
+    landing = np.concatenate([right[train], right[aside]])
     judged = zip(cross_judged(models, seen, FOLDS), judged_by(models, shipped, validation), strict=True)
     return {
         "aims": aims(Rows.joined([seen.rows, validation]), landing, np.concatenate(targets)),
         "effects": by_discipline([Judged.joined(parts) for parts in judged], strokes.rows),
-        "withheld": by_discipline(judged_by(models, shipped, test), strokes.rows),
     }
 
 
