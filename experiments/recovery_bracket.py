@@ -108,9 +108,10 @@ def bracket(game: Game) -> dict[str, Any]:
 
     Returns:
         ``people``, ``hidden``, ``seen``: as of :func:`_play`, the last two with the fraction of rallies that the ``server`` wins
-        and its ``error_bound``, and ``hidden`` with :func:`~shuttle_marl.policy.scorecard.hidden_depth`. ``sees``: fraction of
-        rallies won by perfect play that sees positions against perfect play that does not and knows it (``known``), and by the
-        best response that sees positions to perfect play of the game with hidden ones (``not_known``).
+        and its ``error_bound``, and ``hidden`` with :func:`~shuttle_marl.policy.scorecard.hidden_depth`. ``apart``: fraction of
+        shots and of positions that differ between hidden and seen. ``sees``: fraction of rallies won by perfect play that sees
+        positions against perfect play that does not and knows it (``known``), and by the best response that sees positions to
+        perfect play of the game with hidden ones (``not_known``).
     """
     solution, seen = solve(game), Seen(game)
     perfect, (value, _) = solution.policy[0], solve_players(seen, None, TOLERANCE)
@@ -118,10 +119,13 @@ def bracket(game: Game) -> dict[str, Any]:
     blind = Saddle((game,), strokes=tuple(block_chances(perfect, block) for block in range(game.n_blocks)))
     response = solve_players(Seen(game, positions_of(perfect)), blind, TOLERANCE)[0]
     hidden = {"server": (1 + solution.value_at_serve) / 2, "error_bound": solution.error_bound / 2}
+    played = {"hidden": _play(perfect), "seen": _play(seen.policy(value.striking[1]))}
+    mixes = {name: [np.array([*of[name].values()]) for of in played.values()] for name in ("shots", "positions")}
     return {
         "people": _play(tabulate(resolve("bc", game), game)),
-        "hidden": {**hidden, **_play(perfect), **hidden_depth(perfect)},
-        "seen": {"server": known.serving, "error_bound": known.error_bound, **_play(seen.policy(value.striking[1]))},
+        "hidden": {**hidden, **played["hidden"], **hidden_depth(perfect)},
+        "seen": {"server": known.serving, "error_bound": known.error_bound, **played["seen"]},
+        "apart": {name: float(np.abs(one - other).sum() / 2) for name, (one, other) in mixes.items()},
         "sees": {
             "known": solve_players(seen, Saddle((game,)), TOLERANCE)[0].odds().rally,
             "not_known": response.odds().rally,

@@ -11,7 +11,7 @@ import numpy as np
 from experiments.truth.matches import RESAMPLES
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.dynamics.features import MOVEMENT, Rows
 from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.recovery import GROUPS, placed
 from shuttle_marl.game.court import FOREHAND, N_AREAS, N_SIDES, mirrored
@@ -20,7 +20,7 @@ from shuttle_marl.game.stroke import SHOTS
 _ROUNDS: Final = 10
 
 
-def aims(rows: Rows, landing: F64, targets: F64) -> dict[str, dict[str, float]]:
+def aims(rows: Rows, landing: F64, targets: F64) -> dict[str, dict[str, dict[str, float]]]:
     """Whether strokes that went out were aimed away from the receiver, by group of shot types.
 
     Args:
@@ -30,16 +30,24 @@ def aims(rows: Rows, landing: F64, targets: F64) -> dict[str, dict[str, float]]:
 
     Returns:
         For each group :func:`slope` of "landed on the receiver's forehand side" on how far the receiver stood to that side [m],
-        beside the log-odds of that side by the targets.
+        beside the log-odds of that side by the targets (``state``), and beside the lateral contact point too (``contact``).
     """
     out = (rows.outcome == Outcome.FAULT) & (rows.reason == REASONS.index("out")) & placed(rows) & np.isfinite(landing)
-    forehand = (landing < 0) != (rows.receiver_hand == 1)
-    there = np.where((rows.codes["hands"] == 1)[:, None], targets[:, mirrored(np.arange(N_AREAS))], targets)
+    forehand, opposite = (landing < 0) != (rows.receiver_hand == 1), rows.codes["hands"] == 1
+    there = np.where(opposite[:, None], targets[:, mirrored(np.arange(N_AREAS))], targets)
     sides = there.reshape(-1, N_AREAS // N_SIDES, N_SIDES).sum(axis=1)
     expected = log_odds(sides[:, FOREHAND] + sides[:, N_SIDES // 2] / 2)
-    x = np.stack([rows.waiting[:, 0], expected], axis=1).astype(np.float64)
-    groups = {name: out & np.isin(np.array(SHOTS)[rows.codes["shot"]], shots) for name, shots in GROUPS.items()}
-    return {name: slope(x[those], forehand[those], rows.match[those]) for name, those in groups.items()}
+    contact = np.where(opposite, -1, 1) * rows.movement[:, MOVEMENT.index("contact_x")]
+    x = np.stack([rows.waiting[:, 0], expected, contact], axis=1).astype(np.float64)
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for name, shots in GROUPS.items():
+        those = out & np.isin(np.array(SHOTS)[rows.codes["shot"]], shots)
+        known = those & np.isfinite(contact)
+        found[name] = {
+            "state": slope(x[those, :2], forehand[those], rows.match[those]),
+            "contact": slope(x[known], forehand[known], rows.match[known]),
+        }
+    return found
 
 
 def slope(x: F64, label: Bools, match: Ints, seed: int = 0) -> dict[str, float]:

@@ -7,6 +7,7 @@ from experiments.recovery_bracket import Seen
 from experiments.truth.aims import aims
 from experiments.truth.recovery import Judged, by_discipline
 from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.dynamics.features import MOVEMENT
 from shuttle_marl.exact import solve
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.profile import positions_of
@@ -82,13 +83,16 @@ def test_planted_aims_are_recovered() -> None:
         receiver_hand=np.where(left, HANDS.index("left"), HANDS.index("right")).astype(np.int8),
         match=rng.integers(0, 20, n).astype(np.int32),
         waiting=waits,
+        movement=rng.normal(0, 1, (n, len(MOVEMENT))).astype(np.float32),
     )
     landing = np.where(forehand != left, -1.0, 1.0) * rng.uniform(0.1, 3, n)
     found = aims(rows, landing, rng.dirichlet(np.ones(9), n))
-    assert found["flat"]["strokes"] == pytest.approx((flat & out).sum() * 0.9, rel=0.03)
-    assert found["flat"]["value"] == pytest.approx(-1, abs=0.25)
-    assert found["flat"]["low"] < found["flat"]["value"] < found["flat"]["high"] < -0.6
-    assert found["high"]["low"] < 0 < found["high"]["high"]
+    flat_ones, high_ones = found["flat"]["state"], found["high"]["state"]
+    assert flat_ones["strokes"] == pytest.approx((flat & out).sum() * 0.9, rel=0.03)
+    assert flat_ones["value"] == pytest.approx(-1, abs=0.25)
+    assert flat_ones["low"] < flat_ones["value"] < flat_ones["high"] < -0.6
+    assert high_ones["low"] < 0 < high_ones["high"]
+    assert found["flat"]["contact"]["value"] == pytest.approx(flat_ones["value"], abs=0.1), "contact points that tell nothing"
 
 
 def test_effects_are_judged_in_each_discipline() -> None:
