@@ -63,7 +63,7 @@ def test_who_sees_is_worth_more_everywhere() -> None:
         sees, blind = solve_players(Seen(game), Saddle((game,)), TOLERANCE)[0].striking
         assert (sees >= hidden - 1e-8).all()
         assert (blind <= hidden + 1e-8).all()
-        gained += (sees > hidden + 1e-4).any()
+        gained += int((sees > hidden + 1e-4).any())
     assert gained >= 4, "games in which perfect play mixes"
 
 
