@@ -10,14 +10,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from experiments.truth.matches import Strokes, ratio_by_match
+from experiments.truth.matches import Strokes, folds_of, ratio_by_match
 from experiments.truth.worlds import World
 from shuttle_marl.base.arrays import F64, I32, Bools
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.dynamics.features import DISCIPLINES, Rows
+from shuttle_marl.dynamics.fit import unseen_predictions
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds, sigmoid, was_good, was_met, was_timed
-from shuttle_marl.dynamics.recovery import FittedRecovery, people_at, placed
+from shuttle_marl.dynamics.network import EnsembleConfig
+from shuttle_marl.dynamics.recovery import FittedRecovery, fit_recovery, people_at, placed
 from shuttle_marl.game.recovery import EFFECTS, STEP
 from shuttle_marl.game.stroke import N_SERVES
 
@@ -68,26 +71,75 @@ def recovery_effects(parts: Sequence[tuple[World, Strokes]], seed: int = 0) -> d
             judged.append(effect._replace(match=effect.match + np.int32(before)))
         before += len(strokes.rows.matches)
     joined = map(Judged.joined, found)
-    return {name: _summary(judged, seed) for name, judged in zip(EFFECTS, joined, strict=True) if len(judged.label)}
+    return {name: summary(judged, seed) for name, judged in zip(EFFECTS, joined, strict=True) if len(judged.label)}
+
+
+def cross_judged(models: FittedModels, strokes: Strokes, count: int, seed: int = 0) -> list[Judged]:
+    """:func:`judged_at` for each part of the matches of a fit, with effects fitted to the others.
+
+    Args:
+        models: of the fit; its predictions are those of models that were not fitted to a match.
+        count: number of parts.
+        seed: of the parts.
+    """
+    rows, fold = strokes.rows, folds_of(strokes, count, seed)
+    predicted = unseen_predictions(models, rows, EnsembleConfig().folds)
+    masks = {"return": was_good(rows), "contact": was_met(rows), "hurried": was_timed(rows)}
+    logits, parts = np.full((len(masks), len(rows)), np.nan), []
+    for line, (name, mask) in zip(logits, masks.items(), strict=True):
+        line[mask] = predicted[name].logit
+    logits[0] *= -1  # a winner is no return
+    for k in range(count):
+        inside = fold == k
+        fitted = fit_recovery(rows.take(~inside), {name: predicted[name].take(~inside[mask]) for name, mask in masks.items()})
+        if fitted is None:
+            raise ShuttleError(f"{count} parts of {len(rows)} strokes: too few with the position of the receiver")
+        parts.append(judged_at(fitted, rows.take(inside), logits[:, inside]))
+    return [Judged.joined(of) for of in zip(*parts, strict=True)]
+
+
+def by_discipline(judged: Sequence[Judged], rows: Rows) -> dict[str, dict[str, dict[str, float]]]:
+    """:func:`summary` of each of :data:`~shuttle_marl.game.recovery.EFFECTS`, in each discipline.
+
+    Args:
+        judged: strokes by effect.
+        rows: of all matches.
+    """
+    kind = np.zeros(len(rows.matches), np.int64)
+    kind[rows.match] = rows.codes["discipline"]
+    return {
+        name: {effect: summary(of.of(kind[of.match] == i)) for effect, of in zip(EFFECTS, judged, strict=True)}
+        for i, name in enumerate(DISCIPLINES)
+    }
 
 
 def judged_by(models: FittedModels, fitted: FittedRecovery, rows: Rows) -> tuple[Judged, ...]:
-    """Strokes whose receiver waited at a known position, by effect."""
+    """:func:`judged_at` for the predictions of models."""
+    rows = rows.take(was_good(rows))
+    codes = rows.codes
+    late = models.hurried(codes)[np.arange(len(rows)), np.maximum(rows.next_contact, 0)]
+    logits = [log_odds(1 - models.returned(codes)), log_odds(models.above(codes)), np.where(late > 0, log_odds(late), np.nan)]
+    return judged_at(fitted, rows, np.stack(logits))
+
+
+def judged_at(fitted: FittedRecovery, rows: Rows, logits: F64) -> tuple[Judged, ...]:
+    """Strokes whose receiver waited at a known position, by effect.
+
+    Args:
+        logits: ``[3, N]`` predicted log-odds of the effects without the position; NaN where they are not known.
+    """
     known, people = people_at(fitted.recovery, rows)
     used = known & placed(rows) & was_good(rows) & (rows.codes["shot"] >= N_SERVES)
-    rows, people = rows.take(used), people[used[known]]
-    codes, row = rows.codes, np.arange(len(rows))
+    rows, people, logits = rows.take(used), people[used[known]], logits[:, used]
     shot, area = (rows.game_codes[name].astype(np.int64) for name in ("shot", "area"))
     effect = fitted.recovery.effect[:, shot, area] * STEP
     there = fitted.shift(shot, area, rows.waiting.astype(np.float64))
-    late = models.hurried(codes)[row, np.maximum(rows.next_contact, 0)]
-    logits = [log_odds(p) for p in (1 - models.returned(codes), models.above(codes), late)]
     winner = _spread(logits[0], effect[0], people)
     met = people * (1 - sigmoid(winner))
     above = _spread(logits[1], effect[1], met)
     from_there = np.where((rows.next_contact == 1)[:, None], sigmoid(above), 1 - sigmoid(above))
     spread = (winner, above, _spread(logits[2], effect[2], met * from_there))
-    masks = (np.ones(len(rows), dtype=np.bool_), was_met(rows), was_timed(rows) & (late > 0))
+    masks = (np.ones(len(rows), dtype=np.bool_), was_met(rows), was_timed(rows) & np.isfinite(logits[2]))
     labels = (rows.outcome == Outcome.WINNER, rows.next_contact == 1, rows.next_hurried == 1)
     return tuple(
         Judged(rows.match, logit, at[:, 0] - by_position[:, 0] + by_place - logit, label).of(mask)
@@ -104,7 +156,8 @@ def _spread(logit: F64, effect: F64, weight: F64) -> F64:
     return base[:, None] + effect
 
 
-def _summary(judged: Judged, seed: int) -> dict[str, float]:
+def summary(judged: Judged, seed: int = 0) -> dict[str, float]:
+    """What an effect is worth, for each of :data:`~shuttle_marl.game.recovery.EFFECTS` in :func:`recovery_effects`."""
     match, logit, shift, label = judged
     loss = ratio_by_match(_losses(logit + shift, label) - _losses(logit, label), np.ones(len(label)), match, seed)
     slope = 0.0

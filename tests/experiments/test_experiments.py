@@ -54,6 +54,15 @@ def test_next_stroke_scores_all_predictors(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "next_stroke.json").read_text())["rows"] == result["rows"]
 
 
+def test_recovery_bracket_solves_hidden_and_seen_positions() -> None:
+    found = result_of("experiments.recovery_bracket", "--model", reduced_model())["bracket"]
+    assert 0.5 < found["sees"]["known"] <= found["sees"]["not_known"]
+    for name in ("people", "hidden", "seen"):
+        for mix in ("shots", "positions"):
+            assert sum(found[name][mix].values()) == pytest.approx(1)
+    assert max(found[name]["error_bound"] for name in ("hidden", "seen")) < 1e-9
+
+
 @pytest.mark.slow
 def test_same_results_of_a_checkout_with_itself(tmp_path: Path) -> None:
     assert "the same: 1 commands, 1 files" in run(
