@@ -107,8 +107,10 @@ def bracket(game: Game) -> dict[str, Any]:
     """Perfect play when positions are hidden and when they are seen, beside people.
 
     Returns:
-        ``people``, ``hidden``, ``seen``: as of :func:`_play`, the last two with the fraction of rallies that the ``server`` wins
-        and its ``error_bound``, and ``hidden`` with :func:`~shuttle_marl.policy.scorecard.hidden_depth`. ``apart``: fraction of
+        ``people``, ``hidden``, ``seen``: as of :func:`_play`, the last two with the ``value`` at the serve, the fraction of
+        rallies that the ``server`` wins and its ``error_bound``, ``mixed_positions``: share of choices of positions that are
+        mixed, and ``purified_loss``: what a best response wins above one half against the most likely choices; ``hidden`` also
+        with :func:`~shuttle_marl.policy.scorecard.hidden_depth`. ``apart``: fraction of
         shots and of positions that differ between hidden and seen. ``sees``: fraction of rallies won by perfect play that sees
         positions against perfect play that does not and knows it (``known``), and by the best response that sees positions to
         perfect play of the game with hidden ones (``not_known``).
@@ -118,13 +120,23 @@ def bracket(game: Game) -> dict[str, Any]:
     known = value.odds()
     blind = Saddle((game,), strokes=tuple(block_chances(perfect, block) for block in range(game.n_blocks)))
     response = solve_players(Seen(game, positions_of(perfect)), blind, TOLERANCE)[0]
-    hidden = {"server": (1 + solution.value_at_serve) / 2, "error_bound": solution.error_bound / 2}
+    depth = hidden_depth(perfect)
+    hidden = {
+        "value": solution.value_at_serve,
+        "server": (1 + solution.value_at_serve) / 2,
+        "error_bound": solution.error_bound / 2,
+        "mixed_positions": depth["mixed"]["positions"],
+        "purified_loss": depth["purified"] - 0.5,
+    }
+    of_seen = {"value": 2 * known.serving - 1, "server": known.serving, "error_bound": known.error_bound}
+    # Perfect play that sees positions is deterministic.
+    of_seen |= {"mixed_positions": 0.0, "purified_loss": 0.0}
     played = {"hidden": _play(perfect), "seen": _play(seen.policy(value.striking[1]))}
     mixes = {name: [np.array([*of[name].values()]) for of in played.values()] for name in ("shots", "positions")}
     return {
         "people": _play(tabulate(resolve("bc", game), game)),
-        "hidden": {**hidden, **played["hidden"], **hidden_depth(perfect)},
-        "seen": {"server": known.serving, "error_bound": known.error_bound, **played["seen"]},
+        "hidden": {**hidden, **played["hidden"], **depth},
+        "seen": {**of_seen, **played["seen"]},
         "apart": {name: float(np.abs(one - other).sum() / 2) for name, (one, other) in mixes.items()},
         "sees": {
             "known": solve_players(seen, Saddle((game,)), TOLERANCE)[0].odds().rally,
