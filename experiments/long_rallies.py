@@ -25,7 +25,7 @@ from shuttle_marl.dynamics.features import strokes_before
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
 
-SIMULATED: Final = 4
+SIMULATED: Final = 12
 """Simulated matches for every real one."""
 LENGTHS: Final = {"2-18": (2, 18), "19-26": (19, 26), "27-": (27, 9999)}
 """First and last stroke of each part of the table."""

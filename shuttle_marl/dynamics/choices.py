@@ -40,9 +40,9 @@ _NONE: Final = {name: SLOTS[f"own_{name}"] - 2 for name in ("shot", "area", "tec
 _LAGGED: Final = 2 * len(_NONE)
 _SIZES: Final = np.array([*np.repeat(list(_NONE.values()), 2) + 1, *STAGES.values()])
 """Rows of each table of shifts: of an attribute of the strokes three and four before, and of a stage."""
-_PRECISIONS: Final = (*_LAGGED * (100.0,), *len(STAGES) * (30.0,))
-"""Precision of the prior of each table: of 30 to 500 for strokes, by the log-loss on the validation matches; of 10 to 300 for
-stages, by that on halves of the training matches."""
+_PRECISIONS: Final = (*_LAGGED * (100.0,), 30.0, 100.0)
+"""Precision of the prior of each table, by the log-loss on the validation matches: of 30 to 500 for strokes, of 10 to 300 for
+stages, where halves of the training matches decided between those that the validation matches do not tell apart."""
 
 
 def fit_choice_shifts(
