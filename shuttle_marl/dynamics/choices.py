@@ -4,8 +4,9 @@
 validation matches.
 
 **By the rally so far** (:func:`fit_history`): shifts by the two strokes that the state no longer holds, three and four before
-(shot type, area, technique), which add up. The strokes one and two before are inputs of the average player's networks, whose
-out-of-fold predictions are shifted. Small networks over all four strokes predict unseen matches no better.
+(shot type, area, technique), by the number of the stroke, and by the score, which add up. The strokes one and two before are
+inputs of the average player's networks, whose out-of-fold predictions are shifted. Small networks over all four strokes predict
+unseen matches no better.
 :mod:`shuttle_marl.policy.history` plays with the shifts.
 """
 
@@ -24,6 +25,7 @@ from shuttle_marl.dynamics.fitted import ModelError, PlayerChoices, tilted
 from shuttle_marl.dynamics.models import labelled, labels_of, softmax
 from shuttle_marl.dynamics.network import Ensemble, unseen
 from shuttle_marl.game.court import N_AREAS, mirrored
+from shuttle_marl.game.policy import STAGES, stages_of
 from shuttle_marl.game.shipped import HISTORY, read_model
 from shuttle_marl.game.stroke import N_SHOTS
 
@@ -33,10 +35,14 @@ CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 _TYPICAL_PRECISION: Final = {"style": 30.0, "area": 3.0}
 """Precisions that were chosen for the shipped model."""
 Arrays = dict[str, npt.NDArray[np.float16]]
-_HISTORY_PRECISION: Final = 100.0
-"""Of 30, 100, 200, 300 and 500, the precision of the prior with the lowest log-loss on the validation matches."""
 _NONE: Final = {name: SLOTS[f"own_{name}"] - 2 for name in ("shot", "area", "technique")}
 """Code of the attributes where there was no stroke."""
+_LAGGED: Final = 2 * len(_NONE)
+_SIZES: Final = np.array([*np.repeat(list(_NONE.values()), 2) + 1, *STAGES.values()])
+"""Rows of each table of shifts: of an attribute of the strokes three and four before, and of a stage."""
+_PRECISIONS: Final = (*_LAGGED * (100.0,), 30.0, 100.0)
+"""Precision of the prior of each table, by the log-loss on the validation matches: of 30 to 500 for strokes, of 10 to 300 for
+stages, where halves of the training matches decided between those that the validation matches do not tell apart."""
 
 
 def fit_choice_shifts(
@@ -63,20 +69,21 @@ def fit_shifts(base: F64, label: Ints, rows: Sequence[Ints], sizes: Sequence[int
     Args:
         base: ``[N, C]`` probabilities without shifts.
         label: ``[N]`` observed choice.
-        rows: for each table ``[N]`` rows that apply.
+        rows: for each table ``[N]`` rows that apply, -1 for none.
         sizes: number of rows of each table.
         precisions: precision of the prior of each table.
     """
     z = torch.from_numpy(np.log(np.maximum(base, 1e-9)))
     y, *index = (torch.from_numpy(np.asarray(each, dtype=np.int64)) for each in (label, *rows))
     tables = [torch.zeros(size, z.shape[1], dtype=torch.float64, requires_grad=True) for size in sizes]
+    index = [at % (size + 1) for at, size in zip(index, sizes, strict=True)]
     optimiser = torch.optim.LBFGS(tables, max_iter=80, history_size=10, line_search_fn="strong_wolfe")
 
     def closure() -> torch.Tensor:
         optimiser.zero_grad()
         logits = z
         for table, at in zip(tables, index, strict=True):
-            logits = logits + torch.nn.functional.embedding(at, table)
+            logits = logits + torch.nn.functional.embedding(at, torch.nn.functional.pad(table, (0, 0, 0, 1)))
         loss = torch.nn.functional.cross_entropy(logits, y, reduction="sum")
         for table, precision in zip(tables, precisions, strict=True):
             loss = loss + 0.5 * precision * table.square().sum()
@@ -184,18 +191,17 @@ def fit_history(
         on the validation matches and that ``of_average``, in nats.
     """
     parts, scores = [], dict[str, dict[str, float]]()
-    sizes = [none + 1 for none in _NONE.values() for _ in range(2)]
     for name in ("choice", "target"):
         base, label, values = _choices(name, networks[name], train, folds)
-        tables = fit_shifts(base, label, list(values), sizes, [_HISTORY_PRECISION] * len(sizes))
-        parts.append([np.stack(tables[i : i + 2]) for i in range(0, len(tables), 2)])
+        tables = fit_shifts(base, label, list(values), _SIZES.tolist(), _PRECISIONS)
+        parts.append([*(np.stack(tables[i : i + 2]) for i in range(0, _LAGGED, 2)), *tables[_LAGGED:]])
         if validation is not None:
             base, label, values = _choices(name, networks[name], validation, None)
-            shift = sum(table[value] for table, value in zip(tables, values, strict=True))
+            shift = sum(np.pad(table, ((0, 1), (0, 0)))[value] for table, value in zip(tables, values, strict=True))
             losses = (float(-np.log(p[np.arange(len(p)), label]).mean()) for p in (tilted(base, np.asarray(shift)), base))
             scores[name] = dict(zip(("cross_entropy", "of_average"), losses, strict=True))
     arrays = (np.concatenate(both, axis=-1).astype(np.float16) for both in zip(*parts, strict=True))
-    return dict(zip(_NONE, arrays, strict=True)), scores
+    return dict(zip((*_NONE, *STAGES), arrays, strict=True)), scores
 
 
 def load_history(folder: Path) -> Arrays:
@@ -214,8 +220,8 @@ def _choices(name: str, network: Ensemble, rows: Rows, folds: int | None) -> tup
     """Choices after known strokes.
 
     Returns:
-        ``[N, C]`` probabilities of the average player (out-of-fold, unless ``folds`` is None), ``[N]`` label, and ``[6, N]`` the
-        attributes of the earlier strokes, each of lag 3 and 4. Areas are named as a game does.
+        ``[N, C]`` probabilities of the average player (out-of-fold, unless ``folds`` is None), ``[N]`` label, and ``[8, N]`` the
+        attributes of the earlier strokes, each of lag 3 and 4, and the stages. Areas are named as a game does.
     """
     which = labelled(name, rows)
     values, rows = _remembered(rows)[:, which], rows.take(which)
@@ -226,17 +232,18 @@ def _choices(name: str, network: Ensemble, rows: Rows, folds: int | None) -> tup
         opposite = rows.codes["hands"] == 1
         base[opposite] = base[opposite][:, mirrored(np.arange(N_AREAS))]
         label = rows.game_codes["area"].astype(np.int64)
-    known = (values <= np.repeat(list(_NONE.values()), 2)[:, None]).all(axis=0)
+    known = (values < _SIZES[:, None]).all(axis=0)
     return base[known], label[known], values[:, known]
 
 
 def _remembered(rows: Rows) -> I64:
-    """``[6, N]`` attributes of the strokes three and four before; one above the code of none where they are unknown."""
+    """``[8, N]`` attributes of the strokes three and four before, one above the code of none where they are unknown; stages."""
     codes = rows.game_codes
     # Where the striker's last stroke is known, it is two rows before, with the strokes before it.
     same = codes["own_shot"] < N_SHOTS
-    return np.stack([
+    lagged = [
         np.where(same, np.roll(codes[f"{who}_{name}"], 2), np.where(rows.stroke <= 2, none, none + 1)).astype(np.int64)
         for name, none in _NONE.items()
         for who in ("incoming", "own")
-    ])  # fmt: skip
+    ]
+    return np.stack([*lagged, *stages_of(rows.stroke, rows.points).values()])

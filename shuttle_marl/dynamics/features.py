@@ -106,6 +106,7 @@ class Rows:
         matches: names of the matches.
         striker, receiver: ``[N]`` identifiers of the players.
         stroke: ``[N]`` number of the stroke in its rally, from 1.
+        points: ``[N, 2]`` points of striker and receiver before the rally, -1 where they are not known.
         attacks, opponent_attacks: ``[N]`` previous attacks (smashes, half-smashes) of striker and receiver in the rally; -1
             where a dropped row may have been one.
         net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a dropped row may have been the first.
@@ -128,6 +129,7 @@ class Rows:
     striker: npt.NDArray[np.str_]
     receiver: npt.NDArray[np.str_]
     stroke: I16
+    points: I8
     attacks: I16
     opponent_attacks: I16
     net_run: I16
@@ -264,6 +266,7 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
         striker=striker,
         receiver=receiver,
         stroke=number,
+        points=_points(strokes, key, number),
         attacks=attacks,
         opponent_attacks=opponent_attacks,
         net_run=net_run,
@@ -275,6 +278,17 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
         hand=hand,
         receiver_hand=receiver_hand,
     ).marked(np.where(number == 1, 0, unmarked).astype(np.int8))
+
+
+def _points(strokes: pa.Table, key: Ints, number: I16) -> I8:
+    """:attr:`Rows.points` of each stroke; the table has those after the rally."""
+    after = np.stack([strokes[name].fill_null(-1).to_numpy() for name in ("points", "points_opponent")], axis=1)
+    ends = np.flatnonzero(np.r_[(np.diff(key, axis=1) != 0).any(axis=0), True])
+    last = ends[np.searchsorted(ends, np.arange(len(number)))]
+    outcome = strokes["outcome"].to_numpy()[last]
+    won = (outcome == Outcome.WINNER) ^ ((number[last] - number) % 2 == 1)
+    known = np.isin(outcome, (Outcome.WINNER, Outcome.FAULT)) & (after >= 0).all(axis=1)
+    return np.where(known[:, None], after - np.stack([won, ~won], axis=1), -1).astype(np.int8)
 
 
 def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:

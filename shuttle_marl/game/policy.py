@@ -10,17 +10,21 @@ import numpy as np
 import numpy.typing as npt
 from numpy.random import Generator
 
-from shuttle_marl.base.arrays import F64, I16, I32, Bools, Floats, Intp, Ints
+from shuttle_marl.base.arrays import F64, I16, I32, I64, Bools, Floats, Intp, Ints
 from shuttle_marl.base.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.observation import RALLY_WIDTH, SWAP, states_of
 from shuttle_marl.game.recovery import POSITIONS
-from shuttle_marl.game.scoring import scores_of
+from shuttle_marl.game.scoring import BWF, scores_of
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
 
 LAGS: Final = 4
 """Strokes of a rally that policies may read: the incoming stroke, the striker's own last one, and one more of either player."""
+STAGES: Final = {"length": 2, "end": 1}
+"""Stages of a rally and of a game in which people choose differently, and their numbers; see :func:`stages_of`."""
+_LONG: Final = (19, 27)
+"""Strokes with which the stages of a rally begin."""
 
 
 class PolicyError(ShuttleError):
@@ -42,17 +46,19 @@ class States:
             receiver before this rally; None where there is no match around the rally.
         history: ``[B, 4]`` int32 catalogue index of the last strokes of the rally, the incoming one first, n for none; None where
             only the state is known.
+        number: ``[B]`` int32 number of the stroke in the rally, from 1; None where only the state is known.
     """
 
     game: Game
     state: I32
     score: I16 | None = None
     history: I32 | None = None
+    number: I32 | None = None
 
     def __post_init__(self) -> None:
         # Copies that cannot be written to: a policy must not reach into the matches that it plays.
         object.__setattr__(self, "state", frozen(np.asarray(self.state)))
-        for name in ("score", "history"):
+        for name in ("score", "history", "number"):
             if (given := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen(np.asarray(given)))
 
@@ -100,13 +106,28 @@ class States:
         return frozen(self.game.mask(self.state))
 
 
+def stages_of(number: Ints | None, points: Ints | None) -> dict[str, I64]:
+    """``[B]`` stage of each of :data:`STAGES` that is known.
+
+    Args:
+        number: ``[B]`` number of a stroke in its rally: ``length`` is 0 from stroke 19 on, 1 from stroke 27 on, -1 before.
+        points: ``[B, 2]`` points of both players before the rally: ``end`` is 0 where both have 19 or more, of 21, and else -1.
+    """
+    stages: dict[str, I64] = {}
+    if number is not None:
+        stages["length"] = np.asarray(np.searchsorted(_LONG, number, side="right") - 1)
+    if points is not None:
+        stages["end"] = (points >= BWF.points - 2).all(axis=1).astype(np.int64) - 1
+    return stages
+
+
 @runtime_checkable
 class Policy(Protocol):
     """Contract of every player.
 
-    A policy that reads ``states.score`` must say so with ``reads_score = True``, one that reads ``states.history`` with
-    ``reads_history = True``. In the game with recovery, a policy waits where people do unless it has a method
-    ``positions(states)``, the :class:`Waits` contract.
+    A policy that reads ``states.score`` must say so with ``reads_score = True``, one that reads ``states.history`` or
+    ``states.number`` with ``reads_history = True``; the latter may read the score too where there is one. In the game with
+    recovery, a policy waits where people do unless it has a method ``positions(states)``, the :class:`Waits` contract.
     """
 
     def probabilities(self, states: States) -> Floats:

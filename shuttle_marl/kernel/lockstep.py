@@ -72,16 +72,16 @@ class MatchResults(NamedTuple):
     rallies: Rallies
 
 
-Choose = Callable[[I32, I32, I32, I32, I32, I32], Intp]
-"""``(entrant [B], state [B], draw [B], striker [B], score [4, B], history [4, B]) -> [B]``: index of the chosen stroke among the
-legal strokes.
+Choose = Callable[[I32, I32, I32, I32, I32, I32, I32], Intp]
+"""``(entrant [B], state [B], draw [B], striker [B], score [4, B], history [4, B], number [B]) -> [B]``: index of the chosen
+stroke among the legal strokes.
 
 ``striker`` is the seat; ``score`` holds points of seats 0 and 1 and games of seats 0 and 1, ``history`` the last strokes of the
-rally as :class:`~shuttle_marl.game.policy.States` does.
+rally and ``number`` that of the stroke as :class:`~shuttle_marl.game.policy.States` do.
 """
 
-Wait = Callable[[I32, I32, I32, I32, I32, I32], Intp]
-"""The same of receivers, of whom entrant and seat are: ``[B]`` position of each. State, score and history are the striker's."""
+Wait = Callable[[I32, I32, I32, I32, I32, I32, I32], Intp]
+"""The same of receivers, of whom entrant and seat are: ``[B]`` position of each. All that follows the seat is the striker's."""
 
 _MATCH, _STATE, _STRIKER, _STROKE, _RALLY, _SERVER, _POINTS, _GAMES, _HISTORY = 0, 1, 2, 3, 4, 5, 6, 8, 10
 _ROWS: Final = _HISTORY + LAGS
@@ -172,15 +172,15 @@ def play(
     while alive := slots.shape[1]:
         match, state, striker, stroke = slots[: _STROKE + 1]
         bits = draws.draw(key, stroke)
-        history = slots[_HISTORY:]
+        history, number = slots[_HISTORY:], stroke + 1
         score, position = slots[_POINTS:_HISTORY], None
-        k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, score, history)
+        k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, score, history, number)
         if game.recovery is not None:
             seat, drawn = 1 - striker, draws.position_draw(bits)
             if wait is None:
                 position = drawn_strokes(game.people_positions(state), drawn)
             else:
-                position = wait(entrant[2 * match + seat], state, drawn, seat, score, history)
+                position = wait(entrant[2 * match + seat], state, drawn, seat, score, history, number)
         history[1:], history[0] = history[:-1].copy(), game.stroke_at(state, k)
         if keep_strokes:
             steps.append(np.empty(len(matches), np.uint16))
@@ -214,35 +214,33 @@ def play(
     return MatchResults(games, rallies_of(log, matches.entrant, game.n_strokes, game.recovery is not None))
 
 
-def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: I32, history: I32 | None = None) -> Intp:
+def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: I32, *rally: I32) -> Intp:
     """Strokes of a policy that is evaluated at every stroke, as :data:`Choose` returns them.
 
     Raises:
         PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
-    states = _decisions(game, state, striker, score, history)
+    states = _decisions(game, state, striker, score, *rally)
     rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states), draw))
     if (rank < 0).any():
         raise PolicyError(f"{called(policy)}: no legal stroke was drawn")
     return rank.astype(np.intp)
 
 
-def ask_position(
-    policy: Policy, game: Game, state: I32, draw: I32, receiver: I32, score: I32, history: I32 | None = None
-) -> Intp:
+def ask_position(policy: Policy, game: Game, state: I32, draw: I32, receiver: I32, score: I32, *rally: I32) -> Intp:
     """Positions of a policy that is evaluated at every stroke, as :data:`Wait` returns them.
 
     Raises:
         PolicyError: the policy raised, or returned no distribution over the feasible positions.
     """
-    return drawn_strokes(checked_positions(policy, _decisions(game, state, 1 - receiver, score, history)), draw)
+    return drawn_strokes(checked_positions(policy, _decisions(game, state, 1 - receiver, score, *rally)), draw)
 
 
-def _decisions(game: Game, state: I32, striker: I32, score: I32, history: I32 | None) -> States:
+def _decisions(game: Game, state: I32, striker: I32, score: I32, history: I32 | None = None, number: I32 | None = None) -> States:
     # Points and games from the striker's view: own first.
     seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
     seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
-    return States(game=game, state=state, score=seen, history=None if history is None else history.T)
+    return States(game=game, state=state, score=seen, history=None if history is None else history.T, number=number)
 
 
 def asking(game: Game, policies: Sequence[Policy], *, positions: bool = False) -> Choose:

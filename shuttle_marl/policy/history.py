@@ -1,7 +1,8 @@
 """``bc:history``: the imitated average player who remembers the rally, for simulated matches that look real.
 
-A state holds the incoming stroke and the striker's own last one. People also remember the two strokes before. The attributes of
-these shift the log-probabilities of ``bc``: of a shot type and technique, and of an area given those. Fitted by
+A state holds the incoming stroke and the striker's own last one. People also remember the two strokes before, attack less in long
+rallies, and lift less at the end of close games. Attributes of these strokes, the number of the stroke and, in a match, the score
+shift the log-probabilities of ``bc``: of a shot type and technique, and of an area given those. Fitted by
 :mod:`shuttle_marl.dynamics.choices`, run without torch.
 
 The policy is no stronger opponent than ``bc`` and forecasts no better. It is no function of the state, so it has no table.
@@ -17,7 +18,7 @@ import numpy.typing as npt
 from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.policy import LAGS, PolicyError, States
+from shuttle_marl.game.policy import LAGS, STAGES, PolicyError, States, stages_of
 from shuttle_marl.game.shipped import HISTORY, folder_of, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game, GameError
@@ -29,6 +30,7 @@ N_STYLES: Final = N_SHOTS * N_TECHNIQUES
 """Pairs of shot type and technique."""
 ATTRIBUTES: Final = {"shot": N_SHOTS, "area": N_AREAS, "technique": N_TECHNIQUES}
 """Attributes of a remembered stroke, and their numbers of values; one more value stands for no stroke."""
+_WIDTH: Final = N_STYLES + N_AREAS
 FIRST_LAG: Final = 2
 """First column of ``States.history`` that the state does not hold."""
 
@@ -39,8 +41,9 @@ class HistoryPolicy:
 
     Attributes:
         base: the player of the state.
-        shifts: by attribute (:data:`ATTRIBUTES`) ``[2, values + 1, 39 + 9]`` shifts by lag (3 and 4) and value: of each shot type
-            and technique, and of each area.
+        shifts: of each shot type and technique, and of each area: by attribute (:data:`ATTRIBUTES`)
+            ``[2, values + 1, 39 + 9]`` by lag (3 and 4) and value; by kind of stage (:data:`~shuttle_marl.game.policy.STAGES`)
+            ``[stages, 39 + 9]``.
     """
 
     base: TabulatedPolicy
@@ -55,7 +58,9 @@ class HistoryPolicy:
         Raises:
             KeyError, ValueError: an array is missing or invalid.
         """
-        shapes = {name: (LAGS - FIRST_LAG, size + 1, N_STYLES + N_AREAS) for name, size in ATTRIBUTES.items()}
+        shapes: dict[str, tuple[int, ...]] = {name: (size, _WIDTH) for name, size in STAGES.items()}
+        arrays = {name: np.zeros(shape, np.float16) for name, shape in shapes.items()} | arrays  # models of 0.3.0 have no stages
+        shapes |= {name: (LAGS - FIRST_LAG, size + 1, _WIDTH) for name, size in ATTRIBUTES.items()}
         shifts = {name: checked(arrays[name], np.float16, shape).astype(np.float64) for name, shape in shapes.items()}
         return cls(base=base, shifts=shifts)
 
@@ -68,7 +73,7 @@ class HistoryPolicy:
         if states.history is None:
             raise ValueError("states without history")
         catalogue, p = states.game.catalogue, self.base.probabilities(states)
-        factor = np.exp(self._shift(states.game, states.history[:, FIRST_LAG:]))
+        factor = np.exp(self._shift(states, states.history[:, FIRST_LAG:]))
         style, of_stroke = np.unique(catalogue.shot.astype(np.int64) * N_TECHNIQUES + catalogue.technique, return_inverse=True)
         order = np.argsort(of_stroke, kind="stable")
         start = np.searchsorted(of_stroke[order], np.arange(len(style)))
@@ -79,11 +84,13 @@ class HistoryPolicy:
         q *= factor.take(of_stroke, axis=1)
         return np.asarray(q / q.sum(axis=1, keepdims=True))
 
-    def _shift(self, game: Game, strokes: I32) -> F64:
-        """``[B, 39 + 9]`` shifts by ``[B, 2]`` earlier strokes, n for none."""
-        lag = np.arange(strokes.shape[1])
-        values = {name: np.append(getattr(game.catalogue, name), size)[strokes] for name, size in ATTRIBUTES.items()}
-        return np.asarray(sum(self.shifts[name][lag, value].sum(axis=1) for name, value in values.items()))
+    def _shift(self, states: States, strokes: I32) -> F64:
+        """``[B, 39 + 9]`` shifts by ``[B, 2]`` earlier strokes, n for none, and by the stages that are known."""
+        lag, catalogue = np.arange(strokes.shape[1]), states.game.catalogue
+        values = {name: np.append(getattr(catalogue, name), size)[strokes] for name, size in ATTRIBUTES.items()}
+        shift = sum(self.shifts[name][lag, value].sum(axis=1) for name, value in values.items())
+        stages = stages_of(states.number, None if states.score is None else states.score[:, :2])
+        return np.asarray(shift + sum(np.pad(self.shifts[name], ((0, 1), (0, 0)))[stage] for name, stage in stages.items()))
 
 
 def known_for(game: Game) -> bool:

@@ -25,6 +25,7 @@ def plain_rows(n: int, **known: Any) -> Rows:
         "striker": np.full(n, "a"),
         "receiver": np.full(n, "b"),
         "stroke": np.full(n, 3, np.int16),
+        "points": np.full((n, 2), -1, np.int8),
         **dict.fromkeys(("attacks", "opponent_attacks", "net_run"), zero),
         "movement": np.full((n, len(MOVEMENT)), np.nan, np.float32),
         "hurried": zero.astype(np.int8),

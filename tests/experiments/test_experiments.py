@@ -88,6 +88,18 @@ def test_stroke_value_ranks_the_players_of_the_sample() -> None:
 
 
 @pytest.mark.slow
+def test_long_rallies_of_average_players_are_expected_ones(tmp_path: Path) -> None:
+    data = tmp_path / "strokes.parquet"
+    write_published(data, matches_of("validation")[:3], seed=5)
+    found = result_of("experiments.long_rallies", "--data", data, "--model", reduced_model())
+    assert found["log_loss"]["bc"] < min(found["log_loss"]["memory"], found["log_loss"]["history"])
+    people, expected, played = (found["sides"][name]["replies"]["2-18"] for name in ("people", "bc_there", "bc"))
+    for kind in ("attack", "clear"):
+        assert people[kind]["value"] == pytest.approx(expected[kind]["value"], abs=0.06)
+        assert people[kind]["value"] == pytest.approx(played[kind]["value"], abs=0.06)
+
+
+@pytest.mark.slow
 def test_advice_is_compared_with_what_came_of_it(tmp_path: Path) -> None:
     data, out = tmp_path / "strokes.parquet", tmp_path / "advice.json"
     write_published(data, matches_of("validation")[:2], seed=5)

@@ -43,7 +43,7 @@ class Seen:
         self.calls: list[list[list[int]]] = []
         self.draws: list[list[int]] = []
 
-    def choose(self, entrant: Any, state: Any, draw: Any, striker: Any, score: Any, history: Any) -> Any:
+    def choose(self, entrant: Any, state: Any, draw: Any, striker: Any, score: Any, history: Any, number: Any) -> Any:
         self.calls.append([np.array(part).T.tolist() for part in (entrant, state, striker, score, history)])
         self.draws.append(draw.tolist())
         return np.zeros(len(entrant), np.intp)

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis.strokes import simulate, simulated_rallies
 from shuttle_marl.base.tensor_files import tensor_bytes
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.choices import fit_history
 from shuttle_marl.dynamics.features import rows_from_strokes
@@ -18,6 +20,7 @@ from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import observations
 from shuttle_marl.game.policy import (
+    STAGES,
     HistoryError,
     PolicyError,
     States,
@@ -37,16 +40,20 @@ from shuttle_marl.policy.history import ATTRIBUTES, N_STYLES, HistoryPolicy
 from shuttle_marl.watch.match import play_rally
 from shuttle_marl.watch.plan import Side
 from shuttle_marl.watch.policies import PolicyTables
+from tests.dynamics.rows import plain_rows
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
 UNIFORM = tabulate(UniformPolicy(), GAME)
 NAMES = ("viktor-axelsen", "kento-momota")
+OF_STYLE = np.eye(N_STYLES)[GAME.catalogue.shot.astype(int) * N_TECHNIQUES + GAME.catalogue.technique]
+"""``[n, 39]`` shot type and technique of each stroke."""
 
 
 def shifts(scale: float = 0.0, seed: int = 0) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
-    shapes = {name: (2, size + 1, N_STYLES + 9) for name, size in ATTRIBUTES.items()}
+    shapes: dict[str, tuple[int, ...]] = {name: (2, size + 1, N_STYLES + 9) for name, size in ATTRIBUTES.items()}
+    shapes |= {name: (size, N_STYLES + 9) for name, size in STAGES.items()}
     return {name: (scale * rng.normal(size=shape)).astype(np.float16) for name, shape in shapes.items()}
 
 
@@ -82,10 +89,53 @@ def test_shifts_of_areas_leave_shot_type_and_technique_as_they_are() -> None:
     for array in arrays.values():
         array[..., :N_STYLES] = 0
     states = some_states()
-    of_style = np.eye(N_STYLES)[GAME.catalogue.shot.astype(int) * N_TECHNIQUES + GAME.catalogue.technique]
     moved, base = HistoryPolicy.of(UNIFORM, arrays).probabilities(states), UNIFORM.probabilities(states)
-    assert np.allclose(moved @ of_style, base @ of_style, rtol=0, atol=1e-9)
+    assert np.allclose(moved @ OF_STYLE, base @ OF_STYLE, rtol=0, atol=1e-9)
     assert np.abs(moved - base).max() > 0.2
+
+
+def by_stage() -> tuple[HistoryPolicy, dict[str, np.ndarray]]:
+    """A player who remembers no stroke, and the shifts by number and score."""
+    arrays = {name: array * (name in STAGES) for name, array in shifts(1.0).items()}
+    return HistoryPolicy.of(UNIFORM, arrays), arrays
+
+
+def styles_of(policy: HistoryPolicy, number: int | None = None, score: tuple[int, int, int, int] | None = None) -> np.ndarray:
+    """``[500, 39]`` probabilities of shot types and techniques at one number of the stroke and one score."""
+    states = some_states()
+    numbers = None if number is None else np.full(len(states), number, np.int32)
+    scores = None if score is None else np.tile(np.array(score, np.int16), (len(states), 1))
+    return checked_probabilities(policy, dataclasses.replace(states, number=numbers, score=scores)) @ OF_STYLE
+
+
+def shifted(shift: np.ndarray) -> np.ndarray:
+    """``[500, 39]`` what uniform players choose, with shifts of the log-probabilities."""
+    p = UNIFORM.probabilities(some_states()) @ OF_STYLE * np.exp(shift[:N_STYLES].astype(float))
+    return p / p.sum(axis=1, keepdims=True)
+
+
+def test_strokes_19_and_27_begin_long_rallies() -> None:
+    policy, arrays = by_stage()
+    none, (first, second) = np.zeros(N_STYLES), arrays["length"]
+    for number, shift in ((None, none), (1, none), (18, none), (19, first), (26, first), (27, second), (99, second)):
+        assert np.allclose(styles_of(policy, number), shifted(shift), rtol=0, atol=1e-9)
+
+
+def test_close_games_end_from_19_points_each() -> None:
+    policy, arrays = by_stage()
+    for points, ends in (((19, 18), False), ((18, 25), False), ((19, 19), True), ((20, 19), True), ((29, 29), True)):
+        shift = arrays["end"][0] * ends
+        assert np.allclose(styles_of(policy, score=(*points, 1, 0)), shifted(shift), rtol=0, atol=1e-9)
+        both = shift.astype(float) + arrays["length"][0]
+        assert np.allclose(styles_of(policy, 20, (*points, 0, 0)), shifted(both), rtol=0, atol=1e-9)
+
+
+def test_files_without_stages_are_read() -> None:
+    arrays = {name: array for name, array in shifts(1.0).items() if name not in STAGES}
+    none = {name: array * (name not in STAGES) for name, array in shifts(1.0).items()}
+    known = dataclasses.replace(some_states(), number=np.full(500, 30, np.int32), score=np.full((500, 4), 20, np.int16))
+    old, new = (HistoryPolicy.of(UNIFORM, each).probabilities(known) for each in (arrays, none))
+    assert (old == new).all()
 
 
 def test_simulated_matches_are_those_of_the_table_without_shifts_and_the_same_each_time_with_them() -> None:
@@ -106,13 +156,13 @@ class Witness:
         self.seen: list[list[int]] = []
 
     def probabilities(self, states: States) -> np.ndarray:
-        self.seen += states.history.tolist()
+        self.seen += np.column_stack([states.history, states.number]).tolist()
         return UniformPolicy().probabilities(states)
 
 
 def shown_in(rallies: Iterable[list[int]]) -> list[list[int]]:
-    """What a player of both seats is shown in rallies."""
-    return [([GAME.n_strokes] * 4 + rally[:i])[-4:][::-1] for rally in rallies for i in range(len(rally))]
+    """What a player of both seats is shown in rallies: the last strokes, and the number of their own."""
+    return [[*([GAME.n_strokes] * 4 + rally[:i])[-4:][::-1], i + 1] for rally in rallies for i in range(len(rally))]
 
 
 def test_simulated_matches_show_the_last_strokes_of_the_rally() -> None:
@@ -134,6 +184,7 @@ def test_gymnasium_opponents_are_shown_them() -> None:
         def probabilities(self, states: States) -> np.ndarray:
             self.seen.append(env.raw.strokes)
             assert states.history.tolist() == [([GAME.n_strokes] * 4 + env.raw.strokes)[-4:][::-1]]
+            assert (states.number.tolist(), states.score) == ([len(env.raw.strokes) + 1], None)
             return UniformPolicy().probabilities(states)
 
     opponent = Opponent()
@@ -144,6 +195,15 @@ def test_gymnasium_opponents_are_shown_them() -> None:
         if over:
             observation, _ = env.reset()
     assert max(map(len, opponent.seen)) > 2
+
+
+def test_rallies_without_a_score_have_such_opponents() -> None:
+    env = SingleRallyEnv(opponent=by_stage()[0], game=GAME)
+    observation, _ = env.reset(seed=1)
+    for _ in range(200):
+        observation, _, over, _, _ = env.step(int(np.flatnonzero(observation["action_mask"])[0]))
+        if over:
+            observation, _ = env.reset()
 
 
 @pytest.mark.parametrize("remembering", [player(), TemperedPolicy(player(), 0.5), Witness()])
@@ -173,12 +233,51 @@ def test_a_player_with_a_memory_is_recovered_from_matches() -> None:
     _, rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, remembering), matches=20, seed=1)
     strokes = rallies.stroke.astype(int)
     shown = shown_in(part.tolist() for part in np.split(strokes, rallies.first_stroke[1:-1]))
-    states = States(game=GAME, state=rallies.states(GAME), history=np.array(shown, np.int32))
+    states = States(game=GAME, state=rallies.states(GAME), history=np.array(shown, np.int32)[:, :4])
     of_truth, of_found, of_base = (
         -np.log(policy.probabilities(states)[np.arange(len(strokes)), strokes]).mean()
         for policy in (remembering, HistoryPolicy.of(UNIFORM, found), UNIFORM)
     )
     assert of_truth < of_found < of_truth + 0.4 * (of_base - of_truth)
+
+
+class Three:
+    """Two copies of a network that knows three equally likely shot types or areas."""
+
+    def __init__(self, name: str) -> None:
+        self.size = N_STYLES if name == "choice" else 9
+
+    def logits(self, codes: dict[str, np.ndarray]) -> np.ndarray:
+        return np.tile(np.where(np.arange(self.size) < 3, 0.0, -20.0), (2, len(codes["shot"]), 1))
+
+
+def test_points_of_rows_are_those_before_the_rally() -> None:
+    players = dict.fromkeys(NAMES, UNIFORM)
+    table, (_, rallies) = (play(GAME, players, matches=1, seed=3) for play in (simulate, simulated_rallies))
+    rally, seat = rallies.row_of_stroke, rallies.striker
+    score = np.stack([rallies.score[rally, seat], rallies.score[rally, 1 - seat]], axis=1)
+    assert rows_from_strokes(table).points.tolist() == score.tolist()
+    ended = table["outcome"].to_numpy() != Outcome.RETURNED
+    unknown = table.filter(pa.array(~ended))  # nothing says who won
+    assert (rows_from_strokes(unknown).points == -1).all()
+
+
+def test_choices_by_number_and_score_are_recovered() -> None:
+    rng, n = np.random.default_rng(0), 12_000
+    number, points = rng.integers(3, 42, n), rng.integers(16, 22, (n, 2))
+    long, very_long, close = (number >= 19) & (number <= 26), number >= 27, (points >= 19).all(axis=1)
+    shift = 1.0 * long - 1.0 * very_long + 0.5 * close
+    odds = np.exp(np.stack([shift, 0 * shift, 0 * shift], axis=1))
+    drawn = (rng.random((n, 1)) > np.cumsum(odds / odds.sum(axis=1, keepdims=True), axis=1)).sum(axis=1).astype(np.int16)
+    codes = {"technique": drawn, "area": drawn}
+    rows = plain_rows(n, codes=codes, stroke=number.astype(np.int16), points=points.astype(np.int8), match=np.arange(n) % 2)
+    networks: dict[str, Any] = {name: Three(name) for name in ("choice", "target")}
+    found, _ = fit_history(networks, rows, None, folds=2)
+    for first in (0, N_STYLES):
+        by_length, by_end = (found[name][:, first : first + 3].astype(float) for name in STAGES)
+        assert by_length[:, 0] - by_length[:, 1] == pytest.approx([1.0, -1.0], abs=0.15)
+        assert by_end[:, 0] - by_end[:, 1] == pytest.approx([0.5], abs=0.15)
+        assert np.abs(by_length[:, 1] - by_length[:, 2]).max() < 0.15
 
 
 @dataclasses.dataclass

@@ -235,7 +235,8 @@ def choose(
         return int(game.stroke_at(state, bisect.bisect_right(policy.cumulative, draw, pairs.start, pairs.stop) - pairs.start))
     scores = None if score is None else np.array([score], np.int16)
     history = None if strokes is None else np.array([[*strokes[: -LAGS - 1 : -1], *LAGS * [game.n_strokes]][:LAGS]], np.int32)
-    states = States(game=game, state=np.array([state], np.int32), score=scores, history=history)
+    number = None if strokes is None else np.array([len(strokes) + 1], np.int32)
+    states = States(game=game, state=np.array([state], np.int32), score=scores, history=history, number=number)
     p = checked_positions(policy, states) if waits else checked_probabilities(policy, states)
     return first + int(drawn_strokes(p, np.array([draw]))[0])
 
