@@ -440,7 +440,7 @@ def depth(
 
     Args:
         policies: names of policies (docs/league.md); default: perfect play, the best response to bc, bc, the agents of the
-            package, and human:0.05.
+            package, and human:0.05 and human:0.02.
         model: the game.
         json_output: print JSON.
     """

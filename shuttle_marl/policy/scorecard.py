@@ -323,7 +323,7 @@ def sample(
 
 
 _SURE: Final = 0.99
-POLICIES: Final = ("minimax", "best-response:bc", "bc", "ppo", "a2c", "sac", "ppo:self-play", "human:0.05")
+POLICIES: Final = ("minimax", "best-response:bc", "bc", "ppo", "a2c", "sac", "ppo:self-play", "human:0.05", "human:0.02")
 _ALL: Final = ("own", "incoming", "contact", "duel", "effort", "opponent_effort", "hurried")
 LISTS: Final = {
     "nothing": (),
