@@ -348,19 +348,26 @@ def play(cards: Sequence["Scorecard"]) -> Table:
     return table
 
 
-def depth(found: Mapping[str, Any]) -> tuple[Table, Table]:
-    """Tables of :func:`shuttle_marl.policy.scorecard.depth`: the play of policies, and the best ones that read little."""
+def depth(found: Mapping[str, Any]) -> tuple[Table, Table, Table]:
+    """Tables of :func:`shuttle_marl.policy.scorecard.depth`: play, the same beside people's, and the best that read little."""
     right = ("shot types", "bits", "strokes a rally", "rare")
     play = _table("Play against itself and against bc", "policy", "opponent", "its most frequent shots", right=right)
     for name, against in found["policies"].items():
         for opponent, of in against.items():
             figures = (str(of["types"]), f"{of['bits']:.2f}", f"{of['length']:.2f}", percent(of["rare"]))
             play.add_row(_name(name), opponent, shares(of["shots"], _SHOWN_SHOTS), *figures)
+    columns = ("clear", "drop", "smash after a lift", "net runs", "kinds")
+    beside = _table("Play beside people", "policy", "opponent", "returns of a short serve", right=columns)
+    everyone = {**found["policies"], **({"people": {"people": found["people"]}} if found["people"] else {})}
+    for name, against in everyone.items():
+        for opponent, of in against.items():
+            parts = of["shots"]["clear"], of["shots"]["drop"], of["smash_after_lift"], of["net_runs"]
+            beside.add_row(_name(name), opponent, shares(of["short_serve_replies"], 2), *map(percent, parts), str(of["kinds"]))
     best = _table("Best policies that read", "", right=("normalised", "exploitability", "against minimax"))
     for name, of in found["lists"].items():
         won = percent(of["against_minimax"])
         best.add_row(name.replace("_", " "), f"{of['score']:.3f}", f"{of['exploitability']:z.3f}", won)
-    return play, best
+    return play, beside, best
 
 
 def holes(policy: str, found: "Holes") -> Table:

@@ -436,11 +436,11 @@ def depth(
     model: Model = _GAME,
     json_output: Json = False,
 ) -> None:
-    """Describe the play of policies, how rare it is among people, and how far policies get that read little of the state.
+    """Describe the play of policies beside that of people, and how far policies get that read little of the state.
 
     Args:
         policies: names of policies (docs/league.md); default: perfect play, the best response to bc, bc, the agents of the
-            package, and human:0.05.
+            package, and human:0.05 and human:0.02.
         model: the game.
         json_output: print JSON.
     """
@@ -462,7 +462,9 @@ def depth(
         )
     output.print(
         f"{found['impossible']} legal strokes at the net are met in the back third. rare: fraction of its strokes of a shot type "
-        "that bc plays there in less than 1 % of cases. shot types: those above 2 %. normalised: 0 is bc, 1 its best response."
+        "that bc plays there in less than 1 % of cases. shot types: those above 2 %. smash after a lift: fraction of its replies "
+        "to a lift from above. net runs: fraction of its net shots in runs of three or more cross-court ones. kinds: pairs of a "
+        "shot type and a target area above 1 %. people: in the matches of the fit. normalised: 0 is bc, 1 its best response."
     )
 
 

@@ -40,6 +40,7 @@ from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry, marked_rows
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
+from shuttle_marl.dynamics.play import play_of_people
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
 from shuttle_marl.dynamics.recovery import copied_recovery, save_recovery
 from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
@@ -168,6 +169,7 @@ def fit_model(
         },
         "hurried": _hurried(train, hurry, prior),
         "recovery": recovery,
+        "people": play_of_people(Rows.joined([train, validation])),
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
         "history": history,

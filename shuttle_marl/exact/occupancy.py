@@ -56,10 +56,15 @@ class Visits:
         game = policy.game
         total = np.zeros(game.limits.shape[:2])
         for block in range(game.n_blocks):
-            visits = self.states[player][game.block_states(block)]
-            if visits.any():
-                total[game.table_of(block)] += policy.block_probabilities(block) * visits[game.base_pair_state]
+            if self.states[player][game.block_states(block)].any():
+                total[game.table_of(block)] += self.block_pairs(player, block)
         return total
+
+    def block_pairs(self, player: int, block: int) -> F64:
+        """``[base pairs]`` expected number of times that a player plays each legal pair of one block."""
+        policy = self.policies[player]
+        visited = self.states[player][policy.game.block_states(block)]
+        return np.asarray(policy.block_probabilities(block) * visited[policy.game.base_pair_state])
 
     @property
     def rally_length(self) -> float:

@@ -1,21 +1,27 @@
-"""What a policy plays: shot mix, length of rallies, strokes that people hardly play there, and strokes that nobody can play."""
+"""What a policy plays: shot mix, replies, duels at the net, length of rallies, and strokes that people hardly or cannot play."""
 
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import Bools
-from shuttle_marl.exact.occupancy import visits
-from shuttle_marl.exact.profile import StatePolicy
-from shuttle_marl.game.court import BACK, FOREHAND, N_SIDES, third_of
+from shuttle_marl.base.arrays import F64, Bools, Ints
+from shuttle_marl.exact.occupancy import Visits, visits
+from shuttle_marl.exact.profile import StatePolicy, block_chances
+from shuttle_marl.exact.sweeps import propagate
+from shuttle_marl.game.court import BACK, FOREHAND, N_AREAS, N_SIDES, third_of
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, SHOTS
+from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, NET_SHOTS, SHOTS
 
 RARE: Final = 0.01
 """A shot type that the average player plays less often in a state is rare there."""
 OFTEN: Final = 0.02
 """Share of a player's strokes above which a shot type counts."""
+KIND: Final = 0.01
+"""Share of a player's strokes above which a shot type to a target area counts."""
+_RUN: Final = 3
+"""Number of cross-court net shots in a row from which a run counts."""
+_SMASH, _LIFT, _SHORT_SERVE, _CROSS = map(SHOTS.index, ("smash", "lift", "short-serve", "cross-court-net-shot"))
 
 
 def impossible(game: Layout) -> Bools:
@@ -36,28 +42,90 @@ def unusual(bc: StatePolicy) -> list[Bools]:
     return [np.bincount(key, bc.block_probabilities(block), size)[key] < RARE for block in range(game.n_blocks)]
 
 
+def mix(shot: Ints, area: Ints, incoming: Ints, above: Bools, weight: F64, in_runs: float) -> dict[str, Any]:
+    """Figures of N strokes of a policy or of people.
+
+    Args:
+        shot, area: ``[N]`` shot type, and target area or -1.
+        incoming: ``[N]`` shot type of the incoming stroke.
+        above: ``[N]`` whether the stroke is met above the net.
+        weight: ``[N]`` number of such strokes.
+        in_runs: number of them in runs of three or more cross-court net shots.
+
+    Returns:
+        ``shots``: fraction of the strokes by shot type; ``types``: number of shot types above 2 %; ``bits``: entropy of the shot
+        mix; ``kinds``: number of pairs of shot type and target area above 1 % of the strokes to a known area;
+        ``smash_after_lift``: fraction of smashes among replies to a lift from above; ``short_serve_replies``: fraction of the
+        replies to a short serve by shot type; ``net_runs``: fraction of the net shots, straight or cross-court, that stand in
+        runs of three or more cross-court ones of both players. A fraction of no strokes is 0.
+    """
+
+    def share(of: Bools) -> F64:
+        played = np.bincount(shot[of], weight[of], N_SHOTS)
+        return np.asarray(played / max(played.sum(), np.finfo(float).tiny))
+
+    shots, known = share(np.ones(len(shot), dtype=np.bool_)), area >= 0
+    kinds = np.bincount(shot[known] * np.int64(N_AREAS) + area[known], weight[known])
+    net = float(weight[np.isin(shot, [SHOTS.index(name) for name in NET_SHOTS])].sum())
+    return {
+        "shots": dict(zip(SHOTS, shots.tolist(), strict=True)),
+        "types": int((shots > OFTEN).sum()),
+        "bits": float(-(shots[shots > 0] * np.log2(shots[shots > 0])).sum()),
+        "kinds": int((kinds > KIND * kinds.sum()).sum()),
+        "smash_after_lift": float(share((incoming == _LIFT) & above)[_SMASH]),
+        "short_serve_replies": dict(zip(SHOTS, share(incoming == _SHORT_SERVE).tolist(), strict=True)),
+        "net_runs": in_runs / net if net else 0.0,
+    }
+
+
+def in_cross_court_runs(shot: Ints, follows: Bools) -> Bools:
+    """``[N]`` whether strokes of shot types ``[N]`` stand in a run of three or more cross-court net shots.
+
+    Args:
+        follows: ``[N]`` whether a stroke is the next one of its rally after the one before it in the array.
+    """
+    cross = shot == _CROSS
+    run = np.cumsum(~(cross & np.append(False, cross[:-1]) & follows))
+    return np.asarray(cross & (np.bincount(run)[run] >= _RUN))
+
+
 def play(policy: StatePolicy, opponent: StatePolicy, rare: Sequence[Bools]) -> dict[str, Any]:
-    """The play of a policy against another.
+    """The play of a policy against another, exact.
 
     Args:
         rare: rare strokes, see :func:`unusual`.
 
     Returns:
-        ``shots``: fraction of its strokes by shot type; ``types``: number of shot types above 2 %; ``bits``: entropy of the shot
-        mix; ``length``: strokes of a rally; ``rare``: fraction of its strokes that are rare among people.
+        The figures of :func:`mix`; ``length``: strokes of a rally; ``rare``: fraction of its strokes that are rare among people.
     """
     game, seen = policy.game, visits(policy, opponent)
-    mix = seen.shot_mix(0)
-    some = mix[mix > 0]
-    uncommon = total = 0.0
-    for block, which in enumerate(rare):
-        played = policy.block_probabilities(block) * seen.states[0][game.block_states(block)][game.base_pair_state]
-        uncommon += float(played[which].sum())
-        total += float(played.sum())
-    return {
-        "shots": dict(zip(SHOTS, mix.tolist(), strict=True)),
-        "types": int((mix > OFTEN).sum()),
-        "bits": float(-(some * np.log2(some)).sum()),
-        "length": seen.rally_length,
-        "rare": uncommon / total,
-    }
+    strokes = [seen.block_pairs(0, block) for block in range(game.n_blocks)]
+    played, stroke, state = np.sum(strokes, axis=0), game.base_pair_stroke, game.base_pair_state
+    shot, area = (part[stroke] for part in (game.catalogue.shot, game.catalogue.area))
+    figures = mix(shot, area, game.incoming_shot(state), game.contact(state) == 1, played, _in_runs(seen))
+    uncommon = sum(float(part[which].sum()) for part, which in zip(strokes, rare, strict=True))
+    return {**figures, "length": seen.rally_length, "rare": uncommon / float(played.sum())}
+
+
+def _in_runs(seen: Visits) -> float:
+    """Expected number of strokes of player 0 in runs of three or more cross-court net shots.
+
+    Such a stroke ends, continues or begins three in a row. By inclusion and exclusion the number is ``2 a_0 + a_1 - b_0 - b_1``
+    with a_i and b_i the numbers of cross-court net shots of player i after two and after three others in a row. A state knows the
+    last two strokes, and what follows it a third one.
+    """
+    total = 0.0
+    for player, (policy, other) in enumerate((seen.policies, seen.policies[::-1])):
+        game = policy.game
+        cross = game.catalogue.shot[game.base_pair_stroke] == _CROSS
+        edge = game.base_pair_state >> 2
+        before = np.append(game.catalogue.shot == _CROSS, False)
+        after = cross & before[game.edge_own[edge]] & before[game.edge_incoming[edge]]
+        blocks = range(game.n_blocks)
+        total += (2 - player) * sum(float(seen.block_pairs(player, block)[after].sum()) for block in blocks)
+        fourth = propagate(game, [block_chances(policy, block) * after for block in blocks], seen.states[player])
+        total -= sum(
+            float((other.block_probabilities(b) * fourth[game.block_states(b)][game.base_pair_state])[after].sum())
+            for b in blocks
+        )
+    return total

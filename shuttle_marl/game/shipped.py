@@ -293,6 +293,21 @@ def factor_of(game: Game, horizon: str = "end") -> Estimate | None:
     return None if factors is None else factors.get(horizon)
 
 
+def real_play(game: Game) -> dict[str, Any] | None:
+    """Figures of the play of people in the matches of a model (:func:`shuttle_marl.exact.play.mix`, and ``length``).
+
+    None where that is not known: for games of one discipline, pairs, and models whose card has none.
+
+    Raises:
+        GameError: the model card cannot be read.
+    """
+    origin = origin_of(game)
+    if origin is None or origin.variant is not None or game.people is not None:
+        return None
+    found: dict[str, Any] | None = read_model_card(origin.folder).get("people")
+    return found
+
+
 def default_game() -> Game:
     """The benchmark's game: the symmetric average profile, as shipped."""
     return load_game("default")

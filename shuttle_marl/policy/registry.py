@@ -311,7 +311,7 @@ register(
     "minimax",
     computed.load_minimax,
     computed.minimax_names,
-    about=lambda name: "perfect play" if name == "minimax" else "best worst case over the game and its refits",
+    about=lambda name: "best play in the model" if name == "minimax" else "best worst case over the game and its refits",
     from_data=True,
 )
 register(

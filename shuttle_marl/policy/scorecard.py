@@ -28,7 +28,7 @@ from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.game.shipped import real_strokes
+from shuttle_marl.game.shipped import real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -323,7 +323,7 @@ def sample(
 
 
 _SURE: Final = 0.99
-POLICIES: Final = ("minimax", "best-response:bc", "bc", "ppo", "a2c", "sac", "ppo:self-play", "human:0.05")
+POLICIES: Final = ("minimax", "best-response:bc", "bc", "ppo", "a2c", "sac", "ppo:self-play", "human:0.05", "human:0.02")
 _ALL: Final = ("own", "incoming", "contact", "duel", "effort", "opponent_effort", "hurried")
 LISTS: Final = {
     "nothing": (),
@@ -340,7 +340,8 @@ def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str]
 
     Returns:
         ``impossible``: number of legal pairs that nobody can play (:func:`shuttle_marl.exact.play.impossible`). ``policies``:
-        for each name :func:`shuttle_marl.exact.play.play` against itself (``self``) and against ``bc``.
+        for each name :func:`shuttle_marl.exact.play.play` against itself (``self``) and against ``bc``. ``people``: the same of
+        people, without ``rare`` (:func:`shuttle_marl.game.shipped.real_play`).
         ``lists``: for each class of :data:`LISTS` ``score`` (edge over ``bc``, 1 for the best response), ``exploitability`` and
         ``against_minimax`` (fraction of rallies won against perfect play), each of the best policy found in the class: improved
         lists against ``bc`` and against perfect play, and the mean of perfect play over the cells. With recovery, lists wait as
@@ -365,7 +366,13 @@ def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str]
             "exploitability": min(best_response(each).value.odds().value for each in found),
             "against_minimax": max(evaluate(each, perfect).odds().rally for each in found),
         }
-    figures = {"game": game.hash, "impossible": int(impossible(game).sum()) * game.n_blocks, "policies": played, "lists": classes}
+    figures = {
+        "game": game.hash,
+        "impossible": int(impossible(game).sum()) * game.n_blocks,
+        "policies": played,
+        "people": real_play(game),
+        "lists": classes,
+    }
     return figures if game.recovery is None else {**figures, **hidden_depth(perfect)}
 
 

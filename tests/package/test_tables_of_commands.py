@@ -151,13 +151,23 @@ def test_predictions_of_pairs_and_players() -> None:
 
 
 def test_depth_of_play() -> None:
-    of = {"shots": {"a": 0.75, "b": 0.25}, "types": 3, "bits": 1.256, "length": 9.0, "rare": 0.5}
+    people = {
+        "shots": {"clear": 0.75, "drop": 0.25},
+        "smash_after_lift": 0.125,
+        "short_serve_replies": {"a": 0.3, "b": 0.6, "c": 0.1},
+        "net_runs": 0.001,
+        "kinds": 37,
+    }
     found = {
-        "policies": {"bc": {"itself": of}},
+        "policies": {"bc": {"itself": {**people, "types": 3, "bits": 1.256, "length": 9.0, "rare": 0.5}}},
+        "people": people,
         "lists": {"no_duel": {"score": 0.12345, "exploitability": -1e-9, "against_minimax": 0.25}},
     }
-    play, best = cli.depth(found)
-    assert cells(play) == [["bc", "itself", "a 75.0 %, b 25.0 %", "3", "1.26", "9.00", "50.0 %"]]
+    play, beside, best = cli.depth(found)
+    assert cells(play) == [["bc", "itself", "clear 75.0 %, drop 25.0 %", "3", "1.26", "9.00", "50.0 %"]]
+    figures = ["b 60.0 %, a 30.0 %", "75.0 %", "25.0 %", "12.5 %", "0.1 %", "37"]
+    assert cells(beside) == [["bc", "itself", *figures], ["people", "people", *figures]]
+    assert len(cells(cli.depth({**found, "people": None})[1])) == 1
     assert cells(best) == [["no duel", "0.123", "0.000", "25.0 %"]]
 
 
