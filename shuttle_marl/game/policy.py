@@ -117,7 +117,7 @@ def stages_of(number: Ints | None, points: Ints | None) -> dict[str, I64]:
     if number is not None:
         stages["length"] = np.asarray(np.searchsorted(_LONG, number, side="right") - 1)
     if points is not None:
-        stages["end"] = (points >= BWF.points - 2).all(axis=1).astype(np.int64) - 1
+        stages["end"] = np.where((points >= BWF.points - 2).all(axis=1), 0, -1)
     return stages
 
 
