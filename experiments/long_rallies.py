@@ -18,6 +18,7 @@ from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states
 from experiments.truth.worlds import World, shipped_world
 from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, read_matches
@@ -57,7 +58,8 @@ def long_rallies(
     known = ~np.isnan(chances).any(axis=(0, 2))
     sides = {"people": _figures(people, np.eye(N_SHOTS)[people.rows.codes["shot"]], known, seed)}
     for name, policy in (("bc", world.bc), ("history", world.history)):
-        assert policy is not None, f"{model} has no bc:history"
+        if policy is None:
+            raise ShuttleError(f"--model {model}: the model has no bc:history; fit it again")
         shots = players[name].reshape(-1, N_SHOTS, N_TECHNIQUES).sum(axis=2)
         matches = SIMULATED * len(people.matches)
         played = strokes_of(simulate(world.game, {"one": policy, "other": policy}, matches=matches, seed=seed))
