@@ -90,7 +90,9 @@ def _chances(world: World, strokes: Strokes) -> F64:
     found = np.full((3, len(rows), N_SHOTS * N_TECHNIQUES), np.nan)
     for part in np.array_split(known, len(known) // 4096 + 1):
         alone = States(game=game, state=state[part], history=history[part])
-        seen = States(game=game, state=state[part], history=history[part], number=rows.stroke[part], score=score[part])
+        seen = States(
+            game=game, state=state[part], history=history[part], number=rows.stroke[part].astype(np.int32), score=score[part]
+        )
         for i, p in enumerate((world.bc.probabilities(alone), player.probabilities(alone), player.probabilities(seen))):
             found[i, part] = np.maximum(p @ styles, 1e-9)
     return found
