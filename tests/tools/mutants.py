@@ -442,7 +442,7 @@ def main(
     counts: dict[str, Counter[str]] = {name: Counter() for name in ("all", "guards", *strata)}
     survivors = []
     with tempfile.TemporaryDirectory(prefix="mutants-", ignore_cleanup_errors=True) as folder:
-        template, ignored = Path(folder) / "template", (".git", ".venv", "node_modules", "raw", ".*_cache")
+        template, ignored = Path(folder) / "template", (".git", ".venv", "node_modules", "raw", "runs", ".*_cache")
         shutil.copytree(ROOT, template, symlinks=True, ignore=shutil.ignore_patterns(*ignored))
         if (ROOT / MODULES).exists():
             (template / MODULES).symlink_to(ROOT / MODULES)
