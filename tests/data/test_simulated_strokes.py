@@ -103,7 +103,9 @@ def test_a_log_of_the_rallies_plays_again(tmp_path: Path, small: Game, players: 
     ({"a": 1, "b": 0.5}, "player 'b': probabilities sum to 0.5, not 1, in state: own "),
 ])  # fmt: skip
 def test_what_cannot_be_simulated(changes: dict[str, Any], told: str, small: Game) -> None:
-    players = {name: change if isinstance(change, list) else change * uniform(small) for name, change in changes.items()}
+    players = {
+        name: np.array(change) if isinstance(change, list) else change * uniform(small) for name, change in changes.items()
+    }
     with pytest.raises(SimulationError) as caught:
         simulate(small, players, matches=1, seed=0)
     assert told in str(caught.value)

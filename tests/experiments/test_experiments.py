@@ -55,10 +55,13 @@ def test_next_stroke_scores_all_predictors(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_same_results_of_a_checkout_with_itself(tmp_path: Path) -> None:
-    assert "the same: 1 commands, 1 files" in run(
-        "experiments.same_results", ROOT, ROOT, "--out", tmp_path / "o", "--only", "solve"
-    )
+def test_same_results_names_what_differs(tmp_path: Path) -> None:
+    saved = tmp_path / "saved.json"
+    found = result_of("experiments.same_results", ROOT, ROOT, "--only", "game", "--save", saved)
+    assert found["different"] == []
+    found["items"]["game"]["default safe"] = "another table"
+    saved.write_text(json.dumps(found))
+    assert "game/default safe" in run("experiments.same_results", saved, ROOT, "--only", "game", status=1)
 
 
 @pytest.mark.slow
