@@ -107,6 +107,15 @@ class _Page(pytest.File):
             yield item
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Give all processes of this session one cache of computed values, of their own, and one folder for other libraries' logs."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        return  # inherited
+    folder = tempfile.TemporaryDirectory(prefix="session-", ignore_cleanup_errors=True)
+    config.add_cleanup(folder.cleanup)
+    os.environ |= {"XDG_CACHE_HOME": f"{folder.name}/cache", "SB3_LOGDIR": f"{folder.name}/sb3"}
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the longest tests first, so that all cores are busy until the end."""
     items.sort(key=lambda item: not any(mark.kwargs.get("minutes") for mark in item.iter_markers("slow")))

@@ -1,53 +1,89 @@
-"""Comparison of two checkouts: both run the same seeded commands, and their output files are compared.
+"""Comparison of the results of two checkouts: seeded commands and programs run in both, and their results are compared.
 
-    python -m experiments.same_results BEFORE AFTER [--out FOLDER] [--only NAME ...]
+    python -m experiments.same_results BEFORE AFTER [--only AREA ...] [--json] [--save FILE]
 
-Files must be equal byte for byte, with these exceptions: JSON is compared without times and the checksums over them, printed
-text without names of folders, times and widths of columns, and a rally log whose bytes differ (its format may have changed)
-must contain the same strokes. Manifests and TensorBoard files are excluded, because they contain times and versions. Both
-checkouts run with this interpreter, one command after another, which takes some minutes.
+Each area of :data:`AREAS` runs commands of ``shuttle-marl``, and ``seeded_results.py``, which uses the public names of
+``shuttle_marl`` alone, so packages and modules may move. They run with the checkout as working directory, one after another, and
+with an empty cache of computed values. Results are digests of items: files, keys of JSON, columns of rally logs, and values.
+:data:`LEFT_OUT` says what is not compared. The keys of the output are ``different`` (items that are not the same, or only in one
+checkout), ``items`` (digests of AFTER by area), ``seconds`` (of the processor, by area) and ``left_out``. BEFORE may be a file
+that ``--save`` wrote.
 """
 
+import hashlib
 import json
 import os
-import re
+import resource
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal, get_args
 
-import pyarrow as pa
 import tyro
-from rich.console import Console
 
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.cli import run as run_command
 
-_TRAIN: Final = ("--seed", "4", "--strokes", "60000", "--out", "{out}")
-_PAIR: Final = ("--players", "viktor-axelsen", "kento-momota")
-_SUITE: Final = ("--split", "dev", "--quick", "--seeds", "1", "--out", "{out}")
-COMMANDS: Final[dict[str, tuple[str, ...]]] = {
-    "league": ("league", "--matches", "20", "--pool", "bc", "safe", "random", "ppo", "--away", "--seed", "3", "--out", "{out}"),
-    "pair": ("league", "--matches", "20", "--pool", "bc", "random", "attacking", *_PAIR, "--seed", "3", "--out", "{out}"),
-    "sample": ("league", "--matches", "200", "--pool", "bc", "safe", "--record", "sample:3", "--no-exact", "--out", "{out}"),
-    "solve": ("exact", "solve", "--no-away", "--json"),
-    "evaluate": ("exact", "evaluate", "bc", "minimax", "attacking", "ppo", "sac", "random", "bc:viktor-axelsen", "--json"),
-    "crossplay": ("exact", "crossplay", "bc", "minimax", "ppo", "random", "safe", "--json"),
-    "ppo": ("training", "ppo", *_TRAIN),
-    "a2c": ("training", "a2c", *_TRAIN),
-    "sac": ("training", "sac", *_TRAIN),
-    "self-play": ("training", "ppo", "--opponent", "self", *_TRAIN),
-    "exploit": ("suite", "run", "exploit-entrance-v0", "--method", "constant", *_SUITE),
-    "offline": ("suite", "run", "offline-v0", "--method", "model", *_SUITE),
+Area = Literal["game", "play", "league", "exact", "training", "workers", "staging", "reports", "pages", "pictures", "suite"]
+_PROGRAM: Final = Path(__file__).with_name("seeded_results.py")
+_LEAGUE: Final = "league --seed 3 --pool bc random"
+_LEARN: Final = "league train --strokes 2000 --rounds 2 --batch 256 --width 8 --pool bc safe --json"
+_PAIR: Final = "--players viktor-axelsen kento-momota"
+_SUITE: Final = {
+    "exploit-v0": "constant",
+    "exploit-entrance-v0": "constant",
+    "equilibrium-v0": "bc",
+    "adapt-v0": "mixture",
+    "offline-v0": "model",
+    "evaluate-v0": "behaviour",
+    "text-v0": "random",
 }
-"""Arguments after ``python -m shuttle_marl``, by name; ``{out}`` is a separate folder for each command."""
-_LEFT_OUT: Final = ("manifest.json", "tensorboard")
-_PRINTED: Final = "printed.txt"
-_INTERPRETER: Final = re.compile(r"\S*python -m")
-_SECONDS: Final = "seconds "
-"""Beginning of a printed line with a time."""
+"""A quick method of each task."""
+AREAS: Final[dict[Area, tuple[str, ...]]] = {
+    "game": ("seeded game", "policies --json", "dynamics card --json"),
+    "play": ("seeded play",),
+    "league": (
+        f"{_LEAGUE} safe ppo --matches 20 --out {{out}}/cup",
+        f"{_LEAGUE} attacking --matches 8 --no-exact {_PAIR} --out {{out}}/pair",
+        f"{_LEAGUE} --matches 40 --no-exact --record sample:3 --workers 8 --out {{out}}/sample",
+    ),
+    "exact": ("seeded exact", "exact evaluate bc minimax ppo --no-away --json"),
+    "training": ("seeded training",),
+    "workers": tuple(f"{_LEARN} --workers {n} --out {{out}}/{n}" for n in (1, 2, 8)),
+    "staging": (
+        f"{_LEAGUE} --matches 2 --no-exact --out {{out}}/played",
+        "recording scene {out}/played/rallies.mcap --best 2 --out {out}/scene.mcap",
+    ),
+    "reports": ("seeded reports",),
+    "pages": (
+        f"{_LEAGUE} --matches 2 --out {{out}}/cup",
+        "league report {out}/cup --out {out}/comparison.html",
+        "watch --seed 2 --save-site {out}/site",
+    ),
+    "pictures": (
+        "seeded pictures",
+        "analysis datasets/sample/strokes.parquet --out {out}/analysis --json",
+        "exact solve --no-away --plot {out}/solution.png",
+        "dynamics card --plot {out}/card.png",
+    ),
+    "suite": tuple(
+        f"suite run {task} --method {method} --quick --seeds 1 --json --out {{out}}/{task}" for task, method in _SUITE.items()
+    ),
+}
+"""Commands of ``shuttle-marl``, and areas of ``seeded_results.py``; ``{out}`` is the folder of the area."""
+LEFT_OUT: Final = (
+    "seconds, times, speeds, and checksums over them",
+    "manifests, TensorBoard files, checkpoints, and report pages of training runs, which contain times and versions",
+    "the bytes of rally logs, whose columns are compared",
+    "what needs the annotated matches: data, dynamics fit, the experiments",
+    "what a browser draws (tests/watch/test_pictures.py), videos, and the pages that a server sends",
+    "Ray, GPUs, other numbers of threads than 1, JAX, OpenSpiel, Minari",
+)
+"""What is not compared."""
+_SKIPPED: Final = ("manifest.json", "tensorboard", "checkpoints")
 _TIMES: Final = ("second", "time", "per_s", "checksum")
 
 
@@ -55,78 +91,63 @@ class SameResultsError(ShuttleError):
     """A command failed, or the results differ."""
 
 
-def run_commands(checkout: Path, out: Path, names: tuple[str, ...]) -> None:
-    """Run the commands of these names with the package of a checkout.
+def results_of(checkout: Path, area: Area, folder: Path) -> dict[str, str]:
+    """Digests of the results of an area by item.
 
     Args:
-        checkout: root of the repository.
-        out: each command writes to a subfolder with its name, and its printed text to ``printed.txt`` there.
-        names: keys of :data:`COMMANDS`.
+        checkout: root of the repository, or of another one with the same commands.
+        folder: an empty folder for files, of which a subfolder ``cache`` is kept from area to area.
 
     Raises:
-        SameResultsError: a command failed, or the checkout holds no package.
+        SameResultsError: a command failed.
     """
-    if not (checkout / "shuttle_marl" / "__init__.py").exists():
-        raise SameResultsError(f"{checkout}: no package shuttle_marl here; give the root of a checkout")
-    for name in names:
-        folder = out / name
-        folder.mkdir(parents=True)
-        module, *arguments = (argument.format(out=folder / "run") for argument in COMMANDS[name])
-        printed = _call(checkout, module, *arguments)
-        printed = _INTERPRETER.sub("python -m", printed.replace(str(folder), "OUT"))
-        lines = (" ".join(line.split()) for line in printed.splitlines())  # columns are as wide as the times in them
-        kept = [line for line in lines if not line.startswith(_SECONDS)]
-        (folder / _PRINTED).write_text("\n".join(kept), encoding="utf-8")
+    out = folder / area
+    found: dict[str, str] = {}
+    out.mkdir()
+
+    def neutral(content: bytes) -> bytes:
+        return content.replace(os.fsencode(out), b"OUT").replace(os.fsencode(checkout), b"CHECKOUT")
+
+    for number, step in enumerate((*AREAS[area], "seeded logs")):
+        command, *arguments = (word.format(out=out) for word in step.split())
+        if command == "seeded":
+            found |= json.loads(_run(checkout, folder, "-P", str(_PROGRAM), *arguments, str(out)).splitlines()[-1])
+            continue
+        printed = _run(checkout, folder, "-m", "shuttle_marl", command, *arguments)
+        if "--json" in arguments:
+            found |= dict(_of_json(f"{command} {arguments[0]} {number}", json.loads(neutral(printed))))
+    for path in sorted(path for path in out.rglob("*") if path.is_file()):
+        name = path.relative_to(out).as_posix()
+        if not set(path.relative_to(out).parts) & set(_SKIPPED) and not path.match("rallies*.mcap"):
+            found |= dict(_of_file(name, neutral(path.read_bytes())))
+    return found
 
 
-def _call(checkout: Path, module: str, *arguments: str) -> str:
-    command = [sys.executable, "-m", "shuttle_marl", module, *arguments]
+def _run(checkout: Path, folder: Path, *arguments: str) -> bytes:
     environment = {**os.environ, "PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1", "COLUMNS": "160"}
-    done = subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True, check=False)
+    environment["XDG_CACHE_HOME"] = str(folder / "cache")
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=checkout, env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False
+    )
     if done.returncode != 0:
-        raise SameResultsError(f"{checkout}: {' '.join(command[1:])} ended with {done.returncode}:\n{done.stderr[-2000:]}")
+        raise SameResultsError(f"{checkout}: {' '.join(arguments)} ended with {done.returncode}:\n{done.stderr[-2000:].decode()}")
     return done.stdout
 
 
-def differences(before: Path, after: Path, checkouts: tuple[Path, Path]) -> Iterator[str]:
-    """Differences between two folders that :func:`run_commands` filled, a line each.
-
-    Args:
-        before: one folder.
-        after: the other.
-        checkouts: which read the rally logs of the first and of the second folder.
-    """
-    names = [_files(before), _files(after)]
-    for name in sorted(names[0] ^ names[1]):
-        yield f"{name}: only {'before' if name in names[0] else 'after'}"
-    for name in sorted(names[0] & names[1]):
-        files = before / name, after / name
-        if files[0].read_bytes() != files[1].read_bytes() and (problem := _difference(files, checkouts)):
-            yield f"{name}: {problem}"
+def _of_file(name: str, content: bytes) -> Iterator[tuple[str, str]]:
+    if name.endswith(".jsonl"):
+        yield name, _digest([_without_times(json.loads(line)) for line in content.splitlines()])
+    elif name.endswith(".json"):
+        yield from _of_json(name, json.loads(content))
+    else:
+        yield name, hashlib.sha256(content).hexdigest()
 
 
-def _files(folder: Path) -> set[str]:
-    paths = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
-    return {path.as_posix() for path in paths if not set(path.parts) & set(_LEFT_OUT)}
-
-
-def _difference(files: tuple[Path, Path], checkouts: tuple[Path, Path]) -> str:
-    """The difference of two unequal files; empty if only excluded parts differ."""
-    if files[0].suffix == ".mcap":
-        return _other_strokes([_strokes(file, checkout) for file, checkout in zip(files, checkouts, strict=True)])
-    texts = [_lines_without_times(file) for file in files]
-    if None in texts or texts[0] != texts[1]:
-        return f"differs ({files[0].stat().st_size:,} and {files[1].stat().st_size:,} bytes)"
-    return ""
-
-
-def _lines_without_times(file: Path) -> list[Any] | None:
-    """Content of a JSON or JSON-lines file without times; None for other files."""
-    try:
-        text = file.read_text(encoding="utf-8")
-        return [_without_times(json.loads(part)) for part in (text.splitlines() if file.suffix == ".jsonl" else [text])]
-    except ValueError:
-        return None
+def _of_json(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, dict):
+        yield from ((f"{name}: {key}", _digest(each)) for key, each in _without_times(value).items())
+    else:
+        yield name, _digest(_without_times(value))
 
 
 def _without_times(value: Any) -> Any:
@@ -135,52 +156,54 @@ def _without_times(value: Any) -> Any:
     return [_without_times(v) for v in value] if isinstance(value, list) else value
 
 
-def _strokes(log: Path, checkout: Path) -> pa.Table:
-    """Every stroke of a log, as the checkout exports them."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "strokes.arrow"
-        _call(checkout, "recording", "export", str(log), str(path), "--rows", "strokes")
-        return pa.ipc.open_file(path.read_bytes()).read_all()
-
-
-def _other_strokes(tables: list[pa.Table]) -> str:
-    """The difference of two tables of strokes in the columns that both have."""
-    names = [name for name in tables[0].column_names if name in tables[1].column_names]
-    if not {"number", "stroke"} <= set(names) or len(tables[0]) != len(tables[1]):
-        return f"{len(tables[0]):,} and {len(tables[1]):,} strokes, with {', '.join(names) or 'no columns'} in common"
-    other = [name for name in names if not tables[0][name].equals(tables[1][name])]
-    return f"other {', '.join(other)}" if other else ""
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def main(
     before: tyro.conf.Positional[Path],
     after: tyro.conf.Positional[Path],
     *,
-    out: Path | None = None,
-    only: tuple[str, ...] = tuple(COMMANDS),
+    only: tuple[Area, ...] = get_args(Area),
+    save: Path | None = None,
+    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
-    """Compare the results of two checkouts.
+    """Compare the results of two checkouts; the exit status is 1 if they differ.
 
     Args:
-        before: Root of a checkout.
-        after: Root of another one.
-        out: Keep the output in this new folder, under `before` and `after`.
-        only: Names of the commands to run.
+        before: Root of a checkout, or a file of --save.
+        after: Root of another checkout.
+        only: Areas to compare.
+        save: Write the output to this JSON file too.
+        as_json: Print JSON.
     """
-    if unknown := [name for name in only if name not in COMMANDS]:
-        raise SameResultsError(f"--only {' '.join(unknown)}: expected some of {', '.join(COMMANDS)}")
-    if out is not None and out.exists():
-        raise SameResultsError(f"--out {out}: exists; name a new folder")
-    checkouts = (before.resolve(), after.resolve())
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = (out or Path(temporary)).resolve()
-        for name, checkout in zip(("before", "after"), checkouts, strict=True):
-            run_commands(checkout, folder / name, only)
-        found = list(differences(folder / "before", folder / "after", checkouts))
-        files = len(_files(folder / "before"))
-    if found:
-        raise SameResultsError("the results differ\n" + "\n".join(found))
-    Console().print(f"the same: {len(only)} commands, {files} files")
+    seconds: dict[str, float] = {}
+    items: list[dict[str, dict[str, str]]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, checkout in enumerate((before, after)):
+            place = Path(folder, str(number)).resolve()
+            place.mkdir()
+            if checkout.is_file():
+                items.append(json.loads(checkout.read_text(encoding="utf-8"))["items"])
+                continue
+            items.append({})
+            for area in only:
+                start = _processor_seconds()
+                items[-1][area] = results_of(checkout.resolve(), area, place)
+                seconds[area] = round(_processor_seconds() - start, 1)
+    first, second = ({f"{area}/{name}": value for area in only for name, value in each.get(area, {}).items()} for each in items)
+    different = sorted(name for name in first.keys() | second.keys() if first.get(name) != second.get(name))
+    result = json.dumps({"different": different, "seconds": seconds, "left_out": LEFT_OUT, "items": items[1]}, indent=1)
+    if save:
+        replace_file(save, result.encode())
+    sys.stdout.write(f"{result}\n" if as_json else f"{len(second):,} items; not compared: {'; '.join(LEFT_OUT)}\n")
+    if different:
+        raise SameResultsError("\n".join(["the results differ:", *different]))
+
+
+def _processor_seconds() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 if __name__ == "__main__":

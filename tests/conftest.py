@@ -1,17 +1,19 @@
-"""Fixtures that several folders share."""
+"""Fixtures that several folders share; what only they need is imported when one is used: every process reads this file."""
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Browser, Playwright, sync_playwright
 
-from shuttle_marl.watch.server import browser_flags
-from tests.needs import chromium
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Playwright
 
 
 @pytest.fixture(scope="session")
 def chromium_program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A browser for everything that asks for one."""
+    from tests.needs import chromium
+
     with pytest.MonkeyPatch.context() as patch:
         program = chromium(tmp_path_factory.mktemp("chromium"))
         patch.setenv("CHROMIUM", program)
@@ -19,14 +21,16 @@ def chromium_program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def playwright() -> Iterator[Playwright]:
+def playwright() -> Iterator["Playwright"]:
     """One for all tests of this process: it can run only once in a thread."""
+    from playwright.sync_api import sync_playwright
+
     with sync_playwright() as running:
         yield running
 
 
 @pytest.fixture(scope="session")
-def launched() -> Iterator[list[Browser]]:
+def launched() -> Iterator[list["Browser"]]:
     """Browsers of this process, the last one in use: one that ends takes only the test with it that ended it."""
     browsers: list[Browser] = []
     yield browsers
@@ -35,8 +39,10 @@ def launched() -> Iterator[list[Browser]]:
 
 
 @pytest.fixture
-def browser(playwright: Playwright, chromium_program: str, launched: list[Browser]) -> Browser:
+def browser(playwright: "Playwright", chromium_program: str, launched: list["Browser"]) -> "Browser":
     """A browser without a window."""
+    from shuttle_marl.watch.server import browser_flags
+
     if not launched or not launched[-1].is_connected():
         launched.append(playwright.chromium.launch(executable_path=chromium_program, args=browser_flags()))
     return launched[-1]

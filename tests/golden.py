@@ -1,10 +1,11 @@
 """Figures that tests compare with what was written down when somebody last looked at them.
 
-Delete a file of ``tests/golden`` and run its tests to write it again; the difference shows what a change of the code changed.
+``GOLDEN=write`` before ``pytest`` stores the figures of the tests that run; the difference shows what a change of code changed.
 """
 
 import json
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,11 +21,12 @@ def check(name: str, figures: Mapping[str, Any], close: float = 1e-6) -> None:
     """Compare figures with those of ``golden/NAME.json``: numbers to a ten-thousandth or ``close``, other values exactly."""
     found, path = _plain(dict(figures)), FOLDER / f"{name}.json"
     written = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    if not found.keys() <= written.keys():
+    if os.environ.get("GOLDEN") == "write":
         rows = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in sorted((written | found).items()))
         path.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
-        pytest.fail(f"{path.name} was written: look at it, and run the test again")
-    if different := [*_differences({key: written[key] for key in found}, found, name, close)]:
+    elif missing := found.keys() - written.keys():
+        pytest.fail(f"{path.name} lacks {', '.join(sorted(missing))}: write it with GOLDEN=write, and look at the difference")
+    elif different := [*_differences({key: written[key] for key in found}, found, name, close)]:
         pytest.fail("\n".join(different[:10]))
 
 

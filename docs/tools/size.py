@@ -1,18 +1,23 @@
-"""The size of the repository, imports in a loop, counts of ideas, and the files whose functions run in one step.
+"""The size of the repository, imports in a loop, counts of ideas, habits of tests, and the files whose functions run in one step.
 
-    python -m docs.tools.size [--json]
+    python -m docs.tools.size [--json] [--check]
 
-Lines with code are those without blank lines, comments and docstrings; lines of other strings count. :data:`RULES` says how the
-other figures are counted, :mod:`docs.tools.structure` how the files of a step are found.
+Lines with code are those without blank lines, comments and docstrings; lines of other strings count. :data:`RULES` and
+:data:`TEST_RULES` say how the other figures are counted, :mod:`docs.tools.structure` how the files of a step are found.
+``--check`` compares figures with their limits, the table ``tool.size`` of ``pyproject.toml``.
 """
 
 import ast
+import functools
 import io
 import json
+import operator
+import re
 import sys
 import tokenize
+import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -21,6 +26,7 @@ import tyro
 
 from docs.tools.markdown import ROOT, markdown
 from docs.tools.structure import FRAME, PACKAGE, imported, paths, reached
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 
 _OUTSIDE: Final = ("benchmarks", "datasets", "docs", "experiments")
@@ -35,6 +41,18 @@ RULES: Final = {
     "same_names": "names of modules used more than twice; __init__.py and __main__.py not counted",
 }
 """How each list of names is counted."""
+TEST_RULES: Final = {
+    "private_accesses": "private names in tests: attributes of others than self, cls and modules of other packages, imports, and "
+    "names for setattr, delattr and getattr",
+    "setattr": "calls of setattr of pytest's monkeypatch, and of unittest.mock.patch",
+}
+"""How the places in tests are counted."""
+_NAMED_TUPLE: Final = ("_asdict", "_fields", "_make", "_replace")
+"""Public, whatever they look like."""
+
+
+class SizeError(ShuttleError):
+    """A figure is greater than its limit."""
 
 
 def lines_of(text: str) -> int:
@@ -97,6 +115,44 @@ def _parameters(node: ast.AST) -> int:
     return len(found) - (found[:1] in (["self"], ["cls"]))
 
 
+def places_in_tests() -> dict[str, list[str]]:
+    """The places behind each figure of :data:`TEST_RULES`, as ``file:line``."""
+    found: dict[str, list[str]] = {name: [] for name in TEST_RULES}
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        tree, where = ast.parse(path.read_text(encoding="utf-8")), path.relative_to(ROOT)
+        foreign = {"self", "cls"} | {
+            (alias.asname or alias.name).split(".")[0]
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Import)
+            for alias in node.names
+            if alias.name.split(".")[0] not in (PACKAGE, "tests")
+        }
+        for node in ast.walk(tree):
+            found["private_accesses"] += [f"{where}:{node.lineno}" for _ in _private(node, foreign)]  # type: ignore[attr-defined]
+            if isinstance(node, ast.Call) and re.fullmatch(
+                r".*\.setattr|(.*\.)?patch(\.object|\.multiple)?", ast.unparse(node.func)
+            ):
+                found["setattr"].append(f"{where}:{node.lineno}")
+    return found
+
+
+def _private(node: ast.AST, foreign: set[str]) -> list[str]:
+    """Private names that a node reads or writes."""
+    match node:
+        case ast.Attribute(value=ast.Name(id=owner)) if owner in foreign:
+            return []
+        case ast.Attribute(attr=name):
+            names = [name]
+        case ast.ImportFrom(module=module, names=aliases):
+            names = [alias.name for alias in aliases] if (module or "").split(".")[0] in (PACKAGE, "tests") else []
+        case ast.Call(func=ast.Attribute(attr=called) | ast.Name(id=called)) if called in ("setattr", "delattr", "getattr"):
+            texts = (argument.value for argument in node.args[:2] if isinstance(argument, ast.Constant))
+            names = [text.rpartition(".")[2] for text in texts if isinstance(text, str)]
+        case _:
+            names = []
+    return [name for name in names if re.match("_[^_]", name) and name not in _NAMED_TUPLE]
+
+
 def size() -> dict[str, Any]:
     """Lines and files of the package, lines with code by folder, names by rule, and the files of each step."""
     texts = {name: [p.read_text(encoding="utf-8") for p in (ROOT / name).rglob("*.py")] for name in (PACKAGE, *_OUTSIDE, "tests")}
@@ -107,23 +163,52 @@ def size() -> dict[str, Any]:
         "lines": sum(len(text.splitlines()) for text in texts[PACKAGE]),
         "files": len(texts[PACKAGE]),
         "outside": {"code": sum(code[name] for name in _OUTSIDE), **{name: code[name] for name in _OUTSIDE}},
-        "tests": {"code": code["tests"], "lines": sum(len(text.splitlines()) for text in texts["tests"])},
+        "tests": {
+            "code": code["tests"],
+            "lines": sum(len(text.splitlines()) for text in texts["tests"]),
+            **{name: {"count": len(places), "places": places} for name, places in places_in_tests().items()},
+        },
         **{name: len(counted) for name, counted in found.items()},
         "names": found,
-        "rules": RULES,
-        "paths": paths(),
+        "rules": RULES | TEST_RULES,
     }
 
 
-def main(*, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+def over_limits(found: Mapping[str, Any], limits: Mapping[str, int]) -> list[str]:
+    """A line about each figure that is greater than its limit.
+
+    Args:
+        found: result of :func:`size`.
+        limits: by name, with a dot between keys.
+    """
+    lines = []
+    for name, limit in limits.items():
+        figure: Any = functools.reduce(operator.getitem, name.split("."), found)
+        number = figure["count"] if isinstance(figure, dict) else figure
+        if number > limit:
+            lines.append(f"{name}: {number:,}, of at most {limit:,}")
+    return lines
+
+
+def main(*, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False, check: bool = False) -> None:
     """Measure the repository.
 
     Args:
         as_json: Print JSON.
+        check: Fail if a figure is greater than its limit, in `tool.size` of `pyproject.toml`, instead of printing figures.
     """
     found = size()
+    if check:
+        limits = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["size"]
+        if lines := over_limits(found, limits):
+            raise SizeError(
+                "\n".join([*lines, "python -m docs.tools.size --json lists the places; limits stand in pyproject.toml"])
+            )
+        return
+    found["paths"] = paths()
     figures = [(name, f"{found[name]:,}", RULES.get(name, "")) for name in ("code", "lines", "files", *RULES)]
     figures += [(f"code, {name}", f"{found[name]['code']:,}", "") for name in ("outside", "tests")]
+    figures += [(f"tests, {name}", f"{found['tests'][name]['count']:,}", rule) for name, rule in TEST_RULES.items()]
     figures += [(f"files, {name}", str(len(files)), "") for name, files in found["paths"].items()]
     shown = markdown(("figure", "number", "rule"), figures, left=("figure", "rule"))
     sys.stdout.write(json.dumps(found, indent=1) if as_json else f"{shown}\n")

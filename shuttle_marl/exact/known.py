@@ -1,7 +1,7 @@
 """Exact odds from the cache, or solved.
 
 A tournament of 17 solves 153 pairs, most of which the last tournament solved too. The key of a result is a hash of the game, both
-policies, the tolerance, and the source code of the solvers.
+policies, the tolerance, and the source code of what computes it.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_response, restricted_response, restricted_value
 from shuttle_marl.exact.profile import Crossplay, crossplay_by, odds_of_pairs
-from shuttle_marl.exact.version import solvers_hash
+from shuttle_marl.exact.version import sources_hash
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]
@@ -114,7 +114,7 @@ def _odds(serving: float, receiving: float, error_bound: float) -> Odds:
 
 
 def _key(*parts: str) -> bytes:
-    return key_of(*parts, solvers_hash())
+    return key_of(*parts, sources_hash())
 
 
 def _cached(keys: Sequence[bytes], problems: Sequence[T], solve: Callable[[list[T]], Iterable[Odds]]) -> list[Odds]:

@@ -27,8 +27,6 @@ ALGORITHMS: Final = ("ppo", "a2c", "sac")
 """Algorithms of shipped agents, the first part of their names."""
 AGENTS: Final = "agents"
 """Subfolder of a model with its agents."""
-_EVALUATION: Final = "1"
-"""Version of the tabulation of networks; cached tables of other versions are not used."""
 
 
 def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -> None:
@@ -67,7 +65,7 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
 
         return PolicyNetwork.of_tensors(weights, game).table(game)
 
-    return dataclasses.replace(cached_table(game, f"network {_EVALUATION} {digest}", evaluate), game=seat)
+    return dataclasses.replace(cached_table(game, f"network {digest}", evaluate), game=seat)
 
 
 def read_weights(folder: Path, card: dict[str, Any]) -> tuple[str, dict[str, npt.NDArray[Any]]]:

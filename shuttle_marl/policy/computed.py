@@ -13,7 +13,7 @@ import zstandard
 
 from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.base.files import content_hash
-from shuttle_marl.exact.version import solvers_hash
+from shuttle_marl.exact.version import sources_hash
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import is_refit, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game
@@ -30,9 +30,9 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
     """A table from the cache, or computed and stored there.
 
     Args:
-        key: everything that the result depends on besides the game.
+        key: everything that the result depends on besides the game and the source code of game, solvers and policies.
     """
-    name = key_of(game.hash, key)
+    name = key_of(game.hash, key, sources_hash())
     for content in _CACHE.read([name]).values():
         with contextlib.suppress(ValueError, zstandard.ZstdError, PolicyError):  # written by another version
             return TabulatedPolicy.unpacked(content, game, key)
@@ -46,14 +46,14 @@ def minimax_policy(game: Game) -> TabulatedPolicy:
     """The minimax policy of a game, or of a player in the game of a pair."""
     from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba
 
-    return cached_table(game, f"minimax {game.opposite.hash} {solvers_hash()}", lambda: solve(game).policy[0])
+    return cached_table(game, f"minimax {game.opposite.hash}", lambda: solve(game).policy[0])
 
 
 def best_response_policy(policy: TabulatedPolicy) -> TabulatedPolicy:
     """The best response to a policy."""
     from shuttle_marl.exact.optimal import best_response  # noqa: PLC0415  numba
 
-    key = f"best-response {policy.game.hash} {policy.hash} {solvers_hash()}"
+    key = f"best-response {policy.game.hash} {policy.hash}"
     return cached_table(policy.game.opposite, key, lambda: best_response(policy).policy)
 
 
@@ -69,7 +69,7 @@ def robust_policy(game: Game) -> TabulatedPolicy:
     others = refits_of(game)
     if not others:
         raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
-    key = " ".join(["robust", *(other.hash for other in others), solvers_hash()])
+    key = " ".join(["robust", *(other.hash for other in others)])
     return cached_table(game, key, lambda: solve_robust([game, *others]).policy)
 
 
@@ -93,7 +93,7 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     priors = content_hash(own.probability.tobytes() + average.probability.tobytes())
     return cached_table(
         game,
-        f"human {tau!r} {game.opposite.hash} {priors} {solvers_hash()}",
+        f"human {tau!r} {game.opposite.hash} {priors}",
         lambda: tabulated_pairs(solve_soft(own, average, tau=tau).policy[0]),
     )
 

@@ -14,7 +14,6 @@ from shuttle_marl.analysis import tabular
 from shuttle_marl.base.files import Fraction, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds, pair_odds
-from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import cached_table
@@ -247,5 +246,4 @@ def _sources() -> str:
     """Hash of the code of the methods that train targets."""
     here = Path(__file__).parent
     files = [*here.glob("*.py"), *(here / "methods").glob("*.py"), Path(logs.__file__), Path(tabular.__file__)]
-    content = b"".join(path.read_bytes() for path in sorted(files))
-    return content_hash(content + solvers_hash().encode())
+    return content_hash(b"".join(path.read_bytes() for path in sorted(files)))

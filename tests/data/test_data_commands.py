@@ -5,9 +5,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import duckdb
-import pandas as pd
-import polars
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -159,6 +156,8 @@ def test_round_trip(raw: Path, strokes: pa.Table, file: Path) -> None:
 
 def test_other_programs_read_names(file: Path, strokes: pa.Table) -> None:
     """And what they write is read again, with names or codes."""
+    import pandas as pd
+
     table = pd.read_parquet(file)
     assert set(table["shot"]) <= set(SHOTS)
     assert table["shot"].dtype == "category"
@@ -172,6 +171,9 @@ def test_other_programs_read_names(file: Path, strokes: pa.Table) -> None:
 
 
 def test_polars_and_duckdb_read_names(file: Path, strokes: pa.Table) -> None:
+    import duckdb
+    import polars
+
     counted = polars.read_parquet(file).group_by("shot").len().rows()
     assert {str(shot) for shot, _ in counted} <= set(SHOTS)
     query = f"select shot, count(*) from '{file}' where outcome = 'returned' group by shot"

@@ -65,6 +65,15 @@ def test_nothing_imports_itself_in_a_loop() -> None:
     assert size.names()["circles"] == []
 
 
+def test_figures_above_their_limits_are_named() -> None:
+    found = {"code": 1200, "tests": {"setattr": {"count": 3, "places": []}}}
+    assert size.over_limits(found, {"code": 1200, "tests.setattr": 3}) == []
+    assert size.over_limits(found, {"code": 1199, "tests.setattr": 2}) == [
+        "code: 1,200, of at most 1,199",
+        "tests.setattr: 3, of at most 2",
+    ]
+
+
 PAGES = {figure.page: (ROOT / figure.page).read_text(encoding="utf-8") for figure in FIGURES}
 
 

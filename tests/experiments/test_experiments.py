@@ -20,14 +20,14 @@ from tests.reduced import reduced_game, reduced_model
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "datasets" / "sample" / "strokes.parquet"
-GAME = reduced_game()
 NAMES = ("viktor-axelsen", "kento-momota")
 
 
 def write_published(path: Path, matches: Sequence[str], seed: int, policy: np.ndarray | None = None) -> None:
     """Simulated matches of average players under the names of two with skill, and of published matches."""
-    played = baselines.load(None, GAME).pair_probabilities() if policy is None else policy
-    table = simulate(GAME, dict.fromkeys(NAMES, played), matches=len(matches), seed=seed)
+    game = reduced_game()
+    played = baselines.load(None, game).pair_probabilities() if policy is None else policy
+    table = simulate(game, dict.fromkeys(NAMES, played), matches=len(matches), seed=seed)
     named = dict(zip(table["match"].unique().to_pylist(), matches, strict=True))
     at = table.schema.get_field_index("match")
     table = table.set_column(at, table.schema.field(at), [[named[name] for name in table["match"].to_pylist()]])
@@ -64,10 +64,13 @@ def test_recovery_bracket_solves_hidden_and_seen_positions() -> None:
 
 
 @pytest.mark.slow
-def test_same_results_of_a_checkout_with_itself(tmp_path: Path) -> None:
-    assert "the same: 1 commands, 1 files" in run(
-        "experiments.same_results", ROOT, ROOT, "--out", tmp_path / "o", "--only", "solve"
-    )
+def test_same_results_names_what_differs(tmp_path: Path) -> None:
+    saved = tmp_path / "saved.json"
+    found = result_of("experiments.same_results", ROOT, ROOT, "--only", "game", "--save", saved)
+    assert found["different"] == []
+    found["items"]["game"]["default safe"] = "another table"
+    saved.write_text(json.dumps(found))
+    assert "game/default safe" in run("experiments.same_results", saved, ROOT, "--only", "game", status=1)
 
 
 @pytest.mark.slow
@@ -137,7 +140,8 @@ def test_truth_finds_that_promises_come_true_in_the_game_itself(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_human_finds_a_known_tau_again(tmp_path: Path) -> None:
-    prior = PairPolicy(game=GAME, probability=baselines.probabilities(None, GAME))
+    game = reduced_game()
+    prior = PairPolicy(game=game, probability=baselines.probabilities(None, game))
     data = tmp_path / "strokes.parquet"
     write_published(data, matches_of("validation")[:8], 0, solve_soft(prior, tau=0.1).policy[0].pair_probabilities())
     result = result_of("experiments.human", "--data", data, "--model", reduced_model())

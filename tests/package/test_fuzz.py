@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from tests.fuzz import FORMATS
+from tests.tools.fuzz import FORMATS
 
 
 @pytest.mark.slow(minutes=True)
 def test_no_damaged_or_forged_file_does_harm() -> None:
-    command = [sys.executable, "-m", "tests.fuzz", "--n", str(len(FORMATS)), "--seed", "11", "--jobs", "1", "--json"]
+    command = [sys.executable, "-m", "tests.tools.fuzz", "--n", str(len(FORMATS)), "--seed", "11", "--jobs", "1", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-4000:]
     counts = json.loads(done.stdout)

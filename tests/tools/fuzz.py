@@ -1,6 +1,6 @@
 """Fuzz test of every file format that the package reads.
 
-    python -m tests.fuzz [--n 5000] [--seed 0] [--formats log agent …] [--json]
+    python -m tests.tools.fuzz [--n 5000] [--seed 0] [--formats log agent …] [--json]
 
 Each case copies valid files, damages or forges one of them, and runs a command on them in a process of its own. Damage is bytes
 flipped, overwritten, removed, repeated or cut off. A forgery has valid checksums: JSON values are replaced by values of other
@@ -268,7 +268,7 @@ def build(root: Path) -> None:
     run("csv", "data import strokes.csv --columns columns.toml --out out.parquet")
     shutil.copy(root / "csv" / "out.parquet", root / "parquet_types" / "strokes.parquet")
     (root / "csv" / "out.parquet").rename(root / "parquet" / "strokes.parquet")
-    samples = Path(__file__).parent / "data" / "samples"
+    samples = Path(__file__).parents[1] / "data" / "samples"
     for name, sample in (("elan", "club.eaf"), ("sportscode", "sportscode.xml"), ("pipeline", "strokes.json")):
         shutil.copy(samples / sample, root / name / f"file.{sample.split('.')[1]}")
     shutil.copy(next(samples.glob("2031*.json")), root / "badminton_db" / "file.json")

@@ -1,4 +1,4 @@
-"""Instrumentation of the package for :mod:`tests.mutants`, in a process of tests and the interpreters that it starts.
+"""Instrumentation of the package for :mod:`tests.tools.mutants`, in a process of tests and the interpreters that it starts.
 
 :func:`note_calls` lets functions, as they are imported from then on, append their names to a file when they are called first. A
 profile function would be called for every call of every library, and not in other threads. :func:`change` exchanges modules.

@@ -1,6 +1,6 @@
 """Mutations of source code: one change each, of an operator, a number, a truth value, a returned value, or a check that raises.
 
-Decorators, annotations, ``__all__`` and error messages stay.
+Decorators, annotations, ``__all__``, error messages, assigned limits, and numbers of animation (:data:`ANIMATION`) stay.
 """
 
 import ast
@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from tests.instrumentation import is_compiled
+from tests.tools.instrumentation import is_compiled
 
-ROOT: Final = Path(__file__).resolve().parents[1]
+ROOT: Final = Path(__file__).resolve().parents[2]
 OPERATORS: Final = {
     **{"Lt": "LtE GtE", "LtE": "Lt Gt", "Gt": "GtE LtE", "GtE": "Gt Lt", "Eq": "NotEq", "NotEq": "Eq", "Is": "IsNot"},
     **{"IsNot": "Is", "In": "NotIn", "NotIn": "In", "And": "Or", "Or": "And", "Add": "Sub", "Sub": "Add", "Mult": "Div"},
@@ -20,6 +20,8 @@ OPERATORS: Final = {
     **{"BitXor": "BitAnd", "LShift": "RShift", "RShift": "LShift"},
 }
 """Classes of :mod:`ast` that replace an operator, one at a time."""
+ANIMATION: Final = ("shuttle_marl/scene/", "shuttle_marl/staging/", "shuttle_marl/watch/")
+"""Where a number is how something looks."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +84,7 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
 
 def mutants(file: str, source: str) -> Iterator[Mutant]:
     """All mutants of a file."""
-    lines = source.encode().splitlines(keepends=True)
+    lines, is_animated = source.encode().splitlines(keepends=True), file.startswith(ANIMATION)
 
     def visit(node: ast.AST, scope: str, function: str, guard: bool) -> Iterator[Mutant]:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
@@ -90,7 +92,7 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
             function = scope + node.name if is_function and not is_compiled(node) else ""
             scope += f"{node.name}.<locals>." if is_function else f"{node.name}."
             node.decorator_list = []
-        elif isinstance(node, ast.expr | ast.Return | ast.AugAssign):
+        elif isinstance(node, ast.expr | ast.Return | ast.AugAssign) and not (is_animated and _is_number(node)):
             yield from (make(node, variant, function, guard) for variant in variants(node))
         if isinstance(node, ast.If) and isinstance(node.body[-1], ast.Raise):
             yield make(node.test, ast.Constant(False), function, True)
@@ -113,13 +115,16 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
     yield from visit(ast.parse(source), "", "", False)
 
 
+def _is_number(node: ast.AST) -> bool:
+    constant = node.operand if isinstance(node, ast.UnaryOp) else node
+    return isinstance(constant, ast.Constant) and isinstance(constant.value, int | float) and not isinstance(constant.value, bool)
+
+
 def _is_guard(node: ast.AST, child: ast.AST) -> bool:
-    """Whether a child is the condition of an error, or a limit."""
+    """Whether a child is the condition of an error."""
     match node:
         case ast.If(test=test, body=[*_, ast.Raise()]):
             return child is test
-        case ast.AnnAssign(target=ast.Name(id=name), value=value) | ast.Assign(targets=[ast.Name(id=name)], value=value):
-            return child is value and name.lstrip("_").startswith(("MAX", "MOST", "LEAST", "MIN", "LONGEST", "LIMIT"))
     return False
 
 
@@ -129,6 +134,8 @@ def _is_excluded(node: ast.AST, child: ast.AST) -> bool:
     match child:
         case ast.Assign(targets=[ast.Name(id="__all__")]) | ast.If(test=ast.Name(id="TYPE_CHECKING")):
             return True
+        case ast.AnnAssign(target=ast.Name(id=name)) | ast.Assign(targets=[ast.Name(id=name)]):
+            return name.lstrip("_").startswith(("MAX", "MOST", "LEAST", "MIN", "LONGEST", "LIMIT"))
         case ast.Raise() | ast.JoinedStr() | ast.keyword(arg="strict") | ast.Call(func=ast.Attribute(value=ast.Name(id="_LOG"))):
             return True
     return False

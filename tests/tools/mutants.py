@@ -1,19 +1,20 @@
 """Mutation test: small changes of the code, each of which at least one test should notice.
 
-    python -m tests.mutants [--modules game exact …] [--n 100] [--seed 0] [--jobs 2] [--json]
+    python -m tests.tools.mutants [--modules game exact …] [--n 100] [--seed 0] [--jobs 2] [--json]
 
-A mutation (:mod:`tests.mutations`) replaces one comparison, arithmetic or boolean operator, number, truth value, ``not`` or
-returned value, or lets a check pass that raises. Changes of guards (conditions under which something is raised, and limits) are
-drawn twice as often as others. The tests of the sampled packages run first, to record which functions each of them calls. A
-mutant of a Python function is a fork of a process that has imported everything; the fast tests that call the function run on it,
-the quickest first, until one fails, then the others of their files. Other mutants (compiled functions, constants, and functions
-that imports call) are copies of the repository, on which the test files of the package run; if no fast test calls a function,
-its slow tests. The output has the keys:
+A mutation (:mod:`tests.tools.mutations`) replaces one comparison, arithmetic or boolean operator, number, truth value, ``not``
+or returned value, or lets a check pass that raises. Half of the sample changes files of :data:`CORE`, where a fault changes
+results; changes of guards (conditions under which something is raised) are drawn twice as often as others. The tests of the
+sampled packages run first, to record which functions each of them calls. A mutant of a Python function is a fork of a process
+that has imported everything; the fast tests that call the function run on it, the quickest first, until one fails, then the
+others of their files. Other mutants (compiled functions, constants, and functions that imports call) are copies of the
+repository, on which the test files of the package run; if no fast test calls a function, its slow tests. The output has the
+keys:
 
 - ``tried``: mutants of the sample; ``equivalent``: those that no test can notice, listed in ``equivalent_mutants.toml``.
 - ``killed``: a test failed; ``timeouts``: the fast tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
-- ``share``: fraction of mutants noticed, killed or timed out, of those that are not equivalent; ``guards``: ``tried`` and
-  ``share`` of those in guards.
+- ``share``: fraction of mutants noticed, killed or timed out, of those that are not equivalent; ``guards`` and ``strata``:
+  ``tried`` and ``share`` of those in guards, in the core and in the rest.
 - ``survivors``: file, line, and the source before and after of each survivor.
 """
 
@@ -43,8 +44,8 @@ from typing import Any, Final, Literal, get_args
 import pytest
 import tyro
 
-from tests import instrumentation
-from tests.mutations import ROOT, Mutant, mutants
+from tests.tools import instrumentation
+from tests.tools.mutations import ROOT, Mutant, mutants
 
 Module = Literal[
     "analysis", "base", "coach", "commands", "data", "dynamics", "env", "exact", "game", "kernel", "league", "pages", "policy",
@@ -90,6 +91,14 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "suite": ("suite", "experiments/test_suite.py"),
 }
 """Folders and files of the tests of each package."""
+CORE: Final = tuple(
+    f"shuttle_marl/{name}"
+    for name in (
+        *("game/", "kernel/", "env/", "exact/", "recording/", "data/readers/", "data/strict_csv.py", "data/own.py"),
+        *("league/ratings.py", "league/ranking.py"),
+    )
+)
+"""Folders and files of rules, kernel, environments, exact values, recording, readers and ratings."""
 GENERAL: Final = tuple(f"package/test_{name}.py" for name in ("limits", "refusals", "command_line", "printed"))
 """Tests of all packages: limits and settings, refusals, and what commands print."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
@@ -202,7 +211,7 @@ class _Forks:
             folder.mkdir(parents=True)
         changed.write_bytes(mutant.source())
         _write_to(work / "output.txt")
-        os.environ[instrumentation.CHANGED] = str(work / "changed")
+        os.environ |= {instrumentation.CHANGED: str(work / "changed"), "XDG_CACHE_HOME": str(work / "cache")}
         instrumentation.change()
         _exchange(self.template / mutant.file, mutant)
         vars(vars(self.session.config)["_tmp_path_factory"])["_basetemp"] = temporary
@@ -297,10 +306,10 @@ def _output(template: Path, file: str) -> Path:
 
 
 def _startup(template: Path, function: str) -> Path:
-    """Folder of what each interpreter runs first: a function of :mod:`tests.instrumentation`."""
+    """Folder of what each interpreter runs first: a function of :mod:`tests.tools.instrumentation`."""
     folder = template.with_name(f"startup-{function}")
     folder.mkdir(exist_ok=True)
-    (folder / "sitecustomize.py").write_text(f"from tests import instrumentation\n\ninstrumentation.{function}()\n")
+    (folder / "sitecustomize.py").write_text(f"from tests.tools import instrumentation\n\ninstrumentation.{function}()\n")
     return folder
 
 
@@ -365,8 +374,12 @@ def _record(files: list[str], template: Path, jobs: int, folder: Path) -> dict[s
 def _test_files(file: str) -> list[str]:
     """Test files of the package of a file."""
     found = [ROOT / "tests" / name for name in (*TESTS[file.split("/")[1]], *GENERAL)]
-    files = {test for path in found for test in (path.glob("test_*.py") if path.is_dir() else [path])}
+    files = {test for path in found for test in (path.glob("test_*.py") if path.is_dir() else [path]) if test.exists()}
     return [test.relative_to(ROOT).as_posix() for test in sorted(files)]
+
+
+def _stratum(mutant: Mutant) -> str:
+    return "core" if mutant.file.startswith(CORE) else "rest"
 
 
 def _tasks(todo: list[Mutant], recorded: dict[str, dict[str, Any]], timeout: float) -> tuple[list[Task], list[Task]]:
@@ -406,7 +419,7 @@ def main(
 
     Args:
         modules: packages to change.
-        n: size of the random sample; 0: all mutants.
+        n: size of the random sample, half of it in the core; 0: all mutants.
         seed: random seed.
         jobs: number of processes.
         timeout: seconds after which tests are stopped.
@@ -417,16 +430,19 @@ def main(
         importlib.import_module(library)
     sources = [path for module in modules for path in sorted((ROOT / "shuttle_marl" / module).rglob("*.py"))]
     every = [m for path in sources for m in mutants(path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8"))]
-    drawn = every + [mutant for mutant in every if mutant.guard]
-    random.Random(seed).shuffle(drawn)
-    sample = list(dict.fromkeys(drawn))[: n or None]
+    strata: dict[str, list[Mutant]] = {"core": [], "rest": []}
+    for mutant in every:
+        strata[_stratum(mutant)] += [mutant] * (1 + mutant.guard)
+    for number, drawn in enumerate(strata.values()):
+        random.Random(2 * seed + number).shuffle(drawn)
+    sample = [mutant for drawn in strata.values() for mutant in list(dict.fromkeys(drawn))[: -(-n // 2) or None]]
     known = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8"))["mutant"]
     equivalent = {(entry["file"], entry["before"], entry["after"]) for entry in known}
     todo = [mutant for mutant in sample if (mutant.file, mutant.before, mutant.after) not in equivalent]
-    counts, guards = Counter[str](), Counter[str]()
+    counts: dict[str, Counter[str]] = {name: Counter() for name in ("all", "guards", *strata)}
     survivors = []
     with tempfile.TemporaryDirectory(prefix="mutants-", ignore_cleanup_errors=True) as folder:
-        template, ignored = Path(folder) / "template", (".git", ".venv", "node_modules", "raw", ".*_cache")
+        template, ignored = Path(folder) / "template", (".git", ".venv", "node_modules", "raw", "runs", ".*_cache")
         shutil.copytree(ROOT, template, symlinks=True, ignore=shutil.ignore_patterns(*ignored))
         if (ROOT / MODULES).exists():
             (template / MODULES).symlink_to(ROOT / MODULES)
@@ -435,15 +451,17 @@ def main(
         ended = (run_forks(template, forks, jobs), run(copies, functools.partial(_run_copy, template), jobs))
         for task in itertools.chain(*ended):
             assert task.mutant is not None
-            counts[task.verdict] += 1
-            guards[task.verdict] += task.mutant.guard
+            for name in ("all", _stratum(task.mutant), *["guards"] * task.mutant.guard):
+                counts[name][task.verdict] += 1
             if task.verdict == "survived":
                 survivors.append({name: getattr(task.mutant, name) for name in ("file", "line", "before", "after")})
             print(f"{task.verdict} in {task.seconds:.0f} s: {task.mutant}", file=sys.stderr, flush=True)
-    result: dict[str, Any] = {"tried": len(sample), **{name: counts[name] for name in ("killed", "survived", "timeouts")}}
-    result |= {"equivalent": len(sample) - len(todo), "share": 1 - counts["survived"] / max(1, len(todo))}
-    tried = guards.total()
-    result |= {"guards": {"tried": tried, "share": 1 - guards["survived"] / max(1, tried)}, "survivors": survivors}
+    rates = {
+        name: {"tried": found.total(), "share": 1 - found["survived"] / max(1, found.total())} for name, found in counts.items()
+    }
+    result: dict[str, Any] = {"tried": len(sample), **{name: counts["all"][name] for name in ("killed", "survived", "timeouts")}}
+    result |= {"equivalent": len(sample) - len(todo), "share": rates["all"]["share"], "guards": rates["guards"]}
+    result |= {"strata": {name: rates[name] for name in strata}, "survivors": survivors}
     print(json_.dumps(result) if json else "\n".join(f"{name}: {value}" for name, value in result.items()))
 
 
