@@ -22,11 +22,11 @@ MET: Final[dict[str, tuple[tuple[str, float], ...]]] = {
     "drop": (("back-right", 0.29), ("back-right", 0.39), ("back-left", 0.43), ("back-left", 0.40)),
     "smash": (("back-centre", 0.25), ("back-centre", 0.28), ("middle-left", 0.33), ("back-left", 0.28)),
     "half-smash": (("back-centre", 0.21), ("back-right", 0.25), ("middle-left", 0.47), ("back-left", 0.31)),
-    "drive": (("middle-centre", 0.37), ("middle-right", 0.30), ("middle-centre", 0.51), ("middle-centre", 0.65)),
-    "push": (("front-centre", 0.33), ("front-right", 0.37), ("front-left", 0.40), ("front-centre", 0.33)),
+    "drive": (("middle-centre", 0.38), ("middle-centre", 0.30), ("middle-centre", 0.51), ("middle-centre", 0.65)),
+    "push": (("front-centre", 0.33), ("front-right", 0.37), ("front-left", 0.41), ("front-centre", 0.33)),
     "net-kill": (("front-centre", 0.37), ("front-centre", 0.41), ("front-left", 0.47), ("front-centre", 0.37)),
-    "net-shot": (("front-centre", 0.35), ("front-centre", 0.38), ("front-left", 0.41), ("front-centre", 0.35)),
-    "block": (("middle-left", 0.37), ("middle-right", 0.63), ("middle-left", 0.57), ("middle-left", 0.37)),
+    "net-shot": (("front-centre", 0.34), ("front-centre", 0.38), ("front-left", 0.40), ("front-centre", 0.34)),
+    "block": (("middle-left", 0.37), ("middle-right", 0.64), ("middle-left", 0.57), ("middle-left", 0.37)),
     "cross-court-net-shot": (("front-left", 0.21), ("front-right", 0.36), ("front-left", 0.39), ("front-left", 0.21)),
 }
 """Where a stroke was met whose reply is of a shot type: the most frequent area and its share in the published train matches, by
