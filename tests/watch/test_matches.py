@@ -1,5 +1,6 @@
 """Matches played for the page: the same draws and rules as everywhere, exact values, plans that are checked, and pairs."""
 
+import functools
 import json
 import subprocess
 import sys
@@ -24,7 +25,7 @@ from shuttle_marl.game.pairs import looks_of, pair_game
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
@@ -160,14 +161,14 @@ def test_likeness_counts_the_strokes_of_all_games_of_a_match(tables: PolicyTable
 
 
 def test_the_appearance_that_is_asked_for_overrides_that_of_the_players() -> None:
-    policies = PolicyTables(PAIR)
+    policies = PolicyTables(pair())
     players, keys = [], set()
     for stager in (Stager(), Stager(("female", "female")), Stager(hands=("left", "right"))):
         reply, packed = Answers(policies, PAIR_PLAN, stager).rally(FIRST)
         players.append([(player.athlete, player.hand) for player in reply.rally.players])
         motion = Motion.unpack(packed)
         assert [(motion.skeletons[seat].name, motion.hands[seat]) for seat in (0, 1)] == players[-1]
-        keys.add(first_key(PAIR, PAIR_PLAN, stager))
+        keys.add(first_key(pair(), PAIR_PLAN, stager))
     assert players[0] == [("male", "right"), ("male", "left")]
     assert players[1] == [("female", "right"), ("female", "left")]
     assert players[2] == [("male", "left"), ("male", "right")]
@@ -175,13 +176,13 @@ def test_the_appearance_that_is_asked_for_overrides_that_of_the_players() -> Non
 
 
 def test_areas_are_named_by_the_forehand_of_the_receiver_and_lie_where_it_is() -> None:
-    policies = PolicyTables(PAIR)
+    policies = PolicyTables(pair())
     here, there = (Answers(policies, PAIR_PLAN, Stager(hands=(one, "right"))) for one in ("right", "left"))
     strokes, mirrored = (answers.rally(FIRST)[0].rally.strokes for answers in (here, there))
     checked = 0
     for stroke, other in zip(strokes, mirrored, strict=True):
-        if not PAIR.catalogue.is_serve[stroke.stroke]:
-            assert stroke.area == other.area == AREAS[PAIR.catalogue.area[stroke.stroke]]
+        if not pair().catalogue.is_serve[stroke.stroke]:
+            assert stroke.area == other.area == AREAS[pair().catalogue.area[stroke.stroke]]
             x0, x1, y0, y1 = stroke.box
             assert other.box == (stroke.box if stroke.seat == 0 else (-x1, -x0, y0, y1))
             checked += stroke.seat and "centre" not in stroke.area
@@ -329,7 +330,13 @@ def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
 
 
 A, B = "viktor-axelsen", "kento-momota"
-PAIR = pair_game(A, B, game=reduced_model())
+
+
+@functools.cache
+def pair() -> Game:
+    return pair_game(A, B, game=reduced_model())
+
+
 PAIR_PLAN = Plan.parse({"seed": 3, "sides": [{"policy": f"bc:{A}"}, {"policy": "minimax"}]})
 
 
@@ -339,7 +346,7 @@ STAGER = Stager()
 
 @pytest.fixture(scope="module")
 def policies() -> PolicyTables:
-    return PolicyTables(PAIR)
+    return PolicyTables(pair())
 
 
 @pytest.fixture(scope="module")
@@ -349,11 +356,11 @@ def answers(policies: PolicyTables) -> Answers:
 
 def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
     hello = answers.hello()
-    assert hello.game == PAIR.hash[:12]
+    assert hello.game == pair().hash[:12]
     reply, _ = answers.rally(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
     assert (reply.rally.names, reply.rally.skill) == ((A, f"{B} (minimax)"), "")
     for stroke in reply.rally.strokes:
-        game = PAIR.seats[stroke.seat]
+        game = pair().seats[stroke.seat]
         good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
         assert (stroke.p_succ, stroke.p_ret) == pytest.approx((float(good), float(returned)), abs=1e-6)
 
@@ -400,13 +407,13 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables) -> None:
     path = next(tmp_path.glob("*.mcap"))
     game = RallyGameOptions(game=reduced_model()).load_for(path)
     assert game.people is not None
-    assert game.hash == PAIR.hash
+    assert game.hash == pair().hash
     assert check(path, game).problems == ()
     with RallyLog(path) as opened:
         known = LogPlayers(opened, game)
         players = known.of_rally(0)
         assert known.unknown == {}
-        assert [table.game.hash for table in players.tables if table] == [seat.hash for seat in PAIR.seats]
+        assert [table.game.hash for table in players.tables if table] == [seat.hash for seat in pair().seats]
         found = analyse_rally(opened.rally(0).row(0, opened.catalogue), game, players)
         derived = opened.stroke_table(Derived(opened, game)).to_pydict()
         assert report_rally(opened, 0, game, known).names == (A, f"{B} (minimax)")
@@ -414,7 +421,7 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables) -> None:
     assert np.abs(np.array(derived["p_succ"]) - p_succ).max() < 1e-6
     # The receiver strikes with other tables than the server.
     second = found.decisions[1]
-    assert second.p_succ.tolist() != PAIR.seats[1 - second.seat].stroke_probabilities(second.pair)[0].tolist()
+    assert second.p_succ.tolist() != pair().seats[1 - second.seat].stroke_probabilities(second.pair)[0].tolist()
 
 
 def test_opponents_of_the_ladder_are_ever_stronger(tables: PolicyTables) -> None:
