@@ -49,9 +49,9 @@ def test_lines_of_the_court_are_those_of_the_laws():
     env.reset(seed=0)
     frame = env.render().astype(int).sum(axis=2)
     for side in (-1, 1):
-        along = [((side * x, y), (0.2, 0)) for x in (6.7, 5.94, 1.98) for y in (-2.8, 1.3)]
-        along += [((x, side * y), (0, 0.2)) for x in (-6.3, -4.1, 4.1, 6.3) for y in (2.59, 3.05)]
-        along += [((side * 3.2, 0.0), (0, 0.2))]
+        along = [((side * x, y), (0.2, 0.0)) for x in (6.7, 5.94, 1.98) for y in (-2.8, 1.3)]
+        along += [((x, side * y), (0.0, 0.2)) for x in (-6.3, -4.1, 4.1, 6.3) for y in (2.59, 3.05)]
+        along += [((side * 3.2, 0.0), (0.0, 0.2))]
         for at, beside in along:
             (x, y), *floor = (np.rint(px(np.array(at) + k * np.array(beside))).astype(int) for k in (0, -1, 1))
             assert frame[y, x] > 100 + max(frame[other[1], other[0]] for other in floor), at

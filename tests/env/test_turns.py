@@ -60,7 +60,9 @@ class Turns(RuleBasedStateMachine):
     @rule(seed=st.none() | SEEDS)
     def reset(self, seed: int | None) -> None:
         self.env.reset(seed=seed)
-        self.seed, self.episode = (self.seed, self.episode + 1) if seed is None else (seed, 0)
+        if seed is not None:
+            self.seed, self.episode = seed, -1
+        self.episode += 1
         self.over: str | None = None
         self.strokes, self.rally, self.count, self.owed = 0, 0, 0, [0, 0]
         server = int(first_server(self.bits())[0])
@@ -147,7 +149,7 @@ class Turns(RuleBasedStateMachine):
     @rule(data=st.data())
     def illegal(self, data: st.DataObject) -> None:
         """It is refused, and nothing changes."""
-        n = self.env.action_space(AGENTS[0]).n
+        n = len(self.game.action_names)
         wrong = sorted({*range(-1, n + 1)} - {*self.legal()})
         action, before = data.draw(st.sampled_from([*wrong, None, "smash", 1.0])), self.told()
         with pytest.raises(ActionError) as refused:

@@ -46,7 +46,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_page_is_built_once_for_each_state_of_its_source(checkout: Any) -> None:
-    page, said = checkout.SOURCE, []
+    page, said = checkout.SOURCE, list[str]()
 
     def builds() -> int:
         return int((checkout.build(said.append) / "watch.js").read_text())

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from shuttle_marl.game import default_game
-from shuttle_marl.watch import WatchError
+from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.building import FILES
 from shuttle_marl.watch.messages import AnalysisRequest, MatchRequest, RallyRequest, StylesRequest
@@ -135,14 +135,14 @@ def parsed(reply: bytes) -> Any:
 
 
 def test_a_site_holds_the_replies_that_its_page_asks_for(small: tuple[Answers, Plan], files: Path, tmp_path: Path) -> None:
-    (answers, plan), folder, steps = small, tmp_path / "site", []
+    (answers, plan), folder, steps = small, tmp_path / "site", list[int]()
     whole = answers.length(plan)
     count, size, left = save_site(folder, files, answers, steps.append, language="id")
     assert (count, left, steps) == (whole, 0, [*range(1, whole + 1)])
     assert whole >= 2
     assert size == sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     about: dict[str, Any] = {"id": 0, "plan": plan}
-    expected = {f"rally-{i}": RallyRequest(rally=i, **about) for i in range(whole)}
+    expected: dict[str, messages.Request] = {f"rally-{i}": RallyRequest(rally=i, **about) for i in range(whole)}
     expected |= {f"walk-{i}": RallyRequest(rally=i, walk=True, **about) for i in range(whole - 1)}
     expected |= {f"analysis-{i}": AnalysisRequest(rally=i, **about) for i in range(whole)}
     expected |= {"match-0": MatchRequest(rally=whole - 1, partial=True, **about), "styles": StylesRequest(rally=0, **about)}
