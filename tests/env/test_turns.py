@@ -96,9 +96,14 @@ class Turns(RuleBasedStateMachine):
         return self.game.legal_strokes(self.state).tolist()
 
     @precondition(lambda self: not self.over)
-    @rule(data=st.data())
-    def act(self, data: st.DataObject) -> None:
-        action = data.draw(st.sampled_from(self.legal()))
+    @rule(data=st.data(), times=st.integers(1, 8))
+    def act(self, data: st.DataObject, times: int) -> None:
+        for _ in range(times):
+            self.is_the_rule()
+            if not self.over:
+                self.play(data.draw(st.sampled_from(self.legal())))
+
+    def play(self, action: int) -> None:
         self.owed[self.actor] = 0
         self.env.step(action)
         if self.choosing:
