@@ -13,16 +13,19 @@ import dataclasses
 import itertools
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import tyro
 from rich.console import Console
 from rich.progress import track
 
+from benchmarks.court_rules import Breaches, Umpire
 from benchmarks.machine import this_machine
+from benchmarks.motion_life import Life, measure_life, summary_of_life
 from docs.tools.results import show
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rally.record import Rally
@@ -32,9 +35,8 @@ from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
 from shuttle_marl.watch.recorded import RealRallies
-from tests.staging.court_rules import Breaches, Umpire
 from tests.staging.flight_metrics import Flight, flights_of, summary_of_flights
-from tests.staging.motion_metrics import measure, summary
+from tests.staging.motion_metrics import Metrics, measure
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
@@ -56,6 +58,7 @@ def run(rallies: int, seed: int, console: Console, data: Path | None = None) -> 
     stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are cached
     cpu, size, error, found = 0.0, 0, 0.0, []
     extensions: list[float] = []
+    lives: list[Life] = []
     flights: list[Flight] = []
     umpire, breaches = Umpire(server=played[0].server), Breaches()
     for i, right in enumerate(track(played, "staging", console=console)):
@@ -65,6 +68,7 @@ def run(rallies: int, seed: int, console: Console, data: Path | None = None) -> 
         motion = stage(rally, seed=i, athletes=athletes)
         cpu += time.process_time() - begun
         found.append(measure(motion))
+        lives.append(measure_life(motion))
         if i < _FLIGHTS:
             flights += flights_of(motion, ("bc", rally.match))
         if rally.number == 0:
@@ -77,7 +81,7 @@ def run(rallies: int, seed: int, console: Console, data: Path | None = None) -> 
         error = max(error, pack_error(motion, Motion.unpack(packed)))
         if i % _CONTINUED == 0:
             extensions += continued(rally, i, athletes)
-    figures = summary(found)
+    figures = summary(found, lives)
     perfect = itertools.islice(match_rallies("minimax", seed=seed), min(rallies, _FLIGHTS))
     for i, (match, rally) in enumerate([*((("minimax", one.match), one) for one in perfect), *real_rallies(data)]):
         flights += flights_of(stage(rally, seed=i), match)
@@ -91,6 +95,51 @@ def run(rallies: int, seed: int, console: Console, data: Path | None = None) -> 
         "continue_ms": 1000 * float(np.median(extensions)),
         "realtime": figures["seconds"] / cpu,
     }
+
+
+def summary(found: Sequence[Metrics], lives: Sequence[Life]) -> dict[str, Any]:
+    """Figures over several motions.
+
+    Args:
+        found: the measures of each, at least one.
+        lives: how alive each is.
+
+    Returns:
+        ``rallies``, ``strokes``, ``plants`` (of a foot) and ``seconds`` that were measured; ``contact_max``, ``slide_max``,
+        ``sunk_max``, ``net_clearance_min``, ``landing_error_max`` [m]; ``speed_max`` [m/s], ``acceleration_max`` [m/s²],
+        ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``.
+
+        Of impact: ``impact_ratio`` (median by shot type), ``impact_peak_ms`` and ``impact_cosine`` (medians, and both
+        ``…_by_shot``). Of jumps: ``vertical_acceleration`` (99 % of the strokes stay below) [m/s²], ``landing_sink`` (median of
+        jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m], ``steps_per_second`` of a
+        player. Shares: ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond
+        2,000°/s, ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
+        :class:`~benchmarks.motion_life.Life`. Figures without data (no stroke crosses the net, none is returned) are left out.
+    """
+
+    def every(name: str) -> npt.NDArray[Any]:
+        return np.concatenate([np.atleast_1d(getattr(metrics, name)) for metrics in found])
+
+    figures: dict[str, Any] = {
+        "rallies": len(found),
+        "strokes": len(every("contact")),
+        "seconds": float(every("seconds").sum()),
+        "contact_max": float(every("contact").max()),
+        "contact_within_1cm": float((every("contact") <= 0.01).mean()),
+        "slide_max": float(every("slide").max()),
+        "plants": len(every("slide")),
+        "sunk_max": float(every("sunk").max()),
+        "speed_max": float(every("speed").max()),
+        "acceleration_max": float(every("acceleration").max()),
+        "joint_excess_deg": float(every("joint_excess").max()),
+        "landing_error_max": float(every("landing").max()),
+        "ends_as_it_must": float(every("true_end").mean()),
+    }
+    if len(clearance := every("clearance")):
+        figures["net_clearance_min"] = float(clearance.min())
+    if len(timely := every("timely")):
+        figures["flight_times_in_quartiles"] = float(timely.mean())
+    return figures | summary_of_life(lives)
 
 
 def match_rallies(policy: str, *, seed: int) -> Iterator[Rally]:

@@ -87,3 +87,11 @@ def test_the_middle_is_right_if_it_is_as_good_as_the_best_position() -> None:
     fourth, win = np.full(4, 1 / 4), np.array([[GOOD, 0.0, 0.04, 0.04]])
     places = Places(position=np.array([CENTRE, 2, 5, 8]), people=fourth, perfect=fourth, struck=np.ones(1), win=win)
     assert places.question(5) == 9
+
+
+def test_places_lose_against_the_best_one() -> None:
+    fields: dict[str, Any] = {"people": np.array([0.5, 0.25, 0.25]), "perfect": np.array([0, 1.0, 0]), "struck": np.full(2, 0.5)}
+    win = np.array([[0.5, 0.25, 0.75], [0.5, 0.5, 0.5]])
+    places = Places(position=np.array([1, CENTRE, 7]), win=win, **fields)
+    assert places.loss.tolist() == [0.125, 0, 0.25]
+    assert places.gain.tolist() == [[0, -0.25, 0.25], [0, 0, 0]]

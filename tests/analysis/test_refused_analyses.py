@@ -1,33 +1,19 @@
 """Questions that the strokes or the model cannot answer are refused with the reason."""
 
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis import outlook
 from shuttle_marl.analysis.match import match_report, matches_in
-from shuttle_marl.analysis.scouting import _discipline, hand_of, with_hands_of_model
+from shuttle_marl.analysis.scouting import hand_of, with_hands_of_model
 from shuttle_marl.analysis.summary import AnalysisError, players_of, strokes_of
 from shuttle_marl.data import Account, write_parquet
 from shuttle_marl.data.schema import STROKES
-from tests.analysis.test_counted_figures import strokes_of as rallies
-
-
-class People:
-    """Skill of two men and a woman."""
-
-    players = ("ada", "bob", "carl")
-
-    def discipline_of(self, name: str) -> str | None:
-        return {"ada": "women", "bob": "men", "carl": "men"}.get(name)
-
-    def hand_of(self, name: str) -> str | None:
-        return {"bob": "right", "carl": "left"}.get(name)
-
-
-SKILL: Any = People()
+from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.game.skill import load_skill
+from tests.analysis.played import strokes_of as rallies
 
 
 def test_a_report_is_of_one_match_of_two() -> None:
@@ -43,40 +29,28 @@ def test_a_report_is_of_one_match_of_two() -> None:
             match_report(wrong)
 
 
+MEN = ("viktor-axelsen", "kento-momota")
+
+
 @pytest.mark.parametrize(
     ("some", "says"),
-    [((), ""), (("carl", "bob"), ""), (("bob",), "--players bob: expected two or more"), (("bob", "bob"), "each once"),
-     (("bob", "ada"), "who play men's singles"), (("bob", "carl", "x"), "--players bob carl x: expected")],
-)  # fmt: skip
-def test_players_of_a_discipline(some: tuple[str, ...], says: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outlook, "load_skill", lambda _: SKILL)
-    if says:
-        with pytest.raises(AnalysisError, match=says):
-            outlook.players_of("men", "default", some)
-    else:
-        assert outlook.players_of("men", "default", some) == list(some or ("bob", "carl"))
-    with pytest.raises(AnalysisError, match="--pairs women: the model has 1 players of that discipline; a pair needs two"):
-        outlook.players_of("women")
-
-
-def test_players_share_a_discipline() -> None:
-    data = rallies("DEw", "EDw").set_column(2, STROKES.field("discipline"), pa.array(["WS"] * 4))
-    assert _discipline(SKILL, ["bob", "carl"], None) == "men"
-    assert _discipline(SKILL, ["ada", "D"], data) == "women"
-    with pytest.raises(AnalysisError, match="bob plays men and D plays women: expected one discipline"):
-        _discipline(SKILL, ["bob", "D"], data)
-    with pytest.raises(AnalysisError, match=r"no strokes of the player 'bobb' in the model or the data; did you mean bob\?"):
-        _discipline(SKILL, ["bobb"], data)
-    with pytest.raises(AnalysisError, match=r"no strokes of the player 'x' in the model or the data \("):
-        _discipline(SKILL, ["x"], None)
+    [
+        (MEN[:1], f"--players {MEN[0]}: expected two or more"),
+        (MEN[:1] * 2, "each once"),
+        ((MEN[0], "an-se-young"), "who play men's singles"),
+    ],
+)
+def test_players_of_an_outlook_share_a_discipline(some: tuple[str, ...], says: str) -> None:
+    assert outlook.players_of("men", "default", MEN[::-1]) == [*MEN[::-1]]
+    with pytest.raises(AnalysisError, match=says):
+        outlook.players_of("men", "default", some)
 
 
 def test_hands_are_those_of_the_table_and_else_of_the_model() -> None:
     strokes = rallies("BCw", "BCw", hand=[None, 0, None, None])
-    names = pa.array(["bob", "carl"] * 2)
-    named = strokes.set_column(strokes.column_names.index("player"), STROKES.field("player"), names)
-    assert (hand_of(named, "bob"), hand_of(named, "carl"), hand_of(named, "x")) == (None, "right", None)
-    told = with_hands_of_model(named, SKILL)
+    named = strokes.set_column(strokes.column_names.index("player"), STROKES.field("player"), pa.array(MEN * 2))
+    assert [hand_of(named, name) for name in (*MEN, "x")] == [None, "right", None]
+    told = with_hands_of_model(named, load_skill(model_folder()))
     assert told["hand"].to_pylist() == [0, 0, 0, 1], "the table comes first, row by row"
 
 

@@ -4,23 +4,16 @@ import dataclasses
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from playwright.sync_api import Browser
-from scipy import stats
 
-from shuttle_marl.analysis import marks, scouting
-from shuttle_marl.analysis import match as match_analysis
-from shuttle_marl.analysis.brief import Option
 from shuttle_marl.analysis.course import Chances, RallyRow, score_of
-from shuttle_marl.analysis.marks import Choice, basis_of
-from shuttle_marl.analysis.match import MatchReport, _heat, match_report, matches_in
-from shuttle_marl.analysis.scouting import ScoutingReport, plain, players_of, scout
+from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import read_parquet, write_parquet
@@ -33,19 +26,19 @@ from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.habits import plays_of_strokes, tally
 from shuttle_marl.exact import Odds
-from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import BWF, Rules, Score
-from shuttle_marl.game.shipped import RELIABLE, default_game, model_folder, real_strokes, resolve_game
-from shuttle_marl.game.skill import load_skill
-from shuttle_marl.game.stroke import SHOTS, Catalogue
+from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
+from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests import golden
 from tests.coach.conftest import SAMPLE, A, B, footage, read, with_hand
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
 TURNED = "\u202eanaid-nairam"
@@ -100,23 +93,6 @@ def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, repor
     golden.check("report_charts", found, 0.01)
 
 
-def test_why_a_rally_counted() -> None:
-    """Ada leads 20:17 and the score of each rally follows; Bea saves two game points, and Ada wins the game with the third."""
-    ada = SimpleNamespace(winner=0, key=(1, 37), points=(19, 17))
-    rows = [ada, *(SimpleNamespace(winner=w, key=(1, 38 + i), points=(20, 17 + i)) for i, w in enumerate((1, 1, 0)))]
-    rows += [SimpleNamespace(winner=0, key=(2, i + 1), points=(i, 0)) for i in range(3)]
-    report: Any = SimpleNamespace(rallies=rows, players=("Ada", "Bea"), rules=BWF)
-    saved = "Bea saved a game point."
-    expected = [[], [saved], [saved], ["It ended game 1."], [], [], ["It was point 3 in a row for Ada."]]
-    assert [[*match_pages._reasons(report, i)] for i in range(len(rows))] == expected
-
-
-def test_options_are_named() -> None:
-    figures: dict[str, Any] = {"strokes": 9, "won": 5, "others": 20, "others_won": 8, "usual": 0.4, "clear": False}
-    assert plain(Option(0, 0, *figures.values())) == {"shot": SHOTS[0], "area": AREAS[0], **figures}
-    assert plain(Option(-1, -1, *figures.values())) == {"shot": None, "area": None, **figures}
-
-
 def test_the_figures_are_the_written_ones(scouted: ScoutingReport, reported: MatchReport) -> None:
     for name, report in (("scouting_report", scouted), ("match_report", reported)):
         figures = json.loads(json.dumps(report.as_json(), allow_nan=False))
@@ -139,21 +115,17 @@ def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table
     assert "Viktor Axelsen, right-handed · Kento Momota, left-handed · Scouting report" in text
 
 
-def test_hands_are_those_of_the_data_and_else_of_the_model(sample: pa.Table, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    skill, others = load_skill(model_folder(model)), "chou-tien-chen"
-    hand = np.full(len(skill.players), -1, np.int8)
-    hand[[skill.index(A), skill.index(others)]] = 1, 0
-    monkeypatch.setattr(scouting, "load_skill", lambda _: dataclasses.replace(skill, hand=hand))
-    assert [scout(name, model=model).opponent.hand for name in (A, others, B)] == ["left", "right", None]
+def test_hands_are_those_of_the_data_and_else_of_the_model(sample: pa.Table, model: str) -> None:
+    others = "chou-tien-chen"
+    assert [scout(name, model=model).opponent.hand for name in (A, B)] == ["right", "left"]
     unknown: dict[str, int | None] = dict.fromkeys(sample["player"].unique().to_pylist())
-    told = with_hand(sample, {**unknown, others: 1})
-    one, other = (scout(name, model=model, data=told) for name in (A, others))
-    assert (one.opponent.hand, other.opponent.hand) == ("left", "left")
+    told, whole, alone = (
+        scout(others, model=model, data=with_hand(sample, {**unknown, others: 1, A: hand})) for hand in (None, 0, 1)
+    )
+    assert told.opponent.hand == "left"
     # A hand that the model adds counts as one of the data.
-    whole = scout(others, model=model, data=with_hand(sample, {**unknown, others: 1, A: 1}))
-    alone = scout(others, model=model, data=with_hand(sample, {**unknown, others: 1, A: 0}))
-    assert np.array_equal(other.targets, whole.targets)
-    assert not np.array_equal(other.targets, alone.targets)
+    assert np.array_equal(told.targets, whole.targets)
+    assert not np.array_equal(told.targets, alone.targets)
 
 
 def test_a_court_is_drawn_as_a_receiver_of_the_hand_stands() -> None:
@@ -270,18 +242,6 @@ def test_scores_and_chances_of_a_match(reported: MatchReport, match: pa.Table) -
     assert max(map(games.count, games)) <= 2
 
 
-def test_areas_in_which_won_and_lost_rallies_differ(match: pa.Table) -> None:
-    plays, rng = plays_of_strokes(match), np.random.default_rng(0)
-    landed = np.array([tally(plays.take(np.arange(len(plays)) == i)).targets for i in range(len(plays))])
-    won = (landed[:, 4] > 0) | (rng.random(len(plays)) < 0.3)
-    heat = _heat(plays, np.ones(len(plays), bool), won.astype(np.float64), 0)
-    assert (heat.won, heat.lost) == (tuple(landed[won].sum(axis=0)), tuple(landed[~won].sum(axis=0)))
-    tests = [[(a, sum(heat.won) - a), (b, sum(heat.lost) - b)] for a, b in zip(heat.won, heat.lost, strict=True)]
-    p = stats.false_discovery_control([stats.chi2_contingency(each, correction=False).pvalue for each in tests])
-    assert heat.clear == tuple(np.flatnonzero(p <= 0.05))
-    assert 4 in heat.clear
-
-
 def test_advice_stands_beside_what_matches_gave(model: str, sample: pa.Table) -> None:
     told = scout(B, A, model=model, data=sample)
     assert len(told.realised) == len(told.advice) > 0
@@ -297,12 +257,17 @@ def test_a_match_in_the_game_of_its_players(match: pa.Table, model: str) -> None
     assert one.rallies == other.rallies
 
 
-def test_players_of_no_pair_are_two_average_ones(model: str) -> None:
-    found = sources._players(resolve_game(model))
-    assert found.tables is not None
-    assert found.tables[0] is found.tables[1]
-    assert found.value is not None
-    assert found.value.odds().rally == pytest.approx(0.5)
+def test_rallies_are_counted_by_length_and_server(reported: MatchReport) -> None:
+    decided = [row for row in reported.rallies if row.winner is not None]
+    for group in reported.lengths:
+        low, _, high = group.label.replace("+", "\N{EN DASH}999").partition("\N{EN DASH}")
+        among = [row.winner for row in decided if int(low) <= row.strokes <= int(high)]
+        assert (group.rallies, group.won) == (len(among), among.count(0))
+    assert sum(group.rallies for group in reported.lengths) == len(decided)
+    for group in reported.serving:
+        if group.label in ("serving", "receiving"):
+            among = [row.winner for row in decided if (row.server == group.player) == (group.label == "serving")]
+            assert (group.rallies, group.won) == (len(among), among.count(group.player))
 
 
 def test_chances_follow_the_score() -> None:
@@ -336,20 +301,6 @@ def test_the_rules_tell_the_score_of_a_game_whose_last_rally_is_missing(
         rows.append(row(2, 1, (0, 0), following, 0))
     found, told = score_of(rows, BWF)
     assert (found[0], told) == (score, inferred)
-
-
-def test_strokes_without_enough_examples_are_not_called_costly(
-    sample: pa.Table, model: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A stroke is compared only if both it and the better one are known, however much the refits say that it costs."""
-    real = real_strokes(resolve_game(model))
-    monkeypatch.setattr(marks, "MOST", 60)
-    found: list[Choice] = []
-    for share in (0.5, 0.8):
-        monkeypatch.setattr(basis_of(resolve_game(model)), "_real", np.where(real > np.quantile(real, share), real, 7))
-        found += match_report(sample.filter(pc.equal(sample["match"], matches_in(sample)[0])), game=resolve_game(model)).choices
-    assert found
-    assert all(min(choice.played_behind, choice.better_behind) >= RELIABLE for choice in found)
 
 
 def test_a_costly_decision_is_one_of_a_lost_rally_and_keeps_the_technique(reported: MatchReport) -> None:
@@ -513,7 +464,7 @@ def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_reports_fit_a_telephone_and_paper_in_every_language(
-    tmp_path: Path, browser: Browser, scouted: ScoutingReport, reported: MatchReport, unbuilt: None, language: Language
+    tmp_path: Path, browser: "Browser", scouted: ScoutingReport, reported: MatchReport, unbuilt: None, language: Language
 ) -> None:
     with speaking(language):
         contents = scout_pages.scouting_page(scouted), match_pages.match_page(reported, footage(reported))
@@ -530,12 +481,3 @@ def test_reports_fit_a_telephone_and_paper_in_every_language(
         inside = "(all) => all.every((e) => e.getBoundingClientRect().left >= e.closest('svg').getBoundingClientRect().left - 1)"
         assert page.locator(".chart svg text").evaluate_all(inside)
     page.close()
-
-
-def test_changes_between_games_are_those_of_both_players(monkeypatch: pytest.MonkeyPatch) -> None:
-    habit = SimpleNamespace(kind="shots", about=(), answer="lift", p=0.01, clear=True)
-    for name, stub in {"tally": lambda mine: mine, "habits": lambda *_, **__: [habit], "with_discoveries": lambda x: x}.items():
-        monkeypatch.setattr(match_analysis, name, stub)
-    seat, strokes = np.array([0, 1, 0, 1]), pa.table({"game": [1, 1, 2, 2]})
-    found = match_analysis._changes(SimpleNamespace(take=np.flatnonzero), seat, strokes)  # type: ignore[arg-type]
-    assert [change.player for change in found] == [0, 1]

@@ -6,12 +6,12 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from playwright.sync_api import Browser
 
 from shuttle_marl.analysis.match import MatchReport, matches_in
 from shuttle_marl.analysis.scouting import plain
@@ -22,6 +22,9 @@ from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.pages.languages import LANGUAGES, Language, current, speaking
 from tests.coach.conftest import footage, with_hand
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 HANDS = ("right", None)
 
@@ -174,7 +177,7 @@ def unclear(wait: Wait) -> Wait:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_section_fits_a_telephone_and_paper(
-    match: pa.Table, reported: MatchReport, unbuilt: None, tmp_path: Path, browser: Browser, language: Language
+    match: pa.Table, reported: MatchReport, unbuilt: None, tmp_path: Path, browser: "Browser", language: Language
 ) -> None:
     found = waits(placed(match, (3.5, 4.0), (0.5, -0.5)), players_of(match))
     report = dataclasses.replace(reported, waits=found, players=("Pornpawee Chochuwong", "Ratchanok Intanon"))

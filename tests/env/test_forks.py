@@ -1,7 +1,5 @@
 """Copies for planning: fresh luck in the same position; exact copies warn."""
 
-import copy
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -89,16 +87,3 @@ def test_what_a_fork_needs() -> None:
         rally_v0.env().fork(1)
     with pytest.raises(OptionError, match="seed"):
         in_a_rally(rally_v0.env).fork("1")
-
-
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-def test_exact_copies_of_a_running_episode_warn(copied: Callable[[Any], Any]) -> None:
-    env = rally_v0.raw_env()
-    copied(env)
-    env.reset(seed=1)
-    with pytest.warns(UserWarning, match=r"sees the future; env.unwrapped.fork\(seed\)"):
-        twin = copied(env)
-    if isinstance(twin, rally_v0.raw_env):
-        twin.step(some_stroke(twin))
-        assert env.state_number == rally_v0.raw_env().state_number
-        assert luck(env)[0][0] == twin.infos["player_0"]["outcome"]

@@ -5,7 +5,6 @@ import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import FAULT, WINNER, strike
-from shuttle_marl.training.networks import decision_masks, decision_observations
 from tests.recovery import small_recovery_game
 
 pytestmark = pytest.mark.slow(minutes=True)
@@ -33,6 +32,7 @@ def test_a_hundred_thousand_strokes_are_those_of_the_rules() -> None:
 def test_positions_are_those_of_the_rules() -> None:
     jax = pytest.importorskip("jax")
     from shuttle_marl.env import jax as rally
+    from shuttle_marl.training.networks import decision_masks, decision_observations
 
     game, rng, count = small_recovery_game(), np.random.default_rng(0), 20_000
     state = np.flatnonzero(game.playable)[rng.integers(game.playable.sum(), size=count)].astype(np.int32)

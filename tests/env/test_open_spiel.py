@@ -15,7 +15,6 @@ from shuttle_marl import exact, rally_v0
 from shuttle_marl.env.open_spiel import NAME, RECOVERY_NAME, RallyGame, open_spiel_policy
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
-from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, layout
@@ -141,12 +140,6 @@ def test_learners_of_open_spiel_get_tensors() -> None:
         assert len(step.observations["info_state"][player]) == 61
         step = env.step([step.observations["legal_actions"][player][0]])
     assert sorted(step.rewards) == [-1, 1]
-
-
-def test_policies_of_this_package_play_in_open_spiel() -> None:
-    game = RallyGame({"server": 0}, hand_made())
-    probabilities = open_spiel_policy(UniformPolicy(), game).action_probabilities(game.new_initial_state())
-    assert probabilities == {0: 1.0}
 
 
 @pytest.fixture(scope="module")

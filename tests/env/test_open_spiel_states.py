@@ -1,15 +1,14 @@
 """States and observers of the rally in OpenSpiel, one action at a time, and what the game says of itself."""
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 import pyspiel
 import pytest
 
-from shuttle_marl.base.errors import OptionError
-from shuttle_marl.env.open_spiel import NAME, RECOVERY_NAME, RallyGame, RallyObserver, RallyState, open_spiel_policy
+from shuttle_marl.env.open_spiel import RallyGame, RallyObserver, RallyState, open_spiel_policy
 from shuttle_marl.game import default_game
+from shuttle_marl.game.observation import SWAP, observations
 from shuttle_marl.game.rules import FAULT, HURRIED_ABOVE, HURRIED_BELOW, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tabulated import tabulate
@@ -78,31 +77,6 @@ def test_rallies_end(actions: tuple[int, ...], returns: list[float], name: str) 
     assert str(before).endswith(f"; stroke {len(actions) // 2}")
 
 
-def test_the_game_says_how_large_it_is() -> None:
-    free, limited = RallyGame(tables=GAME), RallyGame({"max_strokes": 7}, GAME)
-    hidden = RallyGame({"max_strokes": 7}, HIDDEN)
-    assert [game.max_game_length() for game in (free, limited, hidden)] == [100_000, 7, 14]
-    assert [game.num_distinct_actions() for game in (free, hidden)] == [3, HIDDEN.n_strokes + 9]
-    for game in (free, hidden):
-        assert (game.num_players(), game.min_utility(), game.max_utility(), game.utility_sum()) == (2, -1, 1, 0)
-        assert game.max_chance_outcomes() == 6
-    kind, other = free.get_type(), hidden.get_type()
-    assert (kind.short_name, other.short_name) == (NAME, RECOVERY_NAME)
-    assert kind.information == pyspiel.GameType.Information.PERFECT_INFORMATION
-    assert other.information == pyspiel.GameType.Information.IMPERFECT_INFORMATION
-    assert (kind.max_num_players, kind.min_num_players) == (2, 2)
-    assert kind.provides_information_state_string
-    assert kind.provides_information_state_tensor
-    assert kind.provides_observation_string
-    assert kind.provides_observation_tensor
-
-
-@pytest.mark.parametrize("wrong", [{"server": 2}, {"server": -2}, {"max_strokes": -1}])
-def test_servers_and_limits_are_checked(wrong: dict[str, int]) -> None:
-    with pytest.raises(OptionError, match="expected -1, 0 or 1, and 0 or more"):
-        RallyGame(wrong, GAME)
-
-
 def test_games_are_named_by_model_and_profile() -> None:
     assert RallyGame().tables is RallyGame({"profile": ""}).tables
     assert RallyGame().tables.hash == default_game().hash
@@ -145,14 +119,14 @@ def test_observers_say_whose_turn_it_is_and_who_waits() -> None:
     for player in (0, 1):
         plain.set_from(state, player)
         assert plain.dict["turn"].tolist() == [player]
-        assert np.array_equal(plain.dict["rally"], state._stepper.observe(0, receiver=player == 0))
         assert plain.string_from(state, player) == str(state)
     hidden, waiting = RallyObserver(HIDDEN), waiting_state()
     assert (hidden.tensor.shape, set(hidden.dict)) == ((62,), {"rally", "turn", "waits"})
     for player, ends in ((0, [0, 1]), (1, [1, 0])):
         hidden.set_from(waiting, player)
         assert hidden.tensor[60:].tolist() == ends
-        assert np.array_equal(hidden.dict["rally"], waiting._stepper.observe(waiting.number, receiver=player == 0)[:60])
+        seen = observations(HIDDEN, np.array([waiting.number]))[0]
+        assert np.array_equal(hidden.dict["rally"], seen if player else seen[SWAP])
         assert [hidden.dict[name].tolist() for name in ("turn", "waits")] == [[ends[0]], [ends[1]]]
     waiting.apply_action(waiting.legal_actions()[0])
     hidden.set_from(waiting, 0)
@@ -175,11 +149,3 @@ def test_policies_give_probabilities_of_strokes_and_of_positions() -> None:
     pairs = HIDDEN.pairs_of(state.number)
     assert list(strokes.values()) == table.pair_probabilities()[pairs].tolist()
     assert sum(strokes.values()) == pytest.approx(1)
-
-
-def test_a_receiver_without_a_choice_is_not_asked() -> None:
-    game = dataclasses.replace(HIDDEN)
-    state = RallyGame({"server": 0}, game).new_initial_state()
-    # Who receives a serve waits in the middle.
-    assert (state.choosing, state.current_player(), state.legal_actions()) == (False, 0, game.legal_strokes(0).tolist())
-    assert "receiver at" not in str(state)

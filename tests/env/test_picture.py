@@ -5,10 +5,11 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.env.picture import CourtRenderer
+from shuttle_marl.env.picture import CourtRenderer, px
 from shuttle_marl.env.snapshot import plan_of
 from tests import golden
 
@@ -40,6 +41,20 @@ def test_pictures_are_those_that_somebody_looked_at(play, game):
         found[f"{game} {number}"] = [plan.shuttle, plan.bodies, plan.came_from, plan.waited]
         found[f"{game} {number}, picture"] = picture.reshape(8, 73, 12, 100, 3).mean(axis=(1, 3, 4))
     golden.check("drawn_rallies", found, 0.01)
+
+
+def test_lines_of_the_court_are_those_of_the_laws():
+    """Law 1: lines are brighter than the floor 20 cm beside them."""
+    env = rally_v0.env(render_mode="rgb_array")
+    env.reset(seed=0)
+    frame = env.render().astype(int).sum(axis=2)
+    for side in (-1, 1):
+        along = [((side * x, y), (0.2, 0.0)) for x in (6.7, 5.94, 1.98) for y in (-2.8, 1.3)]
+        along += [((x, side * y), (0.0, 0.2)) for x in (-6.3, -4.1, 4.1, 6.3) for y in (2.59, 3.05)]
+        along += [((side * 3.2, 0.0), (0.0, 0.2))]
+        for at, beside in along:
+            (x, y), *floor = (np.rint(px(np.array(at) + k * np.array(beside))).astype(int) for k in (0, -1, 1))
+            assert frame[y, x] > 100 + max(frame[other[1], other[0]] for other in floor), at
 
 
 def test_a_window_follows_the_rally_and_can_be_closed(fast, play):

@@ -1,8 +1,6 @@
 """The game with recovery where it is played one stroke at a time: conformance, rules, draws, forks, illegal positions."""
 
-import copy
 import itertools
-import pickle
 import warnings
 from types import ModuleType
 from typing import Any
@@ -14,7 +12,6 @@ from gymnasium.utils.env_checker import check_env
 from pettingzoo import test as conformance
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.single import Seat, SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.snapshot import plan_of
 from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
@@ -28,9 +25,9 @@ from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, position_
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import tabulate
 from tests.recovery import Prefers, small_recovery_game, with_recovery
-from tests.reduced import reduced_game, reduced_model
+from tests.reduced import reduced_model
 
 GAME = small_recovery_game()
 FORWARD = Prefers((9, 5, 9, 2, 1, 2, 1, 1, 1))
@@ -64,14 +61,6 @@ def test_the_ids_name_the_shipped_game() -> None:
     assert env.unwrapped.game is rally_v0.env(game="default:recovery").unwrapped.game
     assert env.action_space == gymnasium.spaces.Discrete(default_game().n_strokes + N_POSITIONS)
     assert "shuttle_marl/MatchRecovery-v0" in gymnasium.registry
-
-
-def test_without_recovery_there_is_nothing_to_choose() -> None:
-    env: Any = rally_v0.raw_env(game=reduced_game())
-    assert env.action_space("player_0").n == env.game.n_strokes == stepper_of(env.game).n_actions
-    env.reset(seed=1)
-    assert not env.chooses_position
-    assert env.snapshot().title.endswith("of seed 1")
 
 
 def pair() -> Game:
@@ -182,20 +171,6 @@ def test_a_rally_against_an_opponent_is_the_rule_with_the_draws_of_the_rally(sea
         seen, _ = env.reset()
 
 
-def test_opponents_wait_as_often_as_they_say() -> None:
-    env, counts, expected = SingleRallyEnv(opponent=FORWARD, game=GAME), np.zeros(9), np.zeros(9)
-    rng = np.random.default_rng(6)
-    env.reset(seed=1)
-    for _ in range(6000):
-        if not env.raw.chooses_position and env.raw._stepper.chooses_position(env.state_number):
-            counts[env.raw._position] += 1
-            expected += FORWARD.positions(_states(env.state_number))[0]
-        if env.step(some_action(env.raw, rng))[2]:
-            env.reset()
-    assert (np.abs(counts - expected) < 5 * np.sqrt(expected + 1)).all()
-    assert counts.min() > 20
-
-
 def _states(state: int) -> States:
     return States(game=GAME, state=np.array([state], np.int32))
 
@@ -211,28 +186,6 @@ def to_a_choice(env: Any, seed: int) -> Any:
     return env
 
 
-@both
-def test_who_has_struck_acts_again_and_the_state_says_so(module: ModuleType) -> None:
-    env = to_a_choice(module.raw_env(game=GAME, max_strokes=500), 2)
-    waiting = env.agent_selection
-    other = next(agent for agent in env.possible_agents if agent != waiting)
-    assert env.infos[waiting]["striker"] == waiting
-    assert (env.observe(waiting)["observation"][-1], env.observe(other)["observation"][-1]) == (1, 0)
-    assert not env.observe(other)["action_mask"].any()
-    assert env.state() in env.state_space
-    assert env.state()[-2:].tolist() == [1, other == "player_0"]
-    before, length, infos = env.observe(other), env._length, env.infos
-    env.step(int(env.observe(waiting)["action_mask"].argmax()))
-    assert env.agent_selection == other
-    assert env._length == length, "positions are no strokes"
-    assert env.infos == infos
-    assert env.rewards == {"player_0": 0.0, "player_1": 0.0}
-    assert env.state()[-2:].tolist() == [0, other == "player_0"]
-    assert np.array_equal(env.observe(other)["observation"], before["observation"])
-    assert env.observe(other)["action_mask"][: GAME.n_strokes].any()
-    assert not env.observe(waiting)["action_mask"].any()
-
-
 @pytest.mark.parametrize("made_for", ["position", "stroke"])
 def test_illegal_positions_lose_as_illegal_strokes_do(made_for: str) -> None:
     env = to_a_choice(rally_v0.env(game=GAME), 4)
@@ -245,9 +198,6 @@ def test_illegal_positions_lose_as_illegal_strokes_do(made_for: str) -> None:
         IllegalStrokeError, match=rf"{made_for} {wrong} \(wait:[a-z-]+\) is not legal in state: .* Legal, as in act"
     ):
         raw.step(wrong)
-    for action in (-1, GAME.n_strokes + N_POSITIONS, "wait:back-centre"):
-        with pytest.raises(ActionError, match=f"not a stroke or position; .* {GAME.n_strokes + N_POSITIONS - 1}"):
-            raw.step(action)
     env.step(wrong)
     assert env.rewards[loser] == -1
     assert sum(env.rewards.values()) == 0
@@ -256,39 +206,30 @@ def test_illegal_positions_lose_as_illegal_strokes_do(made_for: str) -> None:
     assert all(env.terminations.values())
 
 
+def waited_in(fork: Any, stroke: int) -> int:
+    """Where the receiver of a stroke waited, which is told at the end of the rally."""
+    rng, raw = np.random.default_rng(0), fork.unwrapped
+    while not raw.snapshot().positions:
+        raw.step(some_action(raw, rng))
+    told = raw.snapshot().positions
+    assert told[:stroke] == (None,) * stroke, "forks do not tell what was hidden"
+    return int(told[stroke])
+
+
 @pytest.mark.parametrize("make", [rally_v0.env, match_v0.raw_env, lambda **options: rally_v0.env(mask="info", **options)])
 def test_forks_draw_the_hidden_position_from_what_is_believed(make: Any) -> None:
     env = to_a_choice(make(game=GAME), 3)
-    raw = env.unwrapped
-    state, n = raw.state_number, GAME.n_strokes
-    feasible = np.flatnonzero(GAME.waiting.mask(GAME.base(state)))
-    hidden = int(feasible[0])
-    raw.step(n + hidden)
-    people = np.bincount([env.fork(seed).unwrapped._position for seed in range(600)], minlength=9) / 600
-    assert np.abs(people - GAME.people_positions(np.array([state]))[0]).max() < 0.09
-    sure = np.eye(9)[feasible[-1]]
-    assert all(env.fork(seed, sure).unwrapped._position == feasible[-1] for seed in range(20))
-    by_policy = np.bincount([env.fork(seed, FORWARD).unwrapped._position for seed in range(600)], minlength=9) / 600
-    assert np.abs(by_policy - FORWARD.positions(_states(state))[0]).max() < 0.09
+    state, at = np.array([env.unwrapped.state_number]), len(env.unwrapped.snapshot().strokes)
+    feasible = GAME.waiting.mask(GAME.base(state))[0]
+    env.unwrapped.step(GAME.n_strokes + int(feasible.argmax()))
+    of_policy = FORWARD.positions(States(game=GAME, state=state.astype(np.int32)))[0]
+    for belief, expected in ((None, GAME.people_positions(state)[0]), (FORWARD, of_policy)):
+        counts = np.bincount([waited_in(env.fork(seed, belief), at) for seed in range(300)], minlength=9)
+        assert np.abs(counts / 300 - expected).max() < 0.12
+    last = int(np.flatnonzero(feasible)[-1])
+    assert {waited_in(env.fork(seed, np.eye(9)[last]), at) for seed in range(20)} == {last}
     with pytest.raises(PolicyError, match="illegal position"):
-        env.fork(1, np.eye(9)[np.flatnonzero(~GAME.waiting.mask(GAME.base(state)))[0]])
-    fork = env.fork(5)
-    assert fork.unwrapped._position == env.fork(5).unwrapped._position
-    assert raw._position == hidden
-    rng = np.random.default_rng(0)
-    while fork.unwrapped._reason is None:
-        fork.unwrapped.step(some_action(fork.unwrapped, rng))
-    known = fork.unwrapped.snapshot().positions
-    assert not any(position is not None for position in known[: len(raw._positions)]), "forks do not tell what was hidden"
-    assert all(position is not None for position in known[len(raw._positions) :])
-
-
-def test_exact_copies_keep_the_hidden_position() -> None:
-    env = to_a_choice(rally_v0.raw_env(game=GAME), 3)
-    env.step(int(np.flatnonzero(env.observe(env.agent_selection)["action_mask"])[1]))
-    with pytest.warns(UserWarning, match="sees the future"):
-        twins = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    assert [twin._position for twin in twins] == [env._position] * 2
+        env.fork(1, np.eye(9)[feasible.argmin()])
 
 
 def test_the_picture_shows_where_the_last_receiver_waited_after_the_rally() -> None:
@@ -307,20 +248,6 @@ def test_the_picture_shows_where_the_last_receiver_waited_after_the_rally() -> N
         assert position_of(np.array(x), np.array(y)) == where
         seen |= 1 << where
     assert seen.bit_count() > 3
-
-
-def test_rallies_are_cut_off_after_strokes_not_positions() -> None:
-    env, rng = rally_v0.raw_env(game=GAME, max_strokes=3), np.random.default_rng(0)
-    for seed in range(30):
-        env.reset(seed=seed)
-        while not (env.terminations["player_0"] or env.truncations["player_0"]):
-            env.step(some_action(env, rng))
-        assert len(env.snapshot().strokes) <= 3
-        if env.truncations["player_0"]:
-            assert len(env.snapshot().strokes) == 3
-            assert len(env.snapshot().positions) == 3
-            return
-    raise AssertionError("no rally was cut off")
 
 
 @both
@@ -349,20 +276,6 @@ def test_positions_are_the_fifth_component(module: ModuleType) -> None:
         flat.step(action)
         stroke, position = min(action, GAME.n_strokes - 1), max(action - GAME.n_strokes, 0)
         parts.step(np.array([c.shot[stroke], c.area[stroke], c.height[stroke], c.technique[stroke], position]))
-
-
-def test_agents_act_in_both_roles_and_with_a_score() -> None:
-    policy, env = GamePolicy(FORWARD, GAME), match_v0.env(game=GAME)
-    rng = np.random.default_rng(8)
-    env.reset(seed=2)
-    for _ in env.agent_iter(600):
-        seen, _, over, _, _ = env.last()
-        action = None if over else int(policy.act(seen, rng=rng))
-        assert action is None or seen["action_mask"][action]
-        env.step(action)
-    rows = np.stack([env.observe(agent)["observation"] for agent in env.possible_agents])
-    acts = [agent == env.agent_selection for agent in env.possible_agents]
-    assert np.shape(policy.act(rows[acts], rng=rng)) == (1,)
 
 
 def test_rallies_in_words_ask_where_to_wait() -> None:
@@ -404,15 +317,6 @@ def test_words_that_name_no_place_lose() -> None:
             break
     text, reward, over, _, info = env.step("I stay where I am.")
     assert (text, reward, over, info["reason"]) == (OVER, -1.0, True, "illegal position")
-
-
-def test_a_tabulated_policy_without_positions_waits_as_people_do() -> None:
-    table = tabulate(UniformPolicy(), GAME)
-    assert isinstance(table, TabulatedPolicy)
-    assert table.waits is None
-    env = SingleRallyEnv(opponent=table, game=GAME)
-    env.reset(seed=1)
-    assert env.action_masks().shape == (GAME.n_strokes + N_POSITIONS,)
 
 
 def test_opponents_who_wait_are_told_the_score_of_the_striker_and_the_strokes() -> None:

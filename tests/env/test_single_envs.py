@@ -311,3 +311,10 @@ def test_nothing_is_played_before_the_first_reset(make):
     seen, reward, terminated, truncated, info = make().last()
     assert not seen["action_mask"].any()
     assert (reward, terminated, truncated, info) == (0.0, False, False, {})
+
+
+def test_reset_has_no_options() -> None:
+    env = rally_v0.raw_env()
+    env.reset(options={"options": 1})  # of PettingZoo's conformance test
+    with pytest.raises(OptionError, match="options 'server': reset has no options; `server` and others are of the constructor"):
+        env.reset(options={"server": 1})

@@ -10,9 +10,7 @@ import pytest
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, RallySampler, pack, play_matches
-from shuttle_marl.kernel.core import check_room, checked_array, checked_number
-from shuttle_marl.kernel.players import check_players, empty_players, put_player
-from shuttle_marl.kernel.rows import NO_OBSERVATIONS, Observations, in_slices
+from shuttle_marl.kernel.rows import Observations
 from tests.exact.exact_games import hand_made, random_game, random_policy, tiring_game
 from tests.recovery import with_recovery
 from tests.reduced import reduced_game
@@ -147,162 +145,14 @@ def test_matches_that_were_changed_after_they_were_made_are_checked_again(name: 
         play_matches(GAME, some_matches(), [random_policy(random_game(1), 0)])
 
 
-@pytest.mark.parametrize("value", [3, np.int64(4)])
-def test_whole_numbers_from_the_least_on_are_accepted(value: Any) -> None:
-    assert checked_number("size", value, 3) == value
-    for wrong in (2, 3.0, "3", None):
-        with pytest.raises(KernelError, match=f"size {wrong!r}: expected a whole number, 3 or more"):
-            checked_number("size", wrong, 3)
-
-
-@pytest.mark.parametrize(
-    ("array", "type_", "options", "says"),
-    [
-        ([1, 2], np.int32, {}, ""),
-        (np.array([1, 2], np.uint64), np.int8, {}, ""),
-        (np.array([-128, 127]), np.int8, {}, ""),
-        (np.array([-129, 127]), np.int8, {}, "-129 to 127; expected -128 to 127"),
-        (np.array([-128, 128]), np.int8, {}, "-128 to 128; expected -128 to 127"),
-        (np.array([2, 5], np.int8), np.int8, {"low": 2, "high": 5}, ""),
-        (np.array([2, 5], np.int8), np.int8, {"low": 3}, "2 to 5; expected 3 to 127"),
-        (np.array([2, 5], np.int8), np.int8, {"high": 4}, "2 to 5; expected -128 to 4"),
-        (np.array([2, 5]), np.int8, {"high": 4}, "2 to 5; expected -128 to 4"),
-        (np.array([0.5, np.nan], np.float32), np.float32, {}, ""),
-        (np.array([0.5, 1.0]), np.float32, {}, r"float64 of shape \(2,\); expected float32 of shape \(2,\)"),
-        (np.array([1, 2]), np.float32, {}, "int64 of shape"),
-        (np.array([1.0, 2.0]), np.int32, {}, "float64 of shape"),
-        (np.array([True, False]), np.bool_, {}, ""),
-        (np.array([True, False]), np.int8, {}, "bool of shape"),
-        (np.array([1, 0], np.int8), np.bool_, {}, "int8 of shape"),
-        (np.array([1, 2, 3]), np.int64, {}, r"int64 of shape \(3,\); expected int64 of shape \(2,\)"),
-        (np.array([[1, 2]]), np.int64, {}, r"int64 of shape \(1, 2\)"),
-    ],
-)
-def test_arrays_have_a_shape_and_numbers_of_their_kind(array: Any, type_: Any, options: dict[str, int], says: str) -> None:
-    if says:
-        with pytest.raises(KernelError, match=f"numbers: {says}"):
-            checked_array("numbers", array, type_, (2,), **options)
-    else:
-        found = checked_array("numbers", array, type_, (2,), **options)
-        assert (found.dtype, found.shape, found.flags.c_contiguous) == (np.dtype(type_), (2,), True)
-        assert np.array_equal(found, array, equal_nan=found.dtype.kind == "f")
-
-
-def test_arrays_without_numbers_are_within_every_range_and_views_are_copied() -> None:
-    assert checked_array("numbers", np.zeros((0, 2), np.int64), np.int8, (0, 2), 5, 6).shape == (0, 2)
-    matrix = np.arange(6, dtype=np.int32).reshape(2, 3)
-    assert checked_array("numbers", matrix, np.int32, (2, 3)) is matrix
-    assert checked_array("numbers", matrix.T, np.int32, (3, 2)).flags.c_contiguous
-
-
-def unaligned() -> np.ndarray:
-    return np.zeros(9, np.uint8)[1:].view(np.int32)
-
-
-@pytest.mark.parametrize(
-    ("array", "found"),
-    [
-        (np.zeros(2, np.int64), r"int64 of shape \(2,\)"),
-        (np.zeros(3, np.int32), r"int32 of shape \(3,\)"),
-        (np.zeros(4, np.int32)[::2], r"int32 of shape \(2,\)"),
-        (locked(np.zeros(2, np.int32)), r"int32 of shape \(2,\)"),
-        (unaligned(), r"int32 of shape \(2,\)"),
-        ([0, 0], "list"),
-    ],
-)
-def test_room_is_contiguous_aligned_and_writeable(array: Any, found: str) -> None:
-    says = rf"output array for names, {found}: expected int32 of shape \(2,\), writeable and C-contiguous"
-    with pytest.raises(KernelError, match=says):
-        check_room("names", array, np.int32, (2,))
-    check_room("names", np.zeros(2, np.int32), np.int32, (2,))
-
-
 HIDDEN = with_recovery(tiring_game(), 3, 3)
 WAITING = tabulate(UniformPolicy(), HIDDEN)
 
 
-def test_policies_fit_into_their_places() -> None:
-    players = pack([TABLE, TABLE], GAME)
-    other = random_policy(GAME, 3)
-    put_player(players, 1, other, GAME)
-    assert np.array_equal(players.cumulative[1], other.cumulative)
-    assert np.array_equal(players.cumulative[0], TABLE.cumulative)
-    for number in (-1, 2):
-        with pytest.raises(KernelError, match=f"policy number {number}: expected 0 to 1"):
-            put_player(players, number, other, GAME)
-    with pytest.raises(KernelError, match="no policy: expected one or more"):
-        pack([], GAME)
-    assert empty_players(GAME, 3).guide.shape == (3, GAME.n_states, 16)
-    assert empty_players(GAME, 3).waits.shape == (3, 0, 8)
-    assert empty_players(HIDDEN, 2).waits.shape == (2, HIDDEN.n_states, 8)
-
-
-def test_a_state_has_at_most_256_legal_strokes(monkeypatch: pytest.MonkeyPatch) -> None:
-    most = int(GAME.legal_count(np.arange(GAME.n_states)).max())
-    monkeypatch.setattr("shuttle_marl.kernel.players._MOST_LEGAL", most)
-    assert len(empty_players(GAME, 1).cumulative) == 1
-    monkeypatch.setattr("shuttle_marl.kernel.players._MOST_LEGAL", most - 1)
-    with pytest.raises(KernelError, match=f"a state has {most} legal strokes; the kernel supports up to {most - 1}"):
-        empty_players(GAME, 1)
-
-
-def test_guides_lead_to_the_first_stroke_that_a_choice_may_be() -> None:
-    """For each value of the upper four bits, the first legal stroke whose cumulative probability is above 4096 times it."""
-    table = random_policy(HIDDEN, 2)
-    guide = pack([dataclasses.replace(table, waits=None)], HIDDEN).guide[0]
-    for state in np.flatnonzero(HIDDEN.playable)[::97].tolist():
-        entries = table.cumulative[HIDDEN.pairs_of(state)].tolist()
-        assert guide[state].tolist() == [next(k for k, entry in enumerate(entries) if entry > 4096 * part) for part in range(16)]
-
-
-def test_packed_positions_are_those_of_the_feasible_ones_and_then_certain() -> None:
-    packed = pack([WAITING], HIDDEN)
-    for state in np.flatnonzero(HIDDEN.playable)[::97].tolist():
-        feasible = np.flatnonzero(HIDDEN.waiting.mask(np.array([state % HIDDEN.n_base_states]))[0])
-        expected = WAITING.waiting_table[state, feasible].tolist()
-        assert packed.waits[0, state].tolist() == (expected + [65535] * 9)[:8]
-
-
-def broken(name: str, at: Any, value: int) -> Players:
-    packed = pack([WAITING, WAITING], HIDDEN)
-    getattr(packed, name)[at] = value
-    return packed
-
-
-STATE = int(np.flatnonzero(HIDDEN.playable)[-1])
-FEASIBLE = int(HIDDEN.waiting.choices[STATE % HIDDEN.n_base_states])
-
-
-@pytest.mark.parametrize(
-    ("players", "says"),
-    [
-        (broken("cumulative", (0, int(HIDDEN.last_pairs[3])), 65534), "tables that choose strokes that do not exist"),
-        (broken("guide", (1, STATE, 0), int(HIDDEN.legal_count(STATE))), "tables that choose strokes that do not exist"),
-        (broken("waits", (0, STATE, FEASIBLE - 1), 65534), "tables that choose strokes that do not exist"),
-        (broken("waits", (1, STATE, 7), 0), "tables that choose strokes that do not exist"),
-        (broken("guide", (0, 0, 0), 0)._replace(guide=np.asfortranarray(PLAYERS.guide)), "guide of packed policies: "),
-        (broken("guide", (0, 0, 0), 0)._replace(waits=np.zeros((2, 0, 8), np.uint16)), "positions of packed policies: "),
-    ],
-)
-def test_packed_policies_choose_what_exists(players: Players, says: str) -> None:
-    with pytest.raises(KernelError, match=says):
-        check_players(players, HIDDEN)
-
-
-def test_packed_policies_that_are_right_are_accepted() -> None:
-    check_players(broken("guide", (1, STATE, 0), int(HIDDEN.legal_count(STATE)) - 1), HIDDEN)
-    check_players(broken("waits", (0, STATE, FEASIBLE - 2), 7), HIDDEN)
-    check_players(PLAYERS, GAME)
-    for name in ("cumulative", "guide", "waits"):
-        packed = pack([WAITING, WAITING], HIDDEN)
-        with pytest.raises(KernelError, match=r"packed policies: arrays are not C-contiguous; make them with pack\(\)"):
-            check_players(packed._replace(**{name: np.asfortranarray(getattr(packed, name))}), HIDDEN)
-
-
 def test_the_last_feasible_position_of_a_table_is_certain() -> None:
-    waits = WAITING.waiting_table.copy()
-    last = int(np.flatnonzero(HIDDEN.waiting.mask(np.array([STATE % HIDDEN.n_base_states]))[0])[-1])
-    waits[STATE, last:] = 65534
+    waits, state = WAITING.waiting_table.copy(), int(np.flatnonzero(HIDDEN.playable)[-1])
+    last = int(np.flatnonzero(HIDDEN.waiting.mask(HIDDEN.base(state)))[-1])
+    waits[state, last:] = 65534
     with pytest.raises(KernelError, match="positions of a policy: the last feasible one of each state needs"):
         pack([dataclasses.replace(WAITING, waits=waits)], HIDDEN)
 
@@ -317,29 +167,6 @@ def test_positions_of_receivers_are_needed_where_no_learner_chooses_them() -> No
     for other in (RallyBatch(GAME, 3), RallyBatch(HIDDEN, 3, opponents=[WAITING])):
         with pytest.raises(KernelError, match="positions are for rows without opponents in the game with recovery"):
             other.step(other.random_strokes(), np.zeros(3, np.int64))
-
-
-def test_rows_without_observations_have_none() -> None:
-    assert [array.shape for array in NO_OBSERVATIONS] == [(0, 7), (0, 0)]
-    assert [array.shape for array in RallyBatch(HIDDEN, 3).new_observations()] == [(3, 8), (3, HIDDEN.n_strokes + 9)]
-    assert [array.shape for array in RallyBatch(GAME, 2).new_observations()] == [(2, 7), (2, GAME.n_strokes)]
-
-
-@pytest.mark.parametrize(
-    ("size", "threads", "expected"),
-    [
-        (10, 4, [(0, 10)]),
-        (4000, 1, [(0, 4000)]),
-        (2047, 2, [(0, 2047)]),
-        (2048, 2, [(0, 1024), (1024, 2048)]),
-        (4000, 3, [(0, 1333), (1333, 2666), (2666, 4000)]),
-        (4000, 9, [(0, 1333), (1333, 2666), (2666, 4000)]),
-    ],
-)
-def test_a_thread_has_at_least_1024_rows(size: int, threads: int, expected: list[tuple[int, int]]) -> None:
-    slices: list[tuple[int, int]] = []
-    in_slices(lambda first, last: slices.append((first, last)), size, threads)
-    assert sorted(slices) == expected
 
 
 @pytest.mark.parametrize(

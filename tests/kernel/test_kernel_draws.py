@@ -38,11 +38,14 @@ def _numbers(key: np.uint64, counter: int, count: int, limits: np.uint64) -> tup
     st.integers(1, 200),
     st.lists(st.integers(0, ONE - 1), min_size=3, max_size=3),
     st.tuples(st.integers(0, 255), st.integers(0, 255)),
+    st.integers(0, 3),
 )
 def test_numbers_are_those_of_the_definitions(
-    key: int, counter: int, count: int, limits: list[int], hurry: tuple[int, int]
+    key: int, counter: int, count: int, limits: list[int], hurry: tuple[int, int], equal: int
 ) -> None:
-    fault, winner, below = sorted(limits)
+    """Also where a draw equals a limit."""
+    u = int(draws.draw(np.array([key], np.uint64), counter)[0]) & 0xFFFF
+    fault, winner, below = sorted([*limits[:equal], *[min(u, ONE - 1)] * (equal < 3), *limits[equal + 1 :]])
     entry = np.uint64(fault | winner << 16 | below << 32 | hurry[0] << 48 | hurry[1] << 56)
     bits, extended, server, outcome, choice = _numbers(np.uint64(key), counter, count, entry)
     keys = np.array([key], np.uint64)
@@ -50,7 +53,7 @@ def test_numbers_are_those_of_the_definitions(
     assert bits == expected[0]
     assert extended == draws.extend(keys, counter)[0]
     assert server == int(draws.first_server(expected)[0])
-    u, lot = int(expected[0]) & 0xFFFF, int(expected[0]) >> 16 & 0xFF
+    lot = int(expected[0]) >> 16 & 0xFF
     four = int(u >= fault) + int(u >= winner) + int(u >= below)
     assert outcome == (four + 2 if four >= 2 and lot < hurry[four - 2] else four)
     assert choice == (int(expected[0]) >> 32) * count >> 32

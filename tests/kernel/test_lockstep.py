@@ -11,11 +11,11 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.policy import PolicyError, States, UniformPolicy
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.kernel import KernelError, Matches
-from shuttle_marl.kernel.lockstep import Log, ask, ask_position, asking, new_log, play, rallies_of
+from shuttle_marl.kernel import Matches
+from shuttle_marl.kernel.lockstep import ask, ask_position, asking, play
 from tests.exact.exact_games import hand_made, tiring_game
 from tests.lost_serves import SCORES
-from tests.recovery import Prefers, with_recovery
+from tests.recovery import with_recovery
 
 SERVE, SMASH, LIFT = range(3)
 MADE = hand_made()
@@ -88,43 +88,6 @@ def test_rallies_are_noted_in_the_order_of_the_matches() -> None:
     assert (empty.rallies.stroke.tolist(), empty.rallies.length.tolist()) == ([], [2] * 18)
 
 
-def test_progress_counts_every_stroke_once() -> None:
-    counted: list[int] = []
-    for rules, strokes in ((Rules(points=1, clear=1, cap=1, games=1), 2), (RULES, 18)):
-        counted.clear()
-        play(GAME, matches(0, 1, 0), Seen().choose, rules=rules, progress=counted.append)
-        assert counted == [3 * strokes]
-    counted.clear()
-    played = play(
-        GAME, matches(0, 1, 0), Seen().choose, rules=Rules(points=21, clear=1, cap=21, games=2), progress=counted.append
-    )
-    assert sum(counted) == played.rallies.length.sum()
-    # Reported once there are more than 64 strokes of each of three matches, and at the end.
-    assert counted[:-1] == [195] * (sum(counted) // 195)
-
-
-def test_a_log_has_room_for_the_longest_match() -> None:
-    log = new_log(3, RULES, 7)
-    assert RULES.max_rallies == 3 * 3
-    assert [getattr(log, name).shape for name in Log._fields] == [(3, 9), (3, 9), (3, 9), (3, 9, 4), (3, 9), (3, 7)]
-    assert [getattr(log, name).dtype for name in Log._fields] == [np.uint8] * 4 + [np.int32, np.uint16]
-    assert not log.length.any()
-
-
-def test_notes_hold_the_stroke_the_position_and_whether_it_was_hurried() -> None:
-    log = new_log(2, RULES, 3)
-    log.length[0, 0], log.length[1, :2] = 2, (1, 1)
-    # A stroke in 11 bits, a position in 4, and one bit for hurried.
-    log.stroke[:] = [[5, 5 | 8 << 11 | 1 << 15, 0], [2047, 3 << 11, 0]]
-    found = rallies_of(log, np.array([[4, 5], [6, 7]], np.int32), 2048, recovery=True)
-    assert found.stroke.tolist() == [5, 5, 2047, 0]
-    assert found.waited is not None
-    assert found.waited.tolist() == [0, 8, 0, 3]
-    assert found.hurried.tolist() == [0, 1, 0, 0]
-    assert (found.match.tolist(), found.rally.tolist(), found.length.tolist()) == ([0, 1, 1], [0, 0, 1], [2, 1, 1])
-    assert found.policy.tolist() == [[4, 5], [6, 7], [6, 7]]
-
-
 class Reader(UniformPolicy):
     """Plays the first legal stroke; notes state, score and history."""
 
@@ -177,17 +140,6 @@ def test_each_entrant_is_asked_for_its_own_decisions() -> None:
         assert len(found) == 3
 
 
-def test_strokes_are_drawn_by_the_draw() -> None:
-    state = np.full(4, 12, np.int32)
-    count = int(HIDDEN.legal_count(12))
-    draw = np.array([0, 65535 // count - 1, 65535 // count + 1, 65534], np.int32)
-    found = ask(UniformPolicy(), HIDDEN, state, draw, np.zeros(4, np.int32), np.zeros((4, 4), np.int32))
-    assert found.tolist() == [0, 0, 1, count - 1]
-    place = ask_position(Prefers((1.0,) * 9), HIDDEN, state, draw, np.zeros(4, np.int32), np.zeros((4, 4), np.int32))
-    feasible = np.flatnonzero(HIDDEN.people_positions(state[:1])[0]).tolist()
-    assert place[[0, 3]].tolist() == [feasible[0], feasible[-1]]
-
-
 def test_policies_that_are_no_distribution_are_refused() -> None:
     class Wrong(UniformPolicy):
         def probabilities(self, states: States) -> Any:
@@ -195,30 +147,3 @@ def test_policies_that_are_no_distribution_are_refused() -> None:
 
     with pytest.raises(PolicyError, match="policy 'Wrong' returned no distribution"):
         ask(Wrong(), HIDDEN, STATES, np.zeros(2, np.int32), np.zeros(2, np.int32), SCORE)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "fits"),
-    [
-        ("entrant", [[0, 0]], True),
-        ("entrant", [[-1, 0]], False),
-        ("entrant", [[1 << 31, 0]], False),
-        ("entrant", [[0, 0, 0]], False),
-        ("first_server", [1], True),
-        ("first_server", [2], False),
-        ("first_server", [-1], False),
-        ("first_server", [0, 1], False),
-        ("key", [(1 << 64) - 1], True),
-        ("key", [-1], False),
-    ],
-)
-def test_matches_have_entrants_servers_and_keys(name: str, value: Any, fits: bool) -> None:
-    made: dict[str, Any] = {"entrant": [[0, 1]], "first_server": [0], "key": [3], name: value}
-    given = {key: np.array(numbers) for key, numbers in made.items()}
-    if fits:
-        found = Matches(**given)
-        assert len(found) == 1
-        assert [getattr(found, key).dtype for key in ("entrant", "first_server", "key")] == [np.int32, np.int8, np.uint64]
-    else:
-        with pytest.raises(KernelError, match=name):
-            Matches(**given)

@@ -6,11 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game import draws, scoring
@@ -93,11 +91,11 @@ def test_neither_threads_nor_blocks_change_a_match(threads: int | None) -> None:
     assert sum(counted) == expected.rallies.length.sum()
 
 
-@pytest.mark.parametrize("room", [1, 7, 60])
-def test_room_for_strokes_grows(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
-    monkeypatch.setattr("shuttle_marl.kernel.matches._STROKES_A_MATCH", room)
-    wanted = some_matches(40, 3, 3)
-    assert_same(play_matches(GAME, wanted, TABLES), by_numpy(GAME, wanted, TABLES, BWF))
+def test_long_matches_find_room() -> None:
+    wanted, rules = some_matches(6, 3, 3), Rules(points=21, clear=2, cap=30, games=9)
+    expected = by_numpy(GAME, wanted, TABLES, rules)
+    assert np.bincount(expected.rallies.match, expected.rallies.length).max() > 2000
+    assert_same(play_matches(GAME, wanted, TABLES, rules=rules), expected)
 
 
 def test_an_interrupt_while_playing_comes_through() -> None:
@@ -260,6 +258,10 @@ def test_rallies_are_those_of_the_environment() -> None:
 
 @pytest.mark.parametrize("seat", [0, 1])
 def test_learners_against_the_other_player(seat: Literal[0, 1]) -> None:
+    import torch
+
+    from shuttle_marl.env.batched import VersusEnv
+
     options: dict[str, Any] = {"game": PAIR}
     single = SingleRallyEnv(opponent="minimax", seat=seat, **options)
     vector = RallyVectorEnv(1, opponent="minimax", seat=seat, **options)

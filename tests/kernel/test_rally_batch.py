@@ -14,7 +14,7 @@ from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch, Tally, play_rallies
-from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, observe_rows
+from shuttle_marl.kernel.rows import Rows
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
 from tests.kernel.episodes import compare_with_rally_v0
@@ -123,24 +123,6 @@ def test_a_batch_by_itself_plays_as_it_does_from_outside(size: int, threads: int
     for strokes in (1, 13, 30):
         assert alone.run(strokes, tables) == tallied(steered, strokes, tables)
         assert_rows(alone.rows, steered.rows)
-
-
-@pytest.mark.parametrize("rallies", [2, 9, 11])
-@pytest.mark.parametrize(("first", "last"), [(0, 1), (0, 50), (3, 4), (20, 29), (40, 50)])
-def test_what_is_seen_is_written_for_its_rows_alone(rallies: int, first: int, last: int) -> None:
-    """Masks are copied in whole vectors, and a small catalogue has several rows in one."""
-    game = random_game(rallies, rallies)
-    batch = RallyBatch(game, 50, seed=1)
-    batch.run(7)
-    for before in (False, True):
-        seen = Observations(np.full((50, TOKENS), -1, np.int32), np.full((50, game.n_strokes), before))
-        observe_rows(batch._tables, batch.rows, batch._other, seen, first, last)
-        inside = np.zeros(50, np.bool_)
-        inside[first:last] = True
-        assert np.array_equal(seen.mask[inside], game.mask(batch.rows.state)[inside])
-        assert (seen.mask[~inside] == before).all()
-        assert (seen.tokens[~inside] == -1).all()
-        assert (seen.tokens[inside] >= 0).all()
 
 
 def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:

@@ -1,7 +1,6 @@
 """Rallies of a learner that acts from a table: the rules, the draws, the network's numbers, and the sums."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -119,29 +118,6 @@ def test_the_sums_are_those_of_the_strokes_one_by_one(opponents: tuple[Tabulated
     assert not again.visits.size or not np.isfinite(again.returns).any()
 
 
-def test_rallies_are_planned_by_the_mean_number_of_strokes() -> None:
-    """Four strokes a rally are expected at first, then as many as there were, in all iterations."""
-    sampler = RallySampler(GAME, [RANDOM])
-    strokes, rallies = 0, 0
-    for iteration, count in enumerate((700, 1300)):
-        sampler.collect(count, network(iteration))
-        played = sampler.record(sampler.numbers)
-        # The learner at seat 0 plays every other stroke, from the first on if it serves.
-        own = (played.length - played.server + 1) // 2
-        planned, now = 0, 0
-        while now < count:
-            mean = strokes / rallies if rallies else 4.0
-            more = math.ceil((count - now) / mean)
-            part = int(own[planned : planned + more].sum())
-            planned, now, strokes, rallies = planned + more, now + part, strokes + part, rallies + more
-        assert (len(sampler.numbers), sampler.count) == (planned, now)
-        found = sampler.take()
-        assert (found.strokes, found.rallies) == (now, planned)
-        assert found.played == played.length.sum()
-        assert found.won == (played.winner == 0).sum()
-    assert sampler.numbers[-1] == rallies - 1
-
-
 @pytest.mark.parametrize("iterations", [1, 2, 3])
 def test_outputs_are_reused_in_so_many_iterations(iterations: int) -> None:
     sampler = RallySampler(GAME, [RANDOM], cache_iterations=iterations)
@@ -230,50 +206,20 @@ def test_some_rallies_may_begin_anywhere() -> None:
 
 
 @pytest.mark.parametrize("opponents", [(), (RANDOM, BC)], ids=["self-play", "two"])
-def test_rallies_that_were_noted_are_those_that_are_played_again(
-    opponents: tuple[TabulatedPolicy, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from shuttle_marl.kernel import sampling
-    from shuttle_marl.kernel.table_play import new_tape, replay
-
+def test_rallies_that_were_noted_are_those_that_are_played_again(opponents: tuple[TabulatedPolicy, ...]) -> None:
     found = []
-    for room in (None, new_tape, lambda rallies=0, strokes=0, **_: new_tape(min(rallies, 7), min(strokes, 50))):
+    for noted in (False, True):
         sampler = RallySampler(GAME, opponents)
         for iteration in range(2):
-            if room is not None:
-                monkeypatch.setattr(sampling, "new_tape", room)
+            if noted:
                 sampler.note_next()
             sampler.collect(2000, network(iteration))
-            monkeypatch.undo()
-        wanted = sampler.numbers[::-3]
-        # Noted rallies are not played again.
-        monkeypatch.setattr(sampling, "replay", None if room else replay)
-        found.append((sampler.record(wanted, figures=True), sampler.take()))
-        monkeypatch.undo()
-    (expected, strokes), *others = found
-    assert expected.match.tolist() == wanted.tolist()
-    assert expected.length.sum() == len(expected.stroke)
-    for played, taken in others:
-        assert played.optional_columns == ("log_probability", "value")
-        for name, column in expected.columns():
-            assert np.array_equal(column, getattr(played, name), equal_nan=name in played.optional_columns), name
-        assert np.array_equal(taken.visits, strokes.visits)
-
-
-def test_a_long_rally_and_many_strokes_find_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    usual = RallySampler(GAME, [RANDOM])
-    usual.collect(4000, network(0), keep=True)
-    from shuttle_marl.kernel import sampling
-    from shuttle_marl.kernel.table_play import StrokeList
-
-    monkeypatch.setattr(sampling, "_LONG", 1)
-    narrow = RallySampler(GAME, [RANDOM])
-    monkeypatch.setattr(
-        sampling, "new_stroke_list", lambda room=0: StrokeList._make([np.empty(min(room, 9), t) for t in "iiiff"])
-    )
-    narrow.collect(4000, network(0), keep=True)
-    assert narrow.take().strokes == usual.take().strokes
-    assert np.sort(narrow.strokes.pair).tolist() == np.sort(usual.strokes.pair).tolist()
+        found.append((sampler.record(sampler.numbers[::-3], figures=True), sampler.take()))
+    (expected, strokes), (played, taken) = found
+    assert played.optional_columns == ("log_probability", "value")
+    for name, column in expected.columns():
+        assert np.array_equal(column, getattr(played, name), equal_nan=name in played.optional_columns), name
+    assert np.array_equal(taken.visits, strokes.visits)
 
 
 def test_numbers_that_cannot_be_meant_are_refused() -> None:

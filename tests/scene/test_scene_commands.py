@@ -1,5 +1,6 @@
 """``python -m shuttle_marl.recording scene``, and which rallies it shows."""
 
+import dataclasses
 import io
 import json
 import sys
@@ -14,15 +15,15 @@ from mcap.reader import make_reader
 from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
-from shuttle_marl.game.skill import AVERAGE, Skill
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
 from shuttle_marl.scene import SceneError, select, topics
 from shuttle_marl.scene.rally_report import report_rally
+from shuttle_marl.scene.topics import bone_frame, joint_frame
 from shuttle_marl.scene.write import write_scene
-from shuttle_marl.training import PPOConfig, train
+from shuttle_marl.staging import BONES
 from tests.scene.conftest import read
 
 
@@ -76,18 +77,20 @@ def bc_hash(bc: TabulatedPolicy) -> str:
 
 @pytest.fixture
 def log_of(bc: TabulatedPolicy, tmp_path: Path) -> Callable[..., Path]:
-    """Writes a log of one short rally between two policies, of which only the header is anything special."""
+    """Writes a log of short rallies between policies, by the numbers of those in the header."""
     game = default_game()
     rallies = play_rallies(game, (bc, bc), 20, seed=2)
     shortest = np.where(rallies.length < 2, 99, rallies.length).argmin()
 
-    def write(*players: Player) -> Path:
+    def write(*players: Player, seats: tuple[tuple[int, int], ...] = ((0, 1),)) -> Path:
         header = LogHeader(
             seed=1, game=game.hash, strokes=game.catalogue.names, policies=players, rules=SINGLE_RALLY, draws="unknown"
         )
         path = tmp_path / "rallies.mcap"
         with RallyLogWriter(path, header) as writer:
-            writer.append(rallies.select(np.arange(20) == shortest))
+            for pair in seats:
+                rally = rallies.select(np.arange(20) == shortest)
+                writer.append(dataclasses.replace(rally, policy=np.array([pair], rally.policy.dtype)))
         return path
 
     return write
@@ -117,6 +120,8 @@ def test_probabilities_of_an_unknown_policy_are_omitted(
 
 
 def test_a_training_run_shows_what_its_learner_thought(tmp_path: Path) -> None:
+    from shuttle_marl.training import PPOConfig, train
+
     config = PPOConfig(strokes=600, batch=256, width=8, record="all", exploitability=False, out=tmp_path / "run")
     train(config)
     path = tmp_path / "run" / "rallies.mcap"
@@ -202,11 +207,17 @@ def test_names_of_a_log_are_printed_without_control_characters_and_markup(
     assert list(json.loads(facts["policies"])) == [name, "[/]"]
 
 
-def test_players_look_as_who_they_are(log_of: Callable[..., Path], bc_hash: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Skill, "hand_of", lambda _, player: None if player == AVERAGE else "left")
-    path = log_of(Player(name="bc", hash=bc_hash), Player(name="bc:an-se-young", hash="0" * 64))
-    with RallyLog(path) as log:
-        players = LogPlayers(log, default_game(), resolve_recorded)
-        report = report_rally(log, 0, default_game(), players)
-        assert (report.played.hands, report.athletes) == (("left", "left"), ("female", "female"))
-        assert report_rally(log, 0, default_game(), players, ("right", "left")).played.hands == ("right", "left")
+def test_players_look_as_who_they_are(log_of: Callable[..., Path], bc_hash: str) -> None:
+    """The average player is as a person of known hand is; models of other hands have joints of their own."""
+    players = Player(name="bc", hash=bc_hash), Player(name="bc:kento-momota"), Player(name="bc:an-se-young")
+    game = default_game()
+    with RallyLog(log_of(*players, seats=((0, 0), (0, 1), (2, 0)))) as log:
+        known = LogPlayers(log, game, resolve_recorded)
+        looks = [((report := report_rally(log, k, game, known)).played.hands[1], report.athletes[1]) for k in range(3)]
+        assert looks == [("right", "male"), ("left", "male"), ("right", "female")]
+        assert report_rally(log, 0, game, known, ("right", "left")).played.hands == ("right", "left")
+        content, _ = write_scene(log, [0, 1, 2], game, fps=25)
+    joints = [message for _, topic, message in read(content) if topic == topics.TF_STATIC]
+    name = joint_frame(1, BONES.index("Racket"))
+    parents = [joint.parent_frame_id for message in joints for joint in message.transforms if joint.child_frame_id == name]
+    assert parents == [bone_frame(1, hand) for hand in ("RightHand", "LeftHand", "RightHand")]

@@ -14,20 +14,20 @@ from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREA_WORDS
-from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene import rally_report, topics
+from shuttle_marl.scene import topics
+from shuttle_marl.scene.board import CAMERAS
 from shuttle_marl.scene.models import KITS, athlete, racket, shuttle
 from shuttle_marl.scene.motion import TOLERANCE
 from shuttle_marl.scene.rally_report import StagedRally, report_rally
-from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame, joint_frame
+from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
 from tests import golden
-from tests.scene.conftest import Reel, read
+from tests.scene.conftest import Reel
 
 MOST_A_SECOND = 60
 
@@ -119,18 +119,6 @@ def test_rackets_meet_the_shuttle_in_the_file(reel: Any) -> None:
         assert np.linalg.norm(place + SWEET_SPOT * turn @ shaft - at["shuttle"][1]) < 0.012
 
 
-def test_players_with_other_hands_have_joints_of_their_own(log_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    left = Looks(hands=("right", "left"), athletes=("male", "male"))
-    looks = iter([left, left, Looks(hands=("right", "right"), athletes=("female", "male"))])
-    monkeypatch.setattr(rally_report, "looks_of", lambda *_: next(looks))
-    with RallyLog(log_path) as log:
-        content, _ = write_scene(log, [0, 0, 0], default_game(), fps=25)
-    joints = [message for _, topic, message in read(content) if topic == topics.TF_STATIC]
-    frame = joint_frame(1, BONES.index("Racket"))
-    racket = [next(joint for joint in message.transforms if joint.child_frame_id == frame) for message in joints]
-    assert [joint.parent_frame_id for joint in racket] == [bone_frame(1, "LeftHand"), bone_frame(1, "RightHand")]
-
-
 def test_players_change_ends(reel: Any, second_game: Any) -> None:
     for shot, near in ((reel, 0), (second_game, 1)):
         assert shot.of(topics.STATE)
@@ -170,6 +158,18 @@ def test_strokes_and_scores_are_those_of_the_log(reel: Any, log_path: Path) -> N
             assert [after["points_0"], after["points_1"]] == points
             assert after["winner"] == int(rally.winner[0])
     assert next(told, None) is None
+
+
+def test_scoreboards_show_names_and_points(reel: Any) -> None:
+    states = {(m["rally"], m["points_0"], m["points_1"]): m for _, m in reel.of(topics.SCORE)}
+    for camera in CAMERAS:
+        seen = set()
+        for _, update in reel.of(camera.board):
+            rows = update.entities[0].texts[0].text.splitlines()[:2]
+            seen.add(tuple(tuple(row.strip("> ").split()) for row in rows))
+        assert {tuple((m[f"name_{k}"], str(m[f"points_{k}"])) for k in (0, 1)) for m in states.values()} == {
+            tuple((row[0], row[-1]) for row in rows) for rows in seen
+        }
 
 
 def test_probabilities_are_those_of_the_game_and_values_exact(reel: Any, log_path: Path) -> None:

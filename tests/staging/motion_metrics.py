@@ -4,11 +4,9 @@ Joint angles are computed from the rotation of each bone relative to its parent,
 """
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
@@ -38,7 +36,6 @@ from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, exponential, matrix, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, own_frame
-from tests.staging.motion_life import Life, measure_life, summary_of_life
 
 _FLIP: Final = np.diag([-1.0, 1.0, 1.0])
 _FINE: float = 2000.0
@@ -235,7 +232,6 @@ class Metrics:
         landing: ``[n]`` end of each flight to the point that was drawn for it [m].
         timely: for each returned stroke, whether its flight time lies in the data's interquartile range of its shot type.
         true_end: ``[n]`` whether each stroke ends as it must: in the area it was meant for, out of court, or in the net.
-        life: how alive it is.
         seconds: length [s].
     """
 
@@ -250,7 +246,6 @@ class Metrics:
     landing: F64
     timely: Bools
     true_end: Bools
-    life: Life
     seconds: float
 
 
@@ -279,53 +274,8 @@ def measure(motion: Motion) -> Metrics:
         landing=np.linalg.norm(motion.shuttle[ends] - trajectory.chosen_point, axis=1),
         timely=((duration >= low - 1e-6) & (duration <= high + 1e-6))[returned],
         true_end=np.array([_ends_truly(motion, i, int(ends[i])) for i in range(len(frames))]),
-        life=measure_life(motion),
         seconds=float(motion.time[-1]),
     )
-
-
-def summary(found: Sequence[Metrics]) -> dict[str, Any]:
-    """Figures over several motions.
-
-    Args:
-        found: the measures of each, at least one.
-
-    Returns:
-        ``rallies``, ``strokes``, ``plants`` (of a foot) and ``seconds`` that were measured; ``contact_max``, ``slide_max``,
-        ``sunk_max``, ``net_clearance_min``, ``landing_error_max`` [m]; ``speed_max`` [m/s], ``acceleration_max`` [m/s²],
-        ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``.
-
-        Of impact: ``impact_ratio`` (median by shot type), ``impact_peak_ms`` and ``impact_cosine`` (medians, and both
-        ``…_by_shot``). Of jumps: ``vertical_acceleration`` (99 % of the strokes stay below) [m/s²], ``landing_sink`` (median of
-        jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m], ``steps_per_second`` of a
-        player. Shares: ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond
-        2,000°/s, ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
-        :class:`~tests.staging.motion_life.Life`. Figures without data (no stroke crosses the net, none is returned) are left out.
-    """
-
-    def every(name: str) -> npt.NDArray[Any]:
-        return np.concatenate([np.atleast_1d(getattr(metrics, name)) for metrics in found])
-
-    figures: dict[str, Any] = {
-        "rallies": len(found),
-        "strokes": len(every("contact")),
-        "seconds": float(every("seconds").sum()),
-        "contact_max": float(every("contact").max()),
-        "contact_within_1cm": float((every("contact") <= 0.01).mean()),
-        "slide_max": float(every("slide").max()),
-        "plants": len(every("slide")),
-        "sunk_max": float(every("sunk").max()),
-        "speed_max": float(every("speed").max()),
-        "acceleration_max": float(every("acceleration").max()),
-        "joint_excess_deg": float(every("joint_excess").max()),
-        "landing_error_max": float(every("landing").max()),
-        "ends_as_it_must": float(every("true_end").mean()),
-    }
-    if len(clearance := every("clearance")):
-        figures["net_clearance_min"] = float(clearance.min())
-    if len(timely := every("timely")):
-        figures["flight_times_in_quartiles"] = float(timely.mean())
-    return figures | summary_of_life([metrics.life for metrics in found])
 
 
 def _feet(motion: Motion) -> tuple[F64, float]:

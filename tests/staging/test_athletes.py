@@ -1,12 +1,14 @@
-"""The shipped athletes fit the skeletons that the motions are made for."""
+"""The shipped athletes: models, skeletons, hands, and key poses."""
 
 import json
 import struct
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
-from shuttle_marl.staging import ATHLETES, BONES, load_skeleton, model_file
+from shuttle_marl.staging import ATHLETES, BONES, StagingError, finger_pose, load_skeleton, model_file
 from shuttle_marl.staging.library import library_of
 from shuttle_marl.staging.motions import MOTIONS
 from tests import golden
@@ -43,3 +45,36 @@ def test_key_poses_are_those_that_somebody_looked_at() -> None:
     }
     contacts = {f"{motion}, contact": points for motion, points in zip(MOTIONS, library.contact, strict=True)}
     golden.check("poses", strokes | contacts | {name: getattr(library, name) for name in others}, 1e-5)
+
+
+@pytest.mark.parametrize("name", ATHLETES)
+def test_a_left_hander_is_the_mirror_image(name: str) -> None:
+    skeleton = load_skeleton(name)
+    right, left = (skeleton.rest_pose(right_handed=right_handed) for right_handed in (True, False))
+    for bone, place in zip(BONES, right, strict=True):
+        other = bone.replace("Right", "*").replace("Left", "Right").replace("*", "Left")
+        assert_allclose(left[BONES.index(other)], place * [-1, 1, 1])
+        for right_handed in (True, False):
+            parent = skeleton.parents(right_handed=right_handed)[BONES.index(bone)]
+            hand = "RightHand" if right_handed else "LeftHand"
+            assert parent == (BONES.index(hand) if bone == "Racket" else skeleton.parent[BONES.index(bone)])
+    for of_right, of_left in zip(skeleton.racket(right_handed=True), skeleton.racket(right_handed=False), strict=True):
+        assert_allclose(of_left, of_right * [-1, 1, 1])
+    assert 1.6 < skeleton.height < 1.9
+
+
+def test_athletes_that_there_are_not() -> None:
+    for load in (load_skeleton, model_file):
+        with pytest.raises(StagingError, match="expected one of male, female"):
+            load("robot")
+    assert model_file("female").name == "female.glb"
+
+
+@pytest.mark.parametrize("right_handed", [True, False])
+def test_one_hand_holds_the_grip(right_handed: bool) -> None:
+    pose = finger_pose("male", right_handed=right_handed)
+    for side in ("Right", "Left"):
+        for finger in ("Index", "Middle", "Ring", "Pinky"):
+            bends = Rotation.from_quat([pose[f"{side}Hand{finger}{k}"] for k in (1, 2, 3)]).magnitude()
+            folded = np.degrees(bends).sum()
+            assert folded > 140 if (side == "Right") == right_handed else folded < 80

@@ -1,6 +1,7 @@
 """Staged rallies measured as motion, also of hurried strikers, and rallies that are continued without a jump."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from shuttle_marl.game.rally.record import Rally, RallyError
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
-from shuttle_marl.staging.draw import TrajectoryBuilder
 from shuttle_marl.staging.flight import net_height
 from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND
 from shuttle_marl.staging.rotation import matrix
@@ -115,6 +115,7 @@ def test_a_rally_takes_place_as_it_was_played(motions: list[Motion]) -> None:
         assert (np.diff(motion.contact_frame) > 0).all()
         side = np.array([trajectory.rally.facing(int(seat)) for seat in trajectory.rally.striker])
         assert (trajectory.contact[:, 1] * side < 0).all(), "a stroke is struck on the striker's half"
+        assert trajectory.contact[0, 2] < 1.15, "Law 9: the serve is struck below 1.15 m"
         above = trajectory.rally.catalogue.height[trajectory.rally.stroke].astype(bool)
         assert (trajectory.contact[above, 2] > net_height(trajectory.contact[above, 0])).all()
         assert (trajectory.contact[~above, 2] < net_height(trajectory.contact[~above, 0])).all()
@@ -165,18 +166,6 @@ def test_every_end_of_a_rally_is_staged(played: list[Rally]) -> None:
     pytest.fail(f"forty rallies have only these ends: {seen}")
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"fps": 10}, "expected 25 to 1000"),
-        ({"athletes": ("male", "robot")}, "expected one of male, female"),
-    ],
-)
-def test_wrong_options(played: list[Rally], change: dict[str, object], message: str) -> None:
-    with pytest.raises(StagingError, match=message):
-        stage(played[0], seed=0, **change)  # type: ignore[arg-type]
-
-
 def test_changed_ends_turn_the_whole_rally(played: list[Rally]) -> None:
     rally = next(rally for rally in played if 3 <= len(rally) <= 5)
     here, there = (stage(dataclasses.replace(rally, ends_changed=changed), seed=3) for changed in (False, True))
@@ -184,8 +173,6 @@ def test_changed_ends_turn_the_whole_rally(played: list[Rally]) -> None:
     for name in ("shuttle", "shuttle_velocity", "position", "sweet_spot"):
         assert getattr(there, name) == pytest.approx(getattr(here, name) * half_turn, abs=1e-6)
     assert matrix(there.rotation) == pytest.approx(np.diag(half_turn) @ matrix(here.rotation), abs=1e-5)
-    with pytest.raises(StagingError, match="other strokes"):
-        continue_motion(here, there.trajectory.rally, seed=3)
 
 
 def test_the_score_decides_the_service_court(played: list[Rally]) -> None:
@@ -237,14 +224,6 @@ def test_players_strike_on_the_side_of_their_racket(motions: list[Motion]) -> No
     assert mean["left", "backhand"] > 0.05 > -0.05 > mean["right", "backhand"]
 
 
-def test_a_rally_with_other_hands_is_no_continuation(played: list[Rally]) -> None:
-    motion = stage(prefix(played[0], 1), seed=0)
-    with pytest.raises(StagingError, match="other hands"):
-        continue_motion(motion, dataclasses.replace(played[0], hands=("left", "right")), seed=0)
-    with pytest.raises(RallyError, match="expected right or left"):
-        stage(dataclasses.replace(played[0], hands=("right", "both")), seed=0)
-
-
 HANDS = (("right", "right"), ("left", "right"))
 ATHLETES = (("male", "female"), ("female", "male"))
 
@@ -280,19 +259,6 @@ def test_hurried_strikers_arrive_later_and_reach_further(played: list[Rally]) ->
 
 SAME = ("rotation", "position", "planted", "shuttle", "shuttle_velocity")
 BOTH_HANDS = (("right", "left"), ("left", "right"))
-
-
-def test_a_fault_to_the_middle_of_the_court_is_into_the_net(played: list[Rally]) -> None:
-    players: Any = None  # who do not matter here
-    rally = next(rally for rally in played if rally.ending == FAULT and len(rally) >= 4)
-    ends: dict[int, set[int]] = {}
-    for seed in range(30):
-        builder = TrajectoryBuilder(rally, players, seed, 50)
-        for area in range(len(AREAS)):
-            builder.area[-1] = area
-            ends.setdefault(area, set()).add(builder._end(len(rally) - 1))
-    assert {area for area, found in ends.items() if found == {NET}} == {1, 4}
-    assert all(found == {NET, OUT} for area, found in ends.items() if area not in (1, 4))
 
 
 def prefix(rally: Rally, strokes: int) -> Rally:
@@ -374,20 +340,55 @@ def test_waiting_takes_any_time_and_ends_in_any_frame(played: list[Rally]) -> No
     sound(served)
 
 
-def test_what_cannot_be_continued(played: list[Rally]) -> None:
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fps": 24}, "24 frames a second: expected 25 to 1000"),
+        ({"fps": 1001}, "1001 frames a second"),
+        ({"lead_in": 0.99}, "before the serve: expected 1 to 3600"),
+        ({"lead_in": 3600.5}, "before the serve: expected 1 to 3600"),
+        ({"importance": -0.01}, "importance -0.01: expected 0 to 1"),
+        ({"importance": 1.01}, "importance 1.01"),
+        ({"athletes": ("male", "robot")}, "expected one of male, female"),
+    ],
+)
+def test_options_that_no_staging_has(played: list[Rally], change: dict[str, Any], message: str) -> None:
+    with pytest.raises(StagingError, match=message):
+        stage(played[0], seed=0, **change)
+
+
+@pytest.fixture(scope="module")
+def two_strokes(played: list[Rally]) -> tuple[Rally, Motion]:
+    """A rally, and the motion of its first two strokes."""
     rally = next(rally for rally in played if len(rally) > 3)
-    motion = stage(prefix(rally, 2), seed=0)
-    other = dataclasses.replace(rally, server=1 - rally.server)
-    hurried = dataclasses.replace(rally, hurried=rally.hurried ^ (np.arange(len(rally)) == 1))
-    for arguments, message in (
-        ({"rally": other}, "other strokes before number 2"),
-        ({"rally": hurried}, "other strokes before number 2"),
-        ({"from_stroke": 3}, "from_stroke 3: the motion has 2 strokes"),
-        ({"at": 3}, "continued at a contact"),
-        ({"from_stroke": 0, "at": 10_000}, "the waiting before the serve has frames 1 to"),
-        ({"motion": Motion.unpack(motion.pack())}, "unpacked motion cannot be continued"),
-    ):
-        with pytest.raises(StagingError, match=message):
-            continue_motion(**{"motion": motion, "rally": rally, "seed": 0, **arguments})  # type: ignore[arg-type]
-    with pytest.raises(StagingError, match="expected 1 to 3600"):
-        stage(rally, seed=0, lead_in=0.1)
+    return rally, stage(prefix(rally, 2), seed=0, fps=25)
+
+
+@pytest.mark.parametrize(
+    ("change", "arguments", "message"),
+    [
+        (lambda rally: {"server": 1 - rally.server}, {}, "other strokes before number 2"),
+        (lambda rally: {"hurried": rally.hurried ^ (np.arange(len(rally)) == 1)}, {}, "other strokes before number 2"),
+        (lambda rally: {"stroke": rally.stroke[[0, 2, 2]], "hurried": rally.hurried[:3]}, {}, "other strokes before number 2"),
+        (lambda rally: {"points": (1, 1)}, {}, "other strokes"),
+        (lambda rally: {"ends_changed": True}, {}, "other strokes"),
+        (lambda rally: {"hands": ("left", "right")}, {}, "other hands"),
+        (lambda rally: {}, {"from_stroke": -1}, "from_stroke -1: the motion has 2 strokes"),
+        (lambda rally: {}, {"from_stroke": 3}, "from_stroke 3: the motion has 2 strokes"),
+        (lambda rally: {}, {"at": 3}, "continued at a contact"),
+        (lambda rally: {}, {"from_stroke": 0, "at": 0}, "the waiting before the serve has frames 1 to"),
+        (lambda rally: {}, {"from_stroke": 0, "at": 10_000}, "the waiting before the serve has frames 1 to"),
+    ],
+)
+def test_what_cannot_be_continued(
+    two_strokes: tuple[Rally, Motion], change: Callable[[Rally], dict[str, Any]], arguments: dict[str, int], message: str
+) -> None:
+    rally, motion = two_strokes
+    with pytest.raises(StagingError, match=message):
+        continue_motion(motion, dataclasses.replace(rally, **change(rally)), seed=0, **arguments)
+
+
+def test_an_unpacked_motion_is_not_continued(two_strokes: tuple[Rally, Motion]) -> None:
+    rally, motion = two_strokes
+    with pytest.raises(StagingError, match="unpacked motion cannot be continued"):
+        continue_motion(Motion.unpack(motion.pack()), rally, seed=0)

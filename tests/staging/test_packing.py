@@ -1,8 +1,11 @@
 """Packed motions: what goes in comes out, the golden file is read, and no bytes from outside do harm."""
 
+import dataclasses
 import json
 import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,10 +52,12 @@ def test_the_rest_of_a_motion_is_put_behind_what_is_known(motions: list[Motion],
         whole = Motion.unpack(rest, known)
         np.testing.assert_allclose(whole.position, known.position, atol=1e-6)
         np.testing.assert_allclose(whole.shuttle, known.shuttle, atol=1e-3)
-        with pytest.raises(StagingError, match="give the motion that has"):
-            Motion.unpack(rest)
-    with pytest.raises(StagingError, match="this motion has frames 0 to"):
-        motion.pack(len(motion.time))
+        for before in (None, dataclasses.replace(known, fps=25), dataclasses.replace(known, time=known.time[: first - 1])):
+            with pytest.raises(StagingError, match="give the motion that has"):
+                Motion.unpack(rest, before)
+    for first in (-1, len(motion.time)):
+        with pytest.raises(StagingError, match="this motion has frames 0 to"):
+            motion.pack(first)
 
 
 def test_the_golden_file_is_read() -> None:
@@ -79,44 +84,77 @@ def test_the_golden_file_is_written_again_bit_for_bit() -> None:
     assert zlib.decompress(again[5:]) == zlib.decompress(content[5:])
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.integers(-32768, 32767), min_size=1, max_size=40))
-def test_any_column_of_16_bits_comes_back(values: list[int]) -> None:
-    column = np.repeat(np.array(values, dtype=np.float64)[:, None], 3, axis=1)
-    assert (packing._summed(memoryview(packing._deltas(column)), len(values)) == column).all()
+def packed_with(**changes: Any) -> bytes:
+    """The golden file with another head; the entries of ``stroke`` are those of its first stroke."""
+    content = (GOLDEN / "rally.smot").read_bytes()
+    head, data = packing.read_head(content)
+    head["strokes"][0] |= changes.pop("stroke", {})
+    about = json.dumps(head | changes).encode()
+    return content[:5] + zlib.compress(len(about).to_bytes(4, "little") + about + data)
+
+
+@pytest.mark.parametrize("fps", [25, 1000])
+def test_frame_rates_at_the_ends_of_the_range(fps: int) -> None:
+    assert Motion.unpack(packed_with(fps=fps)).fps == fps
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        *(({"fps": fps}, "frame numbers out of range") for fps in (0, -50, 24, 1001, 50.0)),
+        *(({"frames": frames}, "frame numbers out of range") for frames in (0, -1, "9", 1 << 40)),
+        *(({"first": first}, "frame numbers out of range") for first in (-1, 1 << 24)),
+        *(({"stroke": {"frame": frame}}, "frame numbers out of range") for frame in (-1, 1 << 24)),
+        *(({"stroke": {"end_frame": frame}}, "frame numbers out of range") for frame in (-1, 1 << 24, 100.0)),
+        ({"frames": 9}, "bytes of frames, expected"),
+        ({"first": 3}, "these frames begin at 3: give the motion that has the 3 before them, at 50 a second"),
+        ({"players": [{"athlete": "male", "hand": "right"}, {"athlete": "male", "hand": "both"}]}, "hands"),
+        ({"players": [{"athlete": "../../male", "hand": "right"}] * 2}, "expected one of male, female"),
+        ({"ending": "draw"}, "damaged"),
+        ({"strokes": [{"name": "x"}]}, "damaged"),
+    ],
+)
+def test_heads_that_no_motion_has(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(StagingError, match=message):
+        Motion.unpack(packed_with(**changes))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda c: b"GLTF" + c[4:], "first bytes"),
+        (lambda c: c[:4], "version none: expected 2"),
         (lambda c: c[:4] + b"\x07" + c[5:], "version 07: expected 2"),
         (lambda c: c[:-40], "cut off"),
         (lambda c: c[:300] + bytes([c[300] ^ 8]) + c[301:], "damaged|cut off"),
+        (lambda c: c[:5] + b"nothing", "damaged"),
         (lambda c: c[:5] + zlib.compress(b"\x04\0\0\0nope"), "no JSON"),
+        (lambda c: c[:5] + zlib.compress(b"\x02\0\0\0[]"), "no object"),
         (lambda c: c[:5] + zlib.compress(b"\x02\0\0\0{}"), "damaged"),
         (lambda c: c[:5] + zlib.compress(zlib.decompress(c[5:])[:-3]), "bytes of frames, expected"),
     ],
 )
-def test_bytes_that_are_no_packed_motion(change: object, message: str) -> None:
-    content = (GOLDEN / "rally.smot").read_bytes()
+def test_bytes_that_are_no_packed_motion(change: Callable[[bytes], bytes], message: str) -> None:
     with pytest.raises(StagingError, match=message):
-        Motion.unpack(change(content))  # type: ignore[operator]
+        Motion.unpack(change((GOLDEN / "rally.smot").read_bytes()))
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"fps": 0},
-        {"frames": 1 << 40},
-        {"players": [{"athlete": "../../male", "hand": "right"}] * 2},
-        {"strokes": [{"name": "x"}]},
-    ],
-)
-def test_heads_that_make_no_sense(change: dict[str, object]) -> None:
-    content = (GOLDEN / "rally.smot").read_bytes()
-    head, data = packing.read_head(content)
-    about = json.dumps(head | change).encode()
-    spoilt = content[:5] + zlib.compress(len(about).to_bytes(4, "little") + about + data)
-    with pytest.raises(StagingError):
-        Motion.unpack(spoilt)
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 9), st.integers(0, 9), st.integers(0, 1000))
+def test_any_frames_come_back(count: int, loose: int, seed: int) -> None:
+    """Hips and shuttle to half a step, rotations to a ten-thousandth, anywhere within eight metres."""
+    rng = np.random.default_rng(seed)
+    turns = rng.normal(size=(count, 2, N_BONES, 4))
+    frames = packing.Frames(
+        hips=rng.uniform(-8, 8, (count, 2, 3)),
+        local=turns / np.linalg.norm(turns, axis=-1, keepdims=True),
+        planted=rng.random((count, 2, 2)) < 0.5,
+        loose=rng.uniform(-8, 8, (loose, 3)),
+    )
+    head, data = packing.read_head(packing.write({"name": "ü"}, frames))
+    again = packing.read_frames(data, count, loose)
+    assert head == {"name": "ü"}
+    np.testing.assert_allclose(again.hips, frames.hips, atol=1.3e-4)
+    np.testing.assert_allclose(again.loose, frames.loose, atol=2.6e-4)
+    np.testing.assert_array_equal(again.planted, frames.planted)
+    assert same_rotations(again.local, frames.local, 3e-4)

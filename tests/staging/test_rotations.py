@@ -1,4 +1,4 @@
-"""Vectors and rotations of compiled code and of arrays, beside those of numpy and scipy; trunks, fingers and models."""
+"""Vectors and rotations of compiled code and of arrays, beside those of numpy and scipy."""
 
 import itertools
 
@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.staging import ATHLETES, BONES, StagingError, finger_pose, linear, load_skeleton, model_file, rotation
-from shuttle_marl.staging.skeleton import FLIP, MIRROR, SPINE_LIMITS, chest_of, collar_of, trunk
+from shuttle_marl.staging import linear, rotation
 
 RIGHTWARDS, FORWARD, UP = np.eye(3)
 
@@ -57,14 +56,6 @@ def test_vectors_and_matrices_are_those_of_numpy(found: F64, expected: F64) -> N
     assert_allclose(np.array(found), expected, rtol=1e-12, atol=1e-15)
 
 
-def test_vectors_and_matrices_are_written() -> None:
-    vector, matrix = np.zeros(3), np.zeros((3, 3))
-    linear.put_vec((1.0, 2.0, 3.0), vector)
-    linear.put_mat(M, matrix)
-    assert vector.tolist() == [1, 2, 3]
-    assert (matrix == M).all()
-
-
 @pytest.mark.parametrize("angle", [-2.5, -0.4, 0.0, 1.1, 3.0])
 def test_rotations_are_those_of_scipy(angle: float) -> None:
     assert_allclose(linear.rotation_about(AXIS, angle), Rotation.from_rotvec(angle * AXIS).as_matrix(), atol=1e-14)
@@ -95,84 +86,13 @@ def test_quaternions_of_all_turns_of_a_cube_and_near_half_turns() -> None:
     assert_allclose(Rotation.from_quat(found).as_matrix(), turns, atol=1e-14)
 
 
-def test_the_spine_bends_by_a_third_at_each_of_its_bones() -> None:
-    skeleton = load_skeleton("male")
-    hips, angles = random(4, 3), 0.6 * random(4, 7)
-    turns, places = trunk(skeleton, hips, angles)
-    chest, collar = chest_of(skeleton, hips, np.column_stack([angles, np.ones((4, 20))]))
-    mirrored, left = chest_of(skeleton, hips, angles, free=True)
-    for n, (_, *a) in enumerate(angles):
-        turn, place = by_scipy(*a[:3]), hips[n]
-        for k, bone in enumerate(("Hips", "Spine", "Spine1", "Spine2")):
-            if k:
-                place = place + turn @ (skeleton.at(bone) - skeleton.at(("Hips", "Spine", "Spine1")[k - 1]))
-                turn = turn @ by_scipy(*(np.array(a[3:]) / 3))
-            assert_allclose(turns[k, n], turn, atol=1e-14)
-            assert_allclose(places[k, n], place, atol=1e-14)
-        shoulders = [place + turn @ (skeleton.at(f"{side}Shoulder") - skeleton.at("Spine2")) for side in ("Right", "Left")]
-        assert_allclose(chest[n], turn, atol=1e-14)
-        assert_allclose(collar[n], shoulders[0], atol=1e-14)
-        assert_allclose(collar_of(skeleton, turn, place), shoulders[0], atol=1e-14)
-        # The free arm is the racket arm in a mirror.
-        assert_allclose(mirrored[n] * np.outer(FLIP, FLIP), turn, atol=1e-14)
-        assert_allclose(left[n], shoulders[1] * [-1, 1, 1], atol=1e-14)
-
-
-def test_the_chest_turns_leans_and_bows_as_far_as_a_spine() -> None:
-    assert np.degrees(SPINE_LIMITS).round(9).tolist() == [[-45, 45], [-30, 60], [-35, 35]]
-
-
-@pytest.mark.parametrize("name", ATHLETES)
-def test_a_left_hander_is_the_mirror_image(name: str) -> None:
-    skeleton = load_skeleton(name)
-    right, left = (skeleton.rest_pose(right_handed=right_handed) for right_handed in (True, False))
-    for bone, place in zip(BONES, right, strict=True):
-        other = bone.replace("Right", "*").replace("Left", "Right").replace("*", "Left")
-        assert_allclose(left[BONES.index(other)], place * [-1, 1, 1])
-        assert MIRROR[BONES.index(bone)] == BONES.index(other)
-        for right_handed in (True, False):
-            parent = skeleton.parents(right_handed=right_handed)[BONES.index(bone)]
-            hand = "RightHand" if right_handed else "LeftHand"
-            assert parent == (BONES.index(hand) if bone == "Racket" else skeleton.parent[BONES.index(bone)])
-    for of_right, of_left in zip(skeleton.racket(right_handed=True), skeleton.racket(right_handed=False), strict=True):
-        assert_allclose(of_left, of_right * [-1, 1, 1])
-    thigh, shank = skeleton.leg
-    assert thigh == pytest.approx(np.linalg.norm(skeleton.at("RightLeg") - skeleton.at("RightUpLeg")))
-    assert shank == pytest.approx(np.linalg.norm(skeleton.at("RightFoot") - skeleton.at("RightLeg")))
-    assert skeleton.scale == pytest.approx(skeleton.height / 1.787)
-    assert 1.6 < skeleton.height < 1.9
-
-
-@pytest.mark.parametrize("right_handed", [True, False])
-def test_one_hand_is_closed_around_the_grip_and_the_other_is_open(right_handed: bool) -> None:
-    """Turns of all joints of a finger, one after the other: a fist folds the fingers by more than 150 degrees."""
-    pose = finger_pose("male", right_handed=right_handed)
-    assert len(pose) == 30
-    for side in ("Right", "Left"):
-        closed = (side == "Right") == right_handed
-        bends = {}
-        for finger in ("Index", "Middle", "Ring", "Pinky"):
-            turns = Rotation.from_quat([pose[f"{side}Hand{finger}{k}"] for k in (1, 2, 3)])
-            bends[finger] = np.degrees(turns.magnitude()).sum()
-            # Both hands close towards the thighs when the arms hang at rest: mirror images of one another.
-            assert_allclose(
-                turns.as_quat()[:, :3], np.linalg.norm(turns.as_quat()[:, :3], axis=1)[:, None] * curl(side), atol=1e-9
-            )
-        expected = (146, 178, 186, 182) if closed else (50, 60, 68, 72)
-        assert_allclose(list(bends.values()), expected, atol=1e-9)
-        thumb = Rotation.from_quat([pose[f"{side}HandThumb{k}"] for k in (1, 2, 3)])
-        assert_allclose(np.degrees(thumb.magnitude()), (26, 20, 10) if closed else (6, 8, 6), atol=1e-9)
-
-
-def curl(side: str) -> F64:
-    """Direction about which the fingers of the male athlete bend."""
-    quaternion = finger_pose("male", right_handed=True)["RightHandIndex1"]
-    direction = quaternion[:3] / np.linalg.norm(quaternion[:3])
-    return direction if side == "Right" else direction * [1, -1, -1]
-
-
-def test_athletes_that_there_are_not() -> None:
-    for load in (load_skeleton, model_file):
-        with pytest.raises(StagingError, match="expected one of male, female"):
-            load("robot")
-    assert model_file("female").name == "female.glb"
+@pytest.mark.parametrize("shape", [(), (5,), (2, 3)])
+def test_quaternions_and_matrices_of_any_shape(shape: tuple[int, ...]) -> None:
+    v = np.random.default_rng(0).normal(size=(*shape, 3))
+    turn = rotation.exponential(v)
+    assert_allclose(turn, Rotation.from_rotvec(v).as_matrix(), atol=1e-15)
+    q = rotation.quaternion(turn)
+    assert q.shape == (*shape, 4)
+    assert (q[..., 3] >= 0).all()
+    assert_allclose(rotation.matrix(q), turn, atol=1e-15)
+    assert_allclose(rotation.matrix(2 * q), turn, atol=1e-15)

@@ -13,19 +13,25 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+import msgspec
 import pytest
-from playwright.sync_api import Browser, Page
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.shipped import load_game, origin_of
+from shuttle_marl.watch import messages
+from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.building import SOURCE, BuildError, build, node
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.server import Server, application, bind
 from tests.needs import missing
 from tests.reduced import reduced_model
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+T = TypeVar("T")
 START = 240.0
 """Time that a server has to start [s]."""
 HERE = Path(__file__).parent
@@ -134,10 +140,16 @@ def served(page_folder: Path) -> Iterator[Served]:
         yield server
 
 
+def replied(answers: Answers, request: messages.Request, kind: type[T]) -> T:
+    """The reply to a request, without its body."""
+    content = answers(request)
+    return msgspec.json.decode(content[4 : 4 + int.from_bytes(content[:4], "little")], type=kind)
+
+
 class Viewer:
     """A page that is open, and what went wrong in it."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: "Page") -> None:
         self.page = page
         self.errors: list[str] = []
         self.outside: list[str] = []
@@ -196,7 +208,7 @@ class Viewer:
 
 
 @pytest.fixture
-def viewer(browser: Browser) -> Iterator[Viewer]:
+def viewer(browser: "Browser") -> Iterator[Viewer]:
     context = browser.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
     opened = Viewer(context.new_page())
     opened.page.set_default_timeout(120_000)

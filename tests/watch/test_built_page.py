@@ -1,11 +1,12 @@
 """The built page is verified before it is served, its first rally is the shipped one, and a rally becomes a video."""
 
 import importlib.util
+import os
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import av
 import msgspec
 import numpy as np
 import pytest
@@ -20,25 +21,61 @@ from shuttle_marl.watch.server import browser_flags, check_video, write_video
 
 
 @pytest.fixture
-def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A built page as in a wheel, without its source."""
-    for name in building.FILES:
-        (tmp_path / name).write_text(name)
-    (tmp_path / building._STAMP).write_text("0" * 64)
-    monkeypatch.setattr(building, "BUILT", tmp_path)
-    monkeypatch.setattr(building, "SOURCE", tmp_path / "missing")
-    return tmp_path
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The builder in a checkout of a small page, with a program in the place of Node that says on which build it wrote."""
+    for path, text in (("page/build.mjs", "1"), ("page/src/a.ts", "2"), ("page/node_modules/esbuild/x", "3")):
+        (tmp_path / "watch" / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "watch" / path).write_text(text)
+    (tmp_path / "pages" / "languages").mkdir(parents=True)
+    (tmp_path / "pages" / "languages" / "en.json").write_text("{}")
+    program = tmp_path / "bin" / "node"
+    program.parent.mkdir()
+    program.write_text(
+        "#!/bin/sh\nif [ -f fails ]; then echo no such module >&2; exit 1; fi\necho >> ../builds\n"
+        'for name in index.html watch.js watch.css; do wc -l < ../builds > "$2/$name"; done\n'
+    )
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(program.parent), prepend=os.pathsep)
+    shutil.copy(building.__file__, tmp_path / "watch" / "building.py")
+    spec = importlib.util.spec_from_file_location("building_of_a_checkout", tmp_path / "watch" / "building.py")
+    assert spec is not None
+    assert spec.loader is not None
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
 
 
-@pytest.mark.parametrize("name", [*building.FILES, building._STAMP])
-def test_a_page_without_a_file_or_of_another_source_is_refused(name: str, built: Path) -> None:
-    assert building.build() == built
-    assert building._is_built("0" * 64)
-    assert not building._is_built("1" * 64)
-    (built / name).unlink()
-    assert not building._is_built("0" * 64)
-    with pytest.raises(building.BuildError, match="not complete; install the package again"):
-        building.build()
+def test_a_page_is_built_once_for_each_state_of_its_source(checkout: Any) -> None:
+    page, said = checkout.SOURCE, list[str]()
+
+    def builds() -> int:
+        return int((checkout.build(said.append) / "watch.js").read_text())
+
+    assert (builds(), builds(), said) == (1, 1, ["building the page …"])
+    (page / "src" / "a.ts").write_text("changed")
+    assert builds() == 2
+    (page / "src" / "a.ts").rename(page / "src" / "b.ts")
+    assert builds() == 3
+    (page.parents[1] / "pages" / "languages" / "en.json").write_text("[]")
+    assert builds() == 4
+    (page / "node_modules" / "esbuild" / "x").write_text("changed")
+    assert builds() == 4, "modules of others do not count"
+    (checkout.BUILT / "watch.css").unlink()
+    assert builds() == 5
+    (page / "fails").touch()
+    with pytest.raises(checkout.BuildError, match=r"^the page cannot be built: no such module$"):
+        checkout.build()
+    assert (checkout.BUILT / "watch.js").read_text().strip() == "5"
+    assert not list(page.parent.glob(".built-*")), "nothing is left over"
+
+
+def test_an_installed_page_that_is_not_complete_is_refused(checkout: Any) -> None:
+    checkout.build()
+    shutil.rmtree(checkout.SOURCE)
+    assert checkout.build() == checkout.BUILT
+    (checkout.BUILT / "watch.css").unlink()
+    with pytest.raises(checkout.BuildError, match="not complete; install the package again"):
+        checkout.build()
 
 
 def test_browsers_of_users_have_a_sandbox(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,6 +98,8 @@ FPS = 4
 
 def pictures(path: Path) -> list[Any]:
     """Every picture of a video."""
+    import av
+
     with av.open(str(path)) as video:
         return [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
 
@@ -95,9 +134,5 @@ def test_what_is_missing_is_said_before_any_work(monkeypatch: pytest.MonkeyPatch
     monkeypatch.delenv("CHROMIUM", raising=False)
     with pytest.raises(WatchError, match="needs Chromium or Chrome; install it"):
         check_video(tmp_path / "film.mp4")
-    monkeypatch.setattr("shuttle_marl.watch.building.build", lambda *_: pytest.fail("the page is built, which takes a minute"))
     with pytest.raises(ShuttleError, match=r"none\.mcap"):
         watch(rallies=RallyOptions(replay=tmp_path / "none.mcap"))
-    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(WatchError, match=r"needs av and playwright: .* installs it"):
-        check_video(tmp_path / "film.mp4")

@@ -1,36 +1,31 @@
 """Matches played for the page: the same draws and rules as everywhere, exact values, plans that are checked, and pairs."""
 
-import dataclasses
-import datetime
+import functools
 import json
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis.decisions import USUAL, Rating, rated
 from shuttle_marl.analysis.marks import basis_of
-from shuttle_marl.analysis.rally import LogPlayers, Players, analyse_rally, legal_states
+from shuttle_marl.analysis.rally import LogPlayers, analyse_rally
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.watch import MatchOptions
-from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.court import mirrored as mirror
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.pairs import game_of_people, looks_of, pair_game
+from shuttle_marl.game.pairs import looks_of, pair_game
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.game.skill import AVERAGE, Skill
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
@@ -45,11 +40,12 @@ from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
 from shuttle_marl.watch.plan import LADDER, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, People, RealRallies, Recorded
+from shuttle_marl.watch.recorded import LogRallies
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE, StrokeValues
 from tests import golden
-from tests.reduced import reduced_game, reduced_model
+from tests.reduced import reduced_model
+from tests.watch.conftest import replied
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 BC = {"policy": "bc"}
@@ -100,91 +96,7 @@ def test_rally_waits_for_a_person_and_plays_their_stroke(tables: PolicyTables) -
         match(tables, chosen={"0": {"0": game.n_strokes - 1}}).rally(0)
 
 
-def test_a_stroke_tried_in_a_recorded_rally_keeps_what_was_played_before_it(tables: PolicyTables) -> None:
-    rallies = [match(tables).rally(number) for number in range(30)]
-    policy = tables.table(ELITE)
-    players = Players(tables=(policy, policy), value=None)
-    recorded = SimpleNamespace(rally=rallies.__getitem__, players=lambda _: players, people=lambda _: None)
-    answers = Answers(tables, Plan.parse(PLAN), Stager(), recorded=cast(Recorded, recorded))
-    seen = 0
-    for rally in rallies:
-        k = len(rally) - 1
-        other = int(tables.game.legal_strokes(int(rally.states(tables.game)[k]))[0])
-        branch = answers._played(RallyRequest(id=1, rally=rally.number, tried={k: other}))
-        assert branch.stroke[: k + 1].tolist() == [*rally.stroke[:k].tolist(), other]
-        assert branch.hurried[: k + 1].tolist() == rally.hurried.tolist()
-        seen += int(rally.hurried.sum())
-    assert seen
-
-
-def test_real_rallies_have_the_hurried_strikers_of_the_table(tables: PolicyTables) -> None:
-    strokes = read_matches(SAMPLE)
-    marked = pa.array((np.arange(len(strokes)) % 3 == 0) & (strokes["stroke"].to_numpy() > 1))
-    at = strokes.schema.get_field_index("hurried")
-    shown = RealRallies(SAMPLE, tables.game, strokes.set_column(at, strokes.schema.field(at), marked))
-    rallies = [shown.rally(number).checked() for number in range(50)]
-    assert any(rally.hurried.any() for rally in rallies)
-    whole = {(rally.states(tables.game) >= 0).all() for rally in rallies}
-    assert whole == {True}, "the game has every state"
-    first = shown._rallies[0].rows
-    assert rallies[0].hurried.tolist() == marked.to_numpy(zero_copy_only=False)[first].tolist()
-
-
-def test_nobody_has_won_a_game_whose_points_are_not_known(tables: PolicyTables) -> None:
-    strokes, unknown = read_matches(SAMPLE), pa.nulls(len(read_matches(SAMPLE)), pa.int8())
-    for name in ("points", "points_opponent"):
-        strokes = strokes.set_column(strokes.schema.get_field_index(name), strokes.schema.field(name), unknown)
-    shown = RealRallies(SAMPLE, tables.game, strokes)
-    assert {len(found.score.finished) for found in shown._rallies} == {0, 1, 2}
-    assert {found.score.games for found in shown._rallies} == {(0, 0)}
-
-
-def with_hands(left: str | None) -> pa.Table:
-    """The strokes of the sample, in which one player or nobody is known, as a left-hander."""
-    strokes = read_matches(SAMPLE)
-    hand = pa.array([1 if player == left else None for player in strokes["player"].to_pylist()], pa.int8())
-    return strokes.set_column(strokes.schema.get_field_index("hand"), strokes.schema.field("hand"), hand)
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_real_rallies_have_the_hands_of_the_table_and_land_where_they_did(known: bool, tables: PolicyTables) -> None:
-    strokes = read_matches(SAMPLE)
-    player, discipline = strokes["player"][0].as_py(), strokes["discipline"][0].as_py()
-    shown = RealRallies(SAMPLE, tables.game, with_hands(player if known else None))
-    same = []
-    for number in range(40):
-        rally, found = shown.rally(number), shown._rallies[number]
-        assert rally.hands == tuple("left" if known and name == player else "right" for name in found.players)
-        assert rally.athletes == (("female" if discipline == "WS" else "male"),) * 2
-        area = strokes["area"].to_numpy(zero_copy_only=False)[found.rows]
-        met = (rally.striker == found.players.index(player)) | np.isnan(area)
-        same += (rally.aim[rally.striker, rally.stroke] == area)[~met & ~rally.catalogue.is_serve[rally.stroke]].tolist()
-    assert np.mean(same) > 0.9, "strokes to the left-hander"
-
-
-def test_real_rallies_of_different_hands_are_legal_in_the_game_of_their_people(tables: PolicyTables) -> None:
-    strokes, people = read_matches(SAMPLE), ("kento-momota", "viktor-axelsen")
-    for name in ("player", "opponent"):  # the average player of the sample is a left-hander here
-        renamed = pa.array([people[0] if player == "bc" else player for player in strokes[name].to_pylist()])
-        strokes = strokes.set_column(strokes.schema.get_field_index(name), strokes.schema.field(name), renamed)
-    shown = RealRallies(SAMPLE, tables.game, strokes)
-    pair = game_of_people(tables.game, people)
-    assert pair is not None
-    rallies = [shown.rally(number) for number in range(shown.count) if set(shown._rallies[number].players) == set(people)][:60]
-    assert len(rallies) > 20
-    for rally in rallies:
-        legal_states(rally, pair)  # raises if a stroke is not legal
-
-
-def left_handed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a player of the models be left-handed."""
-    monkeypatch.setattr(Skill, "hand_of", lambda _, player: "left" if player == name else "right" if player != AVERAGE else None)
-
-
-def test_players_look_as_who_they_are_from_the_rally_in_which_they_come(
-    tables: PolicyTables, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    left_handed(B, monkeypatch)
+def test_players_look_as_who_they_are_from_the_rally_in_which_they_come(tables: PolicyTables) -> None:
     comes = {"rally": 1, "seat": 1, "side": {"policy": f"bc:{B}", "temperature": 0.5}}
     agent = {"rally": 2, "seat": 0, "side": {"policy": "minimax"}}
     woman = {"rally": 3, "seat": 0, "side": {"policy": "bc:an-se-young"}}
@@ -201,7 +113,7 @@ def test_persons_of_different_hands_meet_in_the_game_of_different_hands(tables: 
     opposite = tables.between(plan.sides_in(0)).game
     assert opposite.hash == load_game("default:opposite").hash != tables.game.hash
     answers, log = Answers(tables, plan, STAGER), MatchLog(tmp_path, tables)
-    rallies = [answers._played(messages.RallyRequest(id=0, plan=plan, rally=number)) for number in range(3)]
+    rallies = [Match(plan, tables).rally(number) for number in range(3)]
     assert [rally.hands for rally in rallies] == [("left", "right"), ("left", "right"), ("right", "right")]
     assert [rally.athletes for rally in rallies] == [("male", "female")] * 2 + [("female", "female")]
     for number, game in ((0, opposite), (2, tables.game)):
@@ -209,7 +121,7 @@ def test_persons_of_different_hands_meet_in_the_game_of_different_hands(tables: 
         sides = plan.sides_in(number)
         players = tuple(tabulate(resolve(side.policy, game), game) for side in sides)
         odds = evaluate(players[0], players[1]).odds()
-        found = answers._analysis(messages.AnalysisRequest(id=0, plan=plan, rally=number))
+        found = replied(answers, messages.AnalysisRequest(id=0, plan=plan, rally=number), messages.Analysis)
         assert found.strokes[0].win == pytest.approx(odds.serving if rally.server == 0 else odds.receiving, abs=1e-6)
         facts = answers.rally(messages.RallyRequest(id=0, plan=plan, rally=number))[0].rally
         assert [stroke.state for stroke in facts.strokes] == rally.states(game)[: len(rally)].tolist()
@@ -242,42 +154,42 @@ def test_likeness_counts_the_strokes_of_all_games_of_a_match(tables: PolicyTable
         chosen = {**{str(k): {str(i): s for i, s in v.items()} for k, v in plan.chosen.items()}, str(number): mine}
         plan = Plan.parse({"seed": 3, "sides": sides, "changes": changes, "chosen": chosen})
     person = Person(seat=1, rally=0, stroke=0)
-    found = Answers(tables, plan, STAGER)._likeness(messages.LikenessRequest(id=0, plan=plan, rally=1, person=person))
+    request = messages.LikenessRequest(id=0, plan=plan, rally=1, person=person)
+    found = replied(Answers(tables, plan, STAGER), request, messages.Likeness)
     assert found.strokes == asked
     assert sum(found.probability) == pytest.approx(1, abs=1e-3)
 
 
-def test_the_appearance_that_is_asked_for_overrides_that_of_the_players(monkeypatch: pytest.MonkeyPatch) -> None:
-    left_handed(B, monkeypatch)
-    policies = PolicyTables(PAIR)
+def test_the_appearance_that_is_asked_for_overrides_that_of_the_players() -> None:
+    policies = PolicyTables(pair())
     players, keys = [], set()
     for stager in (Stager(), Stager(("female", "female")), Stager(hands=("left", "right"))):
         reply, packed = Answers(policies, PAIR_PLAN, stager).rally(FIRST)
         players.append([(player.athlete, player.hand) for player in reply.rally.players])
         motion = Motion.unpack(packed)
         assert [(motion.skeletons[seat].name, motion.hands[seat]) for seat in (0, 1)] == players[-1]
-        keys.add(first_key(PAIR, PAIR_PLAN, stager))
+        keys.add(first_key(pair(), PAIR_PLAN, stager))
     assert players[0] == [("male", "right"), ("male", "left")]
     assert players[1] == [("female", "right"), ("female", "left")]
     assert players[2] == [("male", "left"), ("male", "right")]
     assert len(keys) == 3, "the shipped rally is that of other players"
 
 
-def test_areas_are_named_by_the_forehand_of_the_receiver_and_lie_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    left_handed(B, monkeypatch)
-    policies = PolicyTables(PAIR)
+def test_areas_are_named_by_the_forehand_of_the_receiver_and_lie_where_it_is() -> None:
+    policies = PolicyTables(pair())
     here, there = (Answers(policies, PAIR_PLAN, Stager(hands=(one, "right"))) for one in ("right", "left"))
     strokes, mirrored = (answers.rally(FIRST)[0].rally.strokes for answers in (here, there))
     checked = 0
     for stroke, other in zip(strokes, mirrored, strict=True):
-        if not PAIR.catalogue.is_serve[stroke.stroke]:
-            assert stroke.area == other.area == AREAS[PAIR.catalogue.area[stroke.stroke]]
+        if not pair().catalogue.is_serve[stroke.stroke]:
+            assert stroke.area == other.area == AREAS[pair().catalogue.area[stroke.stroke]]
             x0, x1, y0, y1 = stroke.box
             assert other.box == (stroke.box if stroke.seat == 0 else (-x1, -x0, y0, y1))
             checked += stroke.seat and "centre" not in stroke.area
     assert checked
     landings, others = (
-        answers._analysis(messages.AnalysisRequest(id=0, plan=PAIR_PLAN, rally=0)).landings for answers in (here, there)
+        replied(answers, messages.AnalysisRequest(id=0, plan=PAIR_PLAN, rally=0), messages.Analysis).landings
+        for answers in (here, there)
     )
     for (first, second), (same, turned) in zip(landings[1:], others[1:], strict=True):
         assert first == same
@@ -418,7 +330,13 @@ def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
 
 
 A, B = "viktor-axelsen", "kento-momota"
-PAIR = pair_game(A, B, game=reduced_model())
+
+
+@functools.cache
+def pair() -> Game:
+    return pair_game(A, B, game=reduced_model())
+
+
 PAIR_PLAN = Plan.parse({"seed": 3, "sides": [{"policy": f"bc:{A}"}, {"policy": "minimax"}]})
 
 
@@ -428,7 +346,7 @@ STAGER = Stager()
 
 @pytest.fixture(scope="module")
 def policies() -> PolicyTables:
-    return PolicyTables(PAIR)
+    return PolicyTables(pair())
 
 
 @pytest.fixture(scope="module")
@@ -438,19 +356,19 @@ def answers(policies: PolicyTables) -> Answers:
 
 def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
     hello = answers.hello()
-    assert hello.game == PAIR.hash[:12]
+    assert hello.game == pair().hash[:12]
     reply, _ = answers.rally(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
     assert (reply.rally.names, reply.rally.skill) == ((A, f"{B} (minimax)"), "")
     for stroke in reply.rally.strokes:
-        game = PAIR.seats[stroke.seat]
+        game = pair().seats[stroke.seat]
         good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
         assert (stroke.p_succ, stroke.p_ret) == pytest.approx((float(good), float(returned)), abs=1e-6)
 
 
-def test_replies_are_those_that_somebody_looked_at(answers: Answers) -> None:
+def test_replies_are_those_that_somebody_looked_at(answers: Answers, policies: PolicyTables) -> None:
     plan = msgspec.structs.replace(PAIR_PLAN, points=3)
     about: dict[str, Any] = {"id": 0, "plan": plan}
-    first, second = (answers._played(messages.RallyRequest(rally=rally, **about)) for rally in (0, 1))
+    first, second = (Match(plan, policies).rally(rally) for rally in (0, 1))
     chosen = msgspec.structs.replace(plan, chosen={0: {0: int(first.stroke[0])}})
     server = Person(seat=int(first.striker[0]), rally=0, stroke=1)
     requests: dict[str, messages.Request] = {
@@ -466,10 +384,9 @@ def test_replies_are_those_that_somebody_looked_at(answers: Answers) -> None:
     golden.check("replies", {name: headed(answers(request)) for name, request in requests.items()}, 1e-3)
 
 
-def test_the_overview_of_a_match_is_one_that_somebody_looked_at(values: StrokeValues, tables: PolicyTables) -> None:
+def test_the_overview_of_a_match_is_one_that_somebody_looked_at(tables: PolicyTables) -> None:
     plan = Plan.parse({**PLAN, "points": 3, "seed": 23})
     answers = Answers(tables, plan, STAGER)
-    answers._values = values
     whole, part = (messages.MatchRequest(id=0, plan=plan, rally=3, partial=partial) for partial in (False, True))
     analysis = messages.AnalysisRequest(id=0, plan=plan, rally=3)
     golden.check("replies", {"whole match": headed(answers(whole)), "four rallies": headed(answers(part))}, 1e-3)
@@ -482,21 +399,21 @@ def headed(reply: bytes) -> Any:
     return {name: value for name, value in found.items() if name != "version"}
 
 
-def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answers) -> None:
+def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables) -> None:
     log = MatchLog(tmp_path, policies)
-    rally = answers._played(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
+    rally = Match(PAIR_PLAN, policies).rally(0)
     log.add(PAIR_PLAN, rally)
     log.close()
     path = next(tmp_path.glob("*.mcap"))
     game = RallyGameOptions(game=reduced_model()).load_for(path)
     assert game.people is not None
-    assert game.hash == PAIR.hash
+    assert game.hash == pair().hash
     assert check(path, game).problems == ()
     with RallyLog(path) as opened:
         known = LogPlayers(opened, game)
         players = known.of_rally(0)
         assert known.unknown == {}
-        assert [table.game.hash for table in players.tables if table] == [seat.hash for seat in PAIR.seats]
+        assert [table.game.hash for table in players.tables if table] == [seat.hash for seat in pair().seats]
         found = analyse_rally(opened.rally(0).row(0, opened.catalogue), game, players)
         derived = opened.stroke_table(Derived(opened, game)).to_pydict()
         assert report_rally(opened, 0, game, known).names == (A, f"{B} (minimax)")
@@ -504,28 +421,7 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
     assert np.abs(np.array(derived["p_succ"]) - p_succ).max() < 1e-6
     # The receiver strikes with other tables than the server.
     second = found.decisions[1]
-    assert second.p_succ.tolist() != PAIR.seats[1 - second.seat].stroke_probabilities(second.pair)[0].tolist()
-
-
-@pytest.mark.parametrize(
-    ("people", "known"), [((A, B), True), ((B, A), True), ((A, "somebody"), False), ((A, "an-se-young"), False)]
-)
-def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str], known: bool) -> None:
-    """Where the model has the skill of both, in one discipline; else those of imitated elite players."""
-    played_in = PAIR if known else reduced_game()  # people whose hands the model does not know meet as players of equal hands
-    rally = dataclasses.replace(Answers(PolicyTables(played_in), PAIR_PLAN, STAGER)._played(FIRST), names=people)
-    played = People(people, datetime.date(2020, 5, 1))
-    recorded = SimpleNamespace(rally=lambda _: rally, people=lambda _: played, players=lambda _: None, count=1, title="real")
-    answers = Answers(PolicyTables(reduced_game()), PAIR_PLAN, STAGER, recorded=cast(Recorded, recorded))
-    found = answers._analysis(messages.AnalysisRequest(id=0, rally=0))
-    facts, _ = answers.rally(messages.RallyRequest(id=0, rally=0))
-    game = pair_game(*people, date="2020-05-01", game=reduced_model()) if known else reduced_game()
-    assert facts.rally.skill == ("2020-05-01" if known else None)
-    assert facts.rally.names == people
-    names = [f"bc:{name}" if known else "bc" for name in people]
-    first, second = (tabulate(resolve(name, tables), tables) for name, tables in zip(names, game.seats, strict=True))
-    odds = evaluate(first, second).odds()
-    assert found.strokes[0].win == pytest.approx(odds.serving if rally.server == 0 else odds.receiving, abs=1e-6)
+    assert second.p_succ.tolist() != pair().seats[1 - second.seat].stroke_probabilities(second.pair)[0].tolist()
 
 
 def test_opponents_of_the_ladder_are_ever_stronger(tables: PolicyTables) -> None:
@@ -538,35 +434,70 @@ def test_opponents_of_the_ladder_are_ever_stronger(tables: PolicyTables) -> None
 
 def test_decisions_are_rated_by_their_quality(tables: PolicyTables) -> None:
     answers, plan = Answers(tables, Plan.parse(PLAN), STAGER), Plan.parse(PLAN)
-    values = answers._analysis(messages.AnalysisRequest(id=0, plan=plan, rally=0)).strokes
+    values = replied(answers, messages.AnalysisRequest(id=0, plan=plan, rally=0), messages.Analysis).strokes
     assert all((value.quality is None) == (value.change is None) for value in values)
     scores = tuple(value.quality for value in values if value.quality is not None)
     assert scores
     assert all(0 < score <= 1 for score in scores)
-    found = answers._rating(messages.RatingRequest(id=0, points=1500, deviation=350, volatility=0.06, scores=scores))
+    request = messages.RatingRequest(id=0, points=1500, deviation=350, volatility=0.06, scores=scores)
+    found = replied(answers, request, messages.RatingReply)
     expected = rated(Rating(), scores)
     assert (found.points, found.deviation, found.interval) == (expected.points, expected.deviation, expected.interval)
 
 
-def test_practice_is_not_recorded(tables: PolicyTables, tmp_path: Path) -> None:
-    plan = Plan.parse(PLAN)
-    rally = Match(plan, tables).rally(0)
-    mine = {str(i): int(stroke) for i, stroke in enumerate(rally.stroke) if rally.striker[i] == 0}
-    played = Plan.parse({**PLAN, "chosen": {"0": mine}})
-    for practice in (True, False):
-        log = MatchLog(tmp_path, tables)
-        person = Person(seat=0, rally=0, stroke=0, practice=practice)
-        reply, _ = Answers(tables, plan, Stager(), log=log).rally(RallyRequest(id=0, plan=played, rally=0, person=person))
-        log.close()
-        assert reply.rally.winner == rally.winner
-        assert len(list(tmp_path.glob("*.mcap"))) == (not practice)
+@pytest.mark.parametrize(
+    ("person", "logged"),
+    [
+        (None, False),
+        (Person(seat=0, rally=0, stroke=0), True),
+        (Person(seat=0, rally=0, stroke=0, practice=True), False),
+        (Person(seat=0, rally=0, stroke=0, friend=True), True),
+        (Person(seat=1, rally=0, stroke=0, friend=True), False),
+    ],
+)
+def test_rallies_of_a_person_are_recorded_once(
+    person: Person | None, logged: bool, policies: PolicyTables, tmp_path: Path
+) -> None:
+    """Practice is not; a game of two persons is, by who opened it."""
+    rally = Match(PAIR_PLAN, policies).rally(0)
+    plan = msgspec.structs.replace(PAIR_PLAN, chosen={0: dict(enumerate(rally.stroke.tolist()))})
+    log = MatchLog(tmp_path, policies)
+    answers = Answers(policies, plan, STAGER, log=log)
+    for _ in range(2):
+        assert answers.rally(RallyRequest(id=0, plan=plan, rally=0, person=person))[0].rally.winner == rally.winner
+    log.close()
+    assert [RallyLog(path).n_rallies for path in tmp_path.glob("*.mcap")] == [1] * logged
+
+
+def test_matches_are_recorded_in_turn(policies: PolicyTables, tmp_path: Path) -> None:
+    """More matches than logs are open: one that comes back has a second log, and no rally is recorded twice."""
+    log = MatchLog(tmp_path, policies)
+    plans = [msgspec.structs.replace(PAIR_PLAN, seed=seed) for seed in range(9)]
+    for plan, number in [*((plan, 0) for plan in plans), (plans[0], 0), (plans[0], 1), (plans[8], 1)]:
+        log.add(plan, Match(plan, policies).rally(number))
+    log.close()
+    logs = [RallyLog(path) for path in tmp_path.glob("*.mcap")]
+    assert sorted(found.n_rallies for found in logs) == [1] * 9 + [2]
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        (messages.TagRequest(id=0, at=0, input=None, first=0, rows=()), "tags no video"),
+        (messages.OptionsRequest(id=0, plan=PAIR_PLAN, rally=0), "the rally is over"),
+        (messages.LikenessRequest(id=0, plan=PAIR_PLAN, rally=0), "take over a side first"),
+        (messages.StylesRequest(id=0, rally=0), "for policies only"),
+        (messages.RallyRequest(id=0, rally=0), "shows no recorded rallies"),
+    ],
+)
+def test_what_a_request_lacks_is_said(request_: messages.Request, says: str, answers: Answers) -> None:
+    with pytest.raises(WatchError, match=says):
+        answers(request_)
 
 
 @pytest.mark.parametrize("model", ["default", "default:women", "default:recovery"])
-def test_the_default_match_is_one_of_real_players(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_default_match_is_one_of_real_players(model: str) -> None:
     first, second = (side.policy for side in MatchOptions().plan(load_game(model)).sides)
     expected = ("bc:an-se-young", "bc:chen-yufei") if model.endswith("women") else ("bc:viktor-axelsen", "bc:kento-momota")
     assert (first, second) == expected
     assert MatchOptions(b="minimax").policies(load_game(model)) == (expected[0], "minimax")
-    monkeypatch.setattr("shuttle_marl.commands.watch.imitated", lambda _: ["somebody"])
-    assert MatchOptions().policies(load_game(model)) == ("ppo", "bc"), "neither is known"

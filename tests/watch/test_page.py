@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import pytest
 
@@ -459,6 +458,8 @@ def test_a_real_match_is_shown(viewer: Any, page_folder: Any) -> None:
 
 
 def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, tmp_path: Any) -> None:
+    import av
+
     viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=3&stroke=2")
     strokes = viewer.state("strokes")
     viewer.page.get_by_text("Share", exact=True).click()

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.rally import Players, legal_states
+from shuttle_marl.analysis.rally import legal_states
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
@@ -23,9 +22,10 @@ from shuttle_marl.watch.match import CourtRally, Match
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, RealRallies, Recorded
+from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE, StrokeValues
+from tests.watch.conftest import replied
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 SIDES = (Side(policy="bc"), Side(policy="minimax"))
@@ -157,7 +157,8 @@ def test_perfect_play_waits_where_the_solution_does(policies: PolicyTables) -> N
     opened = 0
     for number in range(4):
         rally = Match(plan_of(), policies).rally(number)
-        values = answers._analysis(messages.AnalysisRequest(id=0, plan=plan_of(), rally=number)).strokes
+        request = messages.AnalysisRequest(id=0, plan=plan_of(), rally=number)
+        values = replied(answers, request, messages.Analysis).strokes
         for state, seat, value in zip(rally.states(policies.game).tolist(), rally.striker.tolist(), values, strict=True):
             exact = policies.solution.policy[1 - seat].position_probabilities()[state]
             assert (value.places is None) == (not stepper.chooses_position(state))
@@ -179,23 +180,24 @@ def test_real_receivers_wait_where_they_were_annotated() -> None:
     assert all(rally.waited is None for rally in map(RealRallies(SAMPLE, load_game()).rally, range(5)))
 
 
-def test_a_position_tried_in_a_recorded_rally_keeps_the_stroke_that_its_receiver_met(policies: PolicyTables) -> None:
+def test_a_position_is_tried_in_a_recorded_rally(policies: PolicyTables, tmp_path: Path) -> None:
+    """The receiver meets the same stroke from there, and the rally goes on."""
     plan = msgspec.structs.replace(plan_of(), sides=(ELITE, ELITE))
-    rallies = [Match(plan, policies).rally(number) for number in range(6)]
-    policy, stepper = policies.table(ELITE), stepper_of(policies.game)
-    players = Players(tables=(policy, policy), value=None)
-    recorded = SimpleNamespace(rally=rallies.__getitem__, players=lambda _: players, people=lambda _: None)
-    answers = Answers(policies, plan, STAGER, recorded=cast(Recorded, recorded))
-    changed = 0
-    for rally in rallies:
-        assert rally.waited is not None
-        for k, state in enumerate(rally.states(policies.game).tolist()):
-            other = next((at for at in range(N_POSITIONS) if stepper.is_feasible(state, at) and at != rally.waited[k]), None)
-            if stepper.chooses_position(state) and other is not None:
-                branch = answers._played(messages.RallyRequest(id=1, rally=rally.number, tried={k: -1 - other}))
-                assert branch.waited is not None
-                assert branch.stroke[: k + 1].tolist() == rally.stroke[: k + 1].tolist()
-                assert branch.waited[: k + 1].tolist() == [*rally.waited[:k].tolist(), other]
-                assert branch.chosen == (), "no stroke was tried"
-                changed += branch.stroke.tolist() != rally.stroke.tolist()
-    assert changed
+    log = MatchLog(tmp_path, policies)
+    for number in range(6):
+        log.add(plan, Match(plan, policies).rally(number))
+    log.close()
+    recorded = LogRallies(next(tmp_path.glob("*.mcap")), policies.game)
+    answers, stepper = Answers(policies, plan, STAGER, recorded=recorded), stepper_of(policies.game)
+    changed = []
+    for rally in map(recorded.rally, range(recorded.count)):
+        states = enumerate(rally.states(policies.game).tolist())
+        for k, state in [(k, state) for k, state in states if stepper.chooses_position(state)][:2]:
+            other = next(at for at in range(N_POSITIONS) if stepper.is_feasible(state, at) and at != rally.waited[k])
+            request = messages.RallyRequest(id=1, rally=rally.number, tried={k: -1 - other})
+            strokes = answers.rally(request)[0].rally.strokes
+            assert [one.stroke for one in strokes[: k + 1]] == rally.stroke[: k + 1].tolist()
+            assert [one.waited for one in strokes[1 : k + 1]] == [*rally.waited[1:k].tolist(), other]
+            assert not any(one.person for one in strokes), "no stroke was tried"
+            changed.append([one.stroke for one in strokes] != rally.stroke.tolist())
+    assert any(changed)

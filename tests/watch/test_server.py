@@ -17,10 +17,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from docs.tools.wire_types import TARGET, wire_types
+from shuttle_marl.pages.languages import current
 from shuttle_marl.staging.motion import from_parents
-from shuttle_marl.watch import WatchError, server
+from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.messages import OptionsReply, RallyRequest, decode_request, encode_reply, request_id
-from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
+from shuttle_marl.watch.server import MAX_MESSAGE, bind, hosts_of, in_language, refusal
 from tests.watch.conftest import Served, get, run_script, running, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
@@ -81,6 +82,21 @@ def test_a_server_on_all_interfaces_or_behind_a_proxy() -> None:
         assert refusal([host], ["https://court.example"], allowed, proxies) is None
     assert refusal(["court.example"], ["https://evil.example"], allowed, proxies) is not None
     assert refusal(["evil.example"], ["https://court.example"], allowed, proxies) is not None
+
+
+def test_an_index_speaks_the_language_of_the_server() -> None:
+    index = b'<!doctype html><html lang="en"><p><html lang="en">'
+    assert in_language(index, "id") == b'<!doctype html><html lang="id"><p><html lang="en">'
+
+
+def test_a_port_in_use_is_replaced_and_a_host_that_is_not_here_refused() -> None:
+    with contextlib.closing(bind("127.0.0.1", 0)) as first:
+        port = first.getsockname()[1]
+        with contextlib.closing(bind("127.0.0.1", port)) as second:
+            assert second.getsockname()[1] not in (0, port)
+    for host in ("192.0.2.1", "no host"):
+        with pytest.raises(WatchError, match=f"--host {host}: .*; give an address of this machine"):
+            bind(host, 0)
 
 
 def test_a_connection_that_asks_too_fast_has_to_wait(served: Served) -> None:
@@ -190,16 +206,14 @@ def test_server_stops_immediately_and_frees_its_port(page_folder: Any) -> None:
                 assert port_of(third) != port
 
 
-def test_half_sent_requests_time_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "_REQUEST", 0.2)
+@pytest.mark.slow
+def test_half_sent_requests_time_out(tmp_path: Path) -> None:
     with running(tmp_path) as address, socket.create_connection(address, timeout=60) as client:
         client.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
         assert client.recv(1) == b""
 
 
-def test_invalid_utf_8_ends_the_connection_without_a_traceback(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_invalid_utf_8_ends_the_connection_without_a_traceback(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with running(tmp_path) as address, connect(f"ws://127.0.0.1:{address[1]}/ws", proxy=None) as client:
         client.send(b"\xff\xfe", text=True)
         with pytest.raises(ConnectionClosed):
@@ -211,17 +225,19 @@ def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
     def report(number: int) -> bytes:
         if number > 9:
             raise WatchError("no rally 100: there are 10")
-        return b"<p>the match of rally %d</p>" % number
+        return f"<p>the match of rally {number}, {current()}</p>".encode()
 
     with running(tmp_path, downloads={("report", "text/html"): report}) as address:
         found = {}
-        for query in ("rally=3", "rally=100", "rally=x", "rally=\N{SUPERSCRIPT TWO}", "rally=1000000000000", ""):
-            status, content, told = get(address[1], f"/report?{urllib.parse.quote(query, safe='=')}")
+        wrong = ("rally=3&language=fr", "rally=x", "rally=\N{SUPERSCRIPT TWO}", "rally=1000000000000", "")
+        for query in ("rally=3", "rally=3&language=id", "rally=100", *wrong):
+            status, content, told = get(address[1], f"/report?{urllib.parse.quote(query, safe='=&')}")
             found[query] = status, content
             if status == 200:
                 assert told["content-security-policy"] == "frame-ancestors 'none'"
                 assert told["x-content-type-options"] == "nosniff"
-    assert found.pop("rally=3") == (200, b"<p>the match of rally 2</p>")
+    assert found.pop("rally=3") == (200, b"<p>the match of rally 2, en</p>")
+    assert found.pop("rally=3&language=id") == (200, b"<p>the match of rally 2, id</p>")
     assert found.pop("rally=100") == (404, b"no rally 100: there are 10\n")
     assert all(status == 400 for status, _ in found.values())
 

@@ -7,14 +7,17 @@ import os
 import re
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import av
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.runs import RunError
@@ -258,23 +261,12 @@ def test_what_is_saved_is_read_by_import_and_tagging_continues(tmp_path: Path) -
     assert strokes["hand"].to_pylist() == [None, HANDS.index("left"), None]
     assert [REASONS[code] for code in strokes["reason"].to_pylist()] == ["returned", "returned", "landed"]
     assert strokes["frame"].to_pylist() == [30, 54, 90]
-    # A half line of a process that was killed is dropped; all before it stays.
-    journal = out.with_suffix(".inputs.jsonl")
-    with journal.open("ab") as half:
-        half.write(b'{"input": "{')
     file.close()
     again = TagFile(video, out)
     assert [json.loads(text) for text in again.facts().inputs] == RALLY
     assert again.facts().rows == 3
-    before = again.facts().after
     save(again, None, first=2)
-    save(again, None, first=2, after=before)  # repeated
-    assert len(again.facts().inputs) == len(RALLY) - 1
     assert out.read_text().count("\n") == 3
-    again.close()
-    third = TagFile(video, out)
-    save(third, None, first=2, after=before)  # repeated to a new server
-    assert len(third.facts().inputs) == len(RALLY) - 1
 
 
 def tag_file(folder: Path, name: str = "match") -> TagFile:
@@ -282,20 +274,72 @@ def tag_file(folder: Path, name: str = "match") -> TagFile:
     return TagFile(folder / "match.webm", folder / f"{name}.csv")
 
 
-def test_pages_compare_what_is_entered_and_not_how_much(tmp_path: Path) -> None:
-    file = tag_file(tmp_path)
-    save(file, "[0]")
-    shown = save(file, "[1]").after  # by two pages
-    save(file, None)
-    save(file, "[2]")
-    for entered in ("[3]", None):
-        with pytest.raises(WatchError, match="another page has changed the strokes; load this page again"):
-            save(file, entered, after=shown)
-    first = file.facts().after
-    save(file, "[4]")
-    with pytest.raises(WatchError, match="another page"):
-        save(file, None, after=first)  # not repeated: the last change was an input
-    assert file.facts().inputs == ["[0]", "[2]", "[4]"]
+class Tagging(RuleBasedStateMachine):
+    """A journal beside the list of the inputs that it has to hold."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.folder = Path(tempfile.mkdtemp())
+        self.file = tag_file(self.folder)
+        self.inputs: list[str] = []
+        self.number = 0
+        self.stale: list[tuple[str, list[str]]] = []
+        """What pages showed: the hash that the server told, and the inputs."""
+        self.last: tuple[str | None, str] | None = None
+        """The last change, and the hash before it."""
+
+    def teardown(self) -> None:
+        self.file.close()
+        shutil.rmtree(self.folder)
+
+    def change(self, entered: str | None) -> None:
+        before = self.file.facts().after
+        self.stale.append((before, [*self.inputs]))
+        saved = save(self.file, entered)
+        self.inputs = [*self.inputs, entered] if entered is not None else self.inputs[:-1]
+        assert saved.inputs == len(self.inputs)
+        self.last = entered, before
+
+    @rule()
+    def enter(self) -> None:
+        self.number += 1
+        self.change(f"[{self.number}]")
+
+    @rule()
+    def undo(self) -> None:
+        self.change(None)
+
+    @precondition(lambda self: self.last)
+    @rule()
+    def repeat(self) -> None:
+        """A page that got no answer asks again; it is answered, and nothing changes."""
+        entered, before = self.last
+        assert save(self.file, entered, after=before).inputs == len(self.inputs) or before == self.file.facts().after
+
+    @precondition(lambda self: self.stale)
+    @rule(data=st.data(), entered=st.sampled_from(["[0]", None]))
+    def another_page(self, data: st.DataObject, entered: str | None) -> None:
+        """A page that shows other inputs is refused, even if it shows as many."""
+        after, shown = data.draw(st.sampled_from(self.stale))
+        if shown != self.inputs and (entered, after) != self.last:
+            with pytest.raises(WatchError, match="another page has changed the strokes; load this page again"):
+                save(self.file, entered, after=after)
+
+    @rule(tail=st.sampled_from([b"", b"{", b'{"input": "[9]"', b"\xff"]))
+    def restart(self, tail: bytes) -> None:
+        """After a process that was killed while it wrote a line."""
+        self.file.close()
+        with (self.folder / "match.inputs.jsonl").open("ab") as journal:
+            journal.write(tail)
+        self.file = tag_file(self.folder)
+
+    @invariant()
+    def holds_the_inputs(self) -> None:
+        assert self.file.facts().inputs == self.inputs
+
+
+TestTagging = Tagging.TestCase
+TestTagging.settings = settings(max_examples=20, stateful_step_count=25, deadline=None)
 
 
 def test_a_connection_remembers_what_its_page_shows(tmp_path: Path) -> None:
@@ -447,6 +491,8 @@ def test_the_video_alone_is_served_in_ranges(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) -> None:
+    import av
+
     video, out = tmp_path / "match.webm", tmp_path / "match.csv"
     with av.open(str(video), "w") as container:
         stream: Any = container.add_stream("libvpx-vp9", rate=10)

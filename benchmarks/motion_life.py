@@ -114,7 +114,7 @@ def measure_life(motion: Motion) -> Life:
 
 
 def summary_of_life(found: Sequence[Life]) -> dict[str, Any]:
-    """Figures over several motions; see the keys of :func:`tests.staging.motion_metrics.summary`."""
+    """Figures over several motions; see the keys of :func:`benchmarks.staging.summary`."""
 
     def every(name: str) -> npt.NDArray[Any]:
         return np.concatenate([np.atleast_1d(getattr(life, name)) for life in found])

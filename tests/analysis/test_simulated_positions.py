@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
-from shuttle_marl.analysis import pictures, strokes, waits
+from shuttle_marl.analysis import pictures
 from shuttle_marl.analysis.strokes import (
     BREAK,
     FAULT_MIX,
@@ -21,9 +20,7 @@ from shuttle_marl.analysis.strokes import (
 )
 from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game import court, default_game
-from shuttle_marl.game.recovery import N_POSITIONS, position_of
+from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
@@ -94,7 +91,7 @@ def test_faults_are_mixed_by_shot_type() -> None:
     n = 30_000
     shot, area = np.repeat(np.arange(N_SHOTS), n // N_SHOTS), np.tile([0, 1, 6], n)[: n // N_SHOTS * N_SHOTS]
     some = rallies(len(shot), 1, shot=shot, area=area, outcome=np.full(len(shot), Outcome.FAULT))
-    reason = strokes._reasons(some, np.random.default_rng(0))
+    reason = drawn(some)[4]
     for kind in range(N_SHOTS):
         free, mix = area != 1, FAULT_MIX[kind]
         shares = [(reason[(shot == kind) & free] == each).mean() for each in (OUT, NET, SHORT)]
@@ -103,20 +100,6 @@ def test_faults_are_mixed_by_shot_type() -> None:
         rest = mix[1:] / mix[1:].sum() if mix[1:].sum() else [1, 0]
         assert middle == pytest.approx([0, *rest], abs=0.06)
     assert FAULT_MIX.sum(axis=1) == pytest.approx(1)
-
-
-def test_short_faults_fall_on_the_way_to_their_target() -> None:
-    landing, start = np.array([[2.0, 4.0], [0.0, 2.0], [1.0, 5.0]] * 500), np.array([[0.0, -4.0], [1.0, -2.0], [1.0, -5.0]] * 500)
-    reason = np.tile([NET, SHORT, OUT], 500)
-    found = landing.copy()
-    strokes._fall_short(found, start, reason, np.random.default_rng(0))
-    assert (found[2::3] == landing[2::3]).all()
-    assert found[::3, 0] == pytest.approx(1.0), "where the line crosses the net"
-    assert found[1::3, 0] == pytest.approx(0.5)
-    for kind, mean in ((found[::3, 1], 0.25), (found[1::3, 1], 0.6)):
-        assert kind.max() <= -0.02
-        assert kind.min() >= -3
-        assert np.median(-kind - 0.02) == pytest.approx(mean * math.log(2), rel=0.15)
 
 
 def test_times_are_those_of_flights_pauses_and_intervals() -> None:
@@ -154,102 +137,23 @@ def test_players_stand_where_they_serve_and_come_from_where_they_struck() -> Non
     assert (moved <= 1.5 * (flown + 0.05))[unclamped].all()
     away = np.linalg.norm(striker[before] - [0, -3.7], axis=1) > 3
     assert np.median((moved / flown)[away & unclamped]) == pytest.approx(1.5, abs=0.05)
-    points, goal = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 1.0]]), np.array([[3.0, 4.0], [3.0, 4.0], [1.0, 1.0]])
-    assert strokes._towards(points, goal, np.array([1.0, 10.0, 2.0])) == pytest.approx(np.array([[0.6, 0.8], [3, 4], [1, 1]]))
 
 
-def test_players_of_one_discipline_meet() -> None:
-    names = ["viktor-axelsen", "chen-long", "an-se-young", "x"]
-    assert strokes._pairs(names) == [
-        ("viktor-axelsen", "chen-long"),
-        ("viktor-axelsen", "x"),
-        ("chen-long", "x"),
-        ("an-se-young", "x"),
-    ]
-    for none, said in ((["an-se-young", "chen-long"], "an-se-young, chen-long"), (["x"], "x"), ([], "none")):
-        with pytest.raises(SimulationError, match=f"players {said}: expected at least two of one discipline"):
-            strokes._pairs(none)
-
-
-def test_probabilities_of_a_simulation_fit_the_game(bc: TabulatedPolicy) -> None:
+def test_what_cannot_be_simulated_is_refused(bc: TabulatedPolicy) -> None:
     game, p = bc.game, bc.pair_probabilities()
-    negative, off = p.copy(), p.copy()
     pair = int(np.flatnonzero(p > 0.1)[0])
-    negative[pair] = -0.1
-    off[pair] += 0.05
-    for wrong, says in ((p[:-1], f"player 'a': expected {game.n_pairs} probabilities"), (negative, "none negative"),
-                        (off, r"player 'a': probabilities sum to 1\.05, not 1, in state: ")):  # fmt: skip
+    negative, off = p.copy(), p.copy()
+    negative[pair], off[pair] = -0.1, p[pair] + 0.05
+    for players, matches, says in (
+        ({"a": p[:-1], "b": p}, 1, f"player 'a': expected {game.n_pairs} probabilities"),
+        ({"a": negative, "b": p}, 1, "none negative"),
+        ({"a": off, "b": p}, 1, r"player 'a': probabilities sum to 1\.05, not 1, in state: "),
+        ({"a": p, "b": p}, 0, "0 matches: expected at least one"),
+        ({"a": p}, 1, "players a: expected at least two of one discipline"),
+        ({"an-se-young": p, "chen-long": p}, 1, "expected at least two of one discipline"),
+    ):
         with pytest.raises(SimulationError, match=says):
-            strokes._table(game, "a", wrong)
-    off[pair] -= 0.05 - 1e-9
-    assert strokes._table(game, "a", off).game is game
-    with pytest.raises(SimulationError, match="0 matches: expected at least one"):
-        simulate(game, {"a": p, "b": p}, matches=0, seed=0)
-
-
-# Where players wait.
-
-
-def test_both_ends_of_a_match_weigh_alike() -> None:
-    rng = np.random.default_rng(2)
-    n, shot = 400, SHOTS.index("clear")
-    match, end = rng.integers(0, 4, n), rng.integers(0, 2, n)
-    player = np.where(rng.random(n) < 0.5, "A", "B").astype(object)
-    end[(match == 2) & (player == "A")] = 1  # of one end only
-    end[(match == 3) & (player == "B")] = 0
-    depth, side = rng.normal(4 + end, 0.5) + 0.2 * (player == "A"), rng.normal(0.2 * match, 0.6)
-    rows = waits._Rows(player=player, shot=np.full(n, shot), match=match, end=end, rally=np.arange(n) // 2,
-                       known=np.ones(n, np.bool_), depth=depth, side=side)  # fmt: skip
-    mine = player == "A"
-    found = waits._wait(rows, 1, shot, mine, ~mine, np.random.default_rng(0))
-    assert (found.player, found.shot, found.strokes, found.others) == (1, "clear", int(mine.sum()), int((~mine).sum()))
-    for value, place in ((depth, found.depth), (side, found.side)):
-        total = weight = own = other = fair = 0.0
-        for number in range(4):
-            cells = [[(match == number) & (who == mine) & (end == e) for e in (0, 1)] for who in (True, False)]
-            count = sum(cell.sum() for cell in cells[0])
-            both = all(cell.any() for cell in cells[0])
-            middle = np.mean([value[cell].mean() for cell in cells[0]]) if both else value[(match == number) & mine].mean()
-            total, weight = total + count * middle, weight + count
-            if both and all(cell.any() for cell in cells[1]):
-                own, fair = own + count * middle, fair + count
-                other += count * np.mean([value[cell].mean() for cell in cells[1]])
-        assert place.mean.value == pytest.approx(total / weight)
-        assert place.difference.value == pytest.approx((own - other) / fair)
-        assert place.mean.low < place.mean.value < place.mean.high
-        assert 0 < place.p < 1
-    cell = [((match == number) & mine & (end == e)).sum() for number in range(4) for e in (0, 1)]
-    weights = np.array([1 if 0 in cell[2 * m : 2 * m + 2] else (cell[2 * m] + cell[2 * m + 1]) / 2 / cell[2 * m + e]
-                        for m, e in zip(match[mine], end[mine], strict=True)])  # fmt: skip
-    expected = np.bincount(position_of(side[mine], depth[mine]), weights, N_POSITIONS)
-    assert found.positions == pytest.approx(tuple(expected / expected.sum()))
-
-
-def test_a_place_with_its_interval_and_the_p_value_of_a_difference() -> None:
-    # Sums of weights of the player, of those that are fair, and of the others; then of the weighted depths.
-    total = np.array([4.0, 2.0, 2.0, 16.0, 9.0, 7.0, 0, 0, 0])
-    drawn = np.tile(total, (101, 1))
-    drawn[:, 3] += np.linspace(-4, 4, 101)
-    drawn[:, 5] += np.linspace(-2, 2, 101)
-    found = waits._place(total, drawn, 1, 5, enough=True)
-    assert found.mean == pytest.approx((4.0, 4 - 0.95, 4 + 0.95))
-    assert found.difference == pytest.approx((1.0, 1 - 0.95, 1 + 0.95))
-    error = np.linspace(-1, 1, 101).std() * math.sqrt(5 / 4)
-    assert found.p == pytest.approx(2 * stats.t.sf(1 / error, 4))
-    assert math.isnan(waits._place(total, drawn, 1, 5, enough=False).p)
-    alone = waits._place(total, drawn, 1, 1, enough=True)
-    assert math.isnan(alone.p)
-    assert alone.mean.value == 4
-    assert math.isnan(alone.mean.low)
-    assert waits._place(total, np.tile(total, (9, 1)), 1, 5, enough=True).p == 0, "no spread, and a difference"
-    same = np.where(np.arange(9) == 4, 7.0, total)
-    assert waits._place(same, np.tile(same, (9, 1)), 1, 5, enough=True).p == 1
-    none = waits._place(np.array([4.0, 0, 0, 16.0, 0, 0, 0, 0, 0]), drawn, 1, 5, enough=False)
-    assert math.isnan(none.difference.value)
-    assert math.isnan(none.difference.high)
-
-
-# Pictures.
+            simulate(game, players, matches=matches, seed=0)
 
 
 def test_pictures_have_formats_and_areas_have_corners(tmp_path: Path) -> None:
@@ -263,25 +167,3 @@ def test_pictures_have_formats_and_areas_have_corners(tmp_path: Path) -> None:
     assert pictures.corners(3, incoming=True) == ([-x0, -x1, -x1, -x0], [-y0, -y0, -y1, -y1])
     assert [pictures.of_hand(area, "left") for area in (-1, 0, 4, 8)] == [-1, 2, 4, 6]
     assert [pictures.of_hand(area, hand) for area in (-1, 5) for hand in ("right", None)] == [-1, -1, 5, 5]
-
-
-def test_strokes_that_never_come_are_refused() -> None:
-    game = default_game()
-    edge = int(np.flatnonzero(game.edge_own < game.n_strokes)[0])
-    incoming, own = int(game.edge_incoming[edge]), int(game.edge_own[edge])
-    every = pictures.edges_of(game, incoming)
-    assert (game.edge_incoming[every] == incoming).all()
-    assert len(every) == (game.edge_incoming == incoming).sum()
-    one = pictures.edges_of(game, incoming, own)
-    assert ((game.edge_own[one] == own) & (game.edge_incoming[one] == incoming)).all()
-    assert edge in one
-    other = next(k for k in range(game.n_strokes) if k not in game.edge_own[every])
-    with pytest.raises(ExactError, match=f"never comes in after one's own {game.catalogue.names[other]}: it is no legal reply"):
-        pictures.edges_of(game, incoming, other)
-    name = game.catalogue.names[incoming]
-    assert pictures.stroke_index(game, name) == incoming
-    with pytest.raises(ExactError, match=f"; did you mean .*{name}"):
-        pictures.stroke_index(game, f"{name}x")
-    with pytest.raises(ExactError) as caught:
-        pictures.stroke_index(game, "0")
-    assert "did you mean" not in str(caught.value)
