@@ -9,8 +9,7 @@ import shutil
 import signal
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,9 +31,9 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
 from shuttle_marl.training.league.population import TABLES, Payoffs
-from shuttle_marl.training.league.run import MAIN, _League, train_league
-from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised, uniform
-from shuttle_marl.training.league.state import LEAGUE, LeagueState, Member, TurnResult
+from shuttle_marl.training.league.run import MAIN, train_league
+from shuttle_marl.training.league.schedule import FLOOR, prioritised, uniform
+from shuttle_marl.training.league.state import LEAGUE
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.recording.conftest import read_rallies
 from tests.recovery import Prefers, small_recovery_game
@@ -249,32 +248,6 @@ def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, mod
     assert final(tmp_path / "run") == final(whole)
 
 
-@pytest.mark.parametrize(("won", "joins"), [(0.69, False), (0.71, True)])
-def test_exploiters_join_when_they_beat_the_latest_of_the_population(won: float, joins: bool) -> None:
-    met: list[list[str]] = []
-
-    def match_wins(_: str, others: list[str]) -> np.ndarray:
-        met.append(others)
-        return np.array([won, won])
-
-    league = SimpleNamespace(
-        config=SimpleNamespace(max_opponents=2),
-        state=SimpleNamespace(best=None, population=[SimpleNamespace(hash=name) for name in "abc"]),
-        payoffs=SimpleNamespace(match_wins=match_wins),
-    )
-    assert _League._succeeded(cast(_League, league), "league-exploiter", cast(TurnResult, SimpleNamespace(hash="x")), []) == joins
-    assert met == [["b", "c"]]
-
-
-@pytest.mark.parametrize(("best", "joins"), [(None, False), (0.5, False), (0.3, True)])
-def test_main_exploiters_join_when_they_win_half_of_what_can_be_won(best: float | None, joins: bool) -> None:
-    league = SimpleNamespace(
-        state=SimpleNamespace(best=None if best is None else SimpleNamespace(exploitability=best)),
-        payoffs=SimpleNamespace(odds=lambda *_: [SimpleNamespace(value=0.1), SimpleNamespace(value=0.2)]),
-    )
-    assert _League._succeeded(cast(_League, league), "main-exploiter", cast(TurnResult, SimpleNamespace(hash="x")), []) == joins
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_workers_end_with_the_league(model: str, tmp_path: Path) -> None:
@@ -339,25 +312,6 @@ def test_what_learns_and_for_how_many_rounds(flags: dict[str, Any], algorithm: s
     assert config.exact_oracle == (flags.get("variant") == "psro" and flags["oracle"] == "exact")
 
 
-def test_the_first_round_of_a_time_budget_is_short(model: str, tmp_path: Path) -> None:
-    config = LeagueTrainingConfig(budget="60s", rounds=6, workers=2)
-    state = LeagueState(game="")
-    schedule = Schedule(config, state, Payoffs(StoredPolicies(tmp_path / TABLES, load_game(model)), {}))
-    first, second = (next(turn for turn in schedule.turns(number, 0.0) if turn.member == "main-agent-0") for number in (1, 2))
-    assert first.seconds == pytest.approx(60 / 6 / 3 / schedule.load, abs=1e-3)
-    assert second.seconds == pytest.approx(60 / 5 / schedule.load, abs=1e-3)
-    # Compilation took the whole budget: the first round has the shortest turns.
-    assert all(turn.seconds <= MIN_SECONDS for turn in schedule.turns(1, 70.0))
-
-
-def test_learning_rates_of_exploiters_fall_over_their_turns(model: str, tmp_path: Path) -> None:
-    name = "main-exploiter-0"
-    state = LeagueState(game="", members={name: Member(turns=1)})
-    payoffs = Payoffs(StoredPolicies(tmp_path / TABLES, load_game(model)), {})
-    turns = Schedule(LeagueTrainingConfig(strokes=10**6, patience=4), state, payoffs).turns(3, 0.0)
-    assert next(turn.remaining for turn in turns if turn.member == name) == (0.75, 0.5)
-
-
 @pytest.mark.parametrize("win", [[1.0, 1.0, 1.0], [0.0, 0.0], [np.nan, np.nan], [1.0], [1 - 1e-17, 1.0]])
 def test_alike_opponents_are_met_alike_however_one_sided(win: list[float]) -> None:
     assert np.allclose(prioritised(win), 1 / len(win))
@@ -375,21 +329,3 @@ def test_weights_are_always_probabilities(win: list[float]) -> None:
     weight = prioritised(win)
     assert weight.sum() == pytest.approx(1)
     assert weight.min() >= FLOOR / len(win) / 2
-
-
-def test_more_opponents_than_places_are_drawn_by_weight() -> None:
-    rng = np.random.default_rng(0)
-    weight = np.array([0.0, 1, 1, 6])
-    drawn, shares = chosen(weight, 4, rng)
-    assert drawn.tolist() == [1, 2, 3]
-    assert shares.tolist() == [0.125, 0.125, 0.75]
-    assert chosen(weight, 1, rng)[1].tolist() == [1.0]
-    assert len(chosen(np.zeros(3), 2, rng)[0]) == 0
-
-
-def test_the_order_keeps_the_shares_and_spreads_them() -> None:
-    met = order([0.1, 0.25], 200)
-    assert [(met == k).sum() for k in (-1, 0, 1)] == [130, 20, 50]
-    assert np.diff(np.flatnonzero(met == 0)).max() <= 12
-    assert (order([0.5, 0.5]) >= 0).all()
-    assert (order([]) == -1).all()
