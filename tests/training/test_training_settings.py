@@ -3,16 +3,13 @@
 import json
 import math
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
-from shuttle_marl.game.tables import Game
-from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train_seeds
+from shuttle_marl.training import A2CConfig, PPOConfig, TrainingError
 from shuttle_marl.training.config import missed, seconds_of
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
-from shuttle_marl.training.run import _check_machine, tempered
 from shuttle_marl.training.self_play import n_opponents
 
 
@@ -56,31 +53,6 @@ def test_iterations_of_a_run_whose_batches_grow(strokes: int, batch: int, growth
     assert sizes == [round(batch * (1 + growth * k)) for k in range(iterations)]
     assert sum(sizes[:-1]) < strokes <= sum(sizes)
     assert config.segments == len(range(0, iterations, 3))
-
-
-def test_memory_of_a_run() -> None:
-    config = A2CConfig(strokes=300, batch=100, growth=1.0, width=10, hidden=2, checkpoint_every=1)
-    assert config.memory(50) == {
-        "--batch and --growth": 60 * 200,  # of the last iteration
-        "--width and --hidden": 16 * (2 * 10 * 10 + 3 * 50 * 10),
-        "--strokes with so small --batch and --checkpoint-every": 200,
-    }
-    sac = SACConfig(strokes=100, batch=100, buffer=1000, minibatch=10).memory(50)
-    assert (sac["--buffer"], sac["--minibatch"]) == (16_000, 3_000)
-    assert sac["--batch and --growth"] == 6_000
-
-
-@pytest.mark.parametrize(("pages", "fits"), [(12_000, True), (11_999, False)])
-def test_a_run_needs_no_more_than_all_memory(pages: int, fits: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    sizes = {"SC_PAGE_SIZE": 1000, "SC_PHYS_PAGES": pages}
-    monkeypatch.setattr("os.sysconf", sizes.__getitem__)
-    monkeypatch.setattr(TrainingConfig, "memory", lambda *_: {"--batch": 12_000_000})
-    game: Any = SimpleNamespace(n_actions=3)
-    if fits:
-        _check_machine(A2CConfig(), game)
-    else:
-        with pytest.raises(TrainingError, match=r"--batch: such a run needs 0 GB of memory or more, and this machine has 0"):
-            _check_machine(A2CConfig(), game)
 
 
 def test_rewards_are_shaped_by_a_bonus_or_a_cost_that_is_not_0() -> None:
@@ -215,38 +187,7 @@ def test_settings_of_a_file_have_the_types_of_the_defaults(tmp_path: Path) -> No
         PPOConfig.load(tmp_path / "nothing.json")
 
 
-def test_the_temperature_of_an_agent() -> None:
-    plain, waits = (cast(Game, SimpleNamespace(recovery=recovery)) for recovery in (None, object()))
-    own = PPOConfig(opponent=("self",), final_temperature=0.5)
-    assert (own.temperature, own.discount, PPOConfig().discount) == (0.1, -1.0, 1.0)
-    assert tempered(own, plain).temperature == 0.1
-    assert tempered(own, waits).temperature == 0.5
-    assert tempered(PPOConfig(final_temperature=0.5), waits).temperature == 0.1
-    assert tempered(A2CConfig(opponent=("self",)), waits).temperature == 1.0
-    assert tempered(PPOConfig(opponent=("self",), eval_temperature=0.75), waits).temperature == 0.75
-
-
-def test_self_play_sharpens_after_a_fifth_of_the_run() -> None:
-    assert PPOConfig().anneal_after == 1.0
-    assert PPOConfig(opponent=("self",)).anneal_after == 0.2
-    assert PPOConfig(opponent=("self",), anneal_after=0.5).anneal_after == 0.5
-
-
 def test_opponents_of_the_variants_of_self_play() -> None:
     wanted = {"plain": 0, "best-response": 1, "restarts": 0, "pool": 5, "magnet": 0, "nash": 0}
     own = ("self",)
     assert {name: n_opponents(PPOConfig(opponent=own, variant=name, pool_size=5)) for name in wanted} == wanted  # type: ignore[arg-type]
-
-
-def test_a_study_has_two_seeds_and_a_job(tmp_path: Path) -> None:
-    for seeds, jobs in ((1, 1), (0, 4), (2, 0), (3, -1)):
-        with pytest.raises(TrainingError, match=f"--seeds {seeds} --jobs {jobs}: expected at least 2 seeds and 1 job"):
-            train_seeds(PPOConfig(out=tmp_path / "run"), seeds, jobs)
-    assert not (tmp_path / "run").exists()
-
-
-def test_figures_as_text() -> None:
-    whole = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=0.12345, exploitability=-1e-9)
-    assert (whole.score_text, whole.exploitability_text) == ("normalised score 0.123", "exploitability 0.000")
-    none = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=None, exploitability=None)
-    assert (none.score_text, none.exploitability_text) == ("no normalised score", "no exploitability")
