@@ -1,17 +1,18 @@
 """Tables that form no game: each rule of the layout, broken alone; and what a game of a pair and one without positions refuse."""
 
 import dataclasses
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.tables import GameError, Origin
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.tables import Game, GameError, Origin
 from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import hand_made, tiring_game
 from tests.recovery import with_recovery
+from tests.reduced import reduced_game, reduced_model
 
 GAME = tiring_game()
 N, EDGES, REPLIES = GAME.n_strokes, len(GAME.edge_own), len(GAME.reply_edge)
@@ -155,47 +156,33 @@ def test_tables_have_their_kinds_of_numbers(name: str, table: Any, kind: str) ->
         dataclasses.replace(GAME, **{name: table})
 
 
-PEOPLE: Any = SimpleNamespace(title="A against B", average=GAME, swapped="swapped")
-PAIR = dataclasses.replace(GAME, threshold=np.stack([GAME.threshold, GAME.threshold // 2]), people=PEOPLE)
+def a_pair() -> Game:
+    return pair_game("viktor-axelsen", "kento-momota", game=reduced_model())
 
 
 def test_the_game_of_a_pair_has_tables_for_each_seat() -> None:
-    for wrong in ({"people": PEOPLE}, {"threshold": PAIR.threshold}):
+    pair, average = a_pair(), reduced_game()
+    for wrong in ({"people": pair.people}, {"threshold": pair.threshold}):
         with pytest.raises(GameError, match="tables of two seats are those of a pair: make them with pair_game"):
-            dataclasses.replace(GAME, **wrong)
-    first, second = PAIR.seats
-    assert np.array_equal(first.threshold, GAME.threshold)
-    assert np.array_equal(second.threshold, GAME.threshold // 2)
-    assert (first.seat, second.seat, first.whole, second.whole) == (0, 1, PAIR, PAIR)
-    assert first.opposite is second
-    assert second.opposite is first
-    assert PAIR.opposite is PAIR
-    assert GAME.seats == (GAME, GAME)
-    assert (PAIR.average, first.average, GAME.average) == (GAME, GAME, GAME)
-    assert GAME.swapped is GAME
-    swapped = PAIR.swapped
-    assert np.array_equal(swapped.threshold, PAIR.threshold[::-1])
-    assert swapped.people == "swapped"
-    assert len({GAME.hash, PAIR.hash, swapped.hash, first.hash, second.hash}) == 4
-    assert first.hash == GAME.hash
-    with pytest.raises(GameError, match=r"the game of A against B has the tables of both players; take those of a seat"):
-        _ = PAIR.limits
+            dataclasses.replace(average, **wrong)
+    first, second = pair.seats
+    assert [np.array_equal(seat.threshold, table) for seat, table in zip(pair.seats, pair.threshold, strict=True)] == [True] * 2
+    assert (first.seat, second.seat, first.whole, second.whole) == (0, 1, pair, pair)
+    assert (first.opposite, second.opposite, pair.opposite) == (second, first, pair)
+    assert (GAME.seats, GAME.swapped, GAME.average) == ((GAME, GAME), GAME, GAME)
+    assert np.array_equal(pair.swapped.threshold, pair.threshold[::-1])
+    with pytest.raises(GameError, match=r"has the tables of both players; take those of a seat"):
+        _ = pair.limits
 
 
 def test_positions_are_of_one_seat_in_the_game_with_recovery() -> None:
-    recovery = with_recovery(GAME, 3, 3).recovery
-    for game in (GAME, PAIR, dataclasses.replace(PAIR, recovery=recovery)):
+    hidden = with_recovery(GAME, 3, 3)
+    for game in (GAME, a_pair()):
         with pytest.raises(GameError, match="no positions: expected the game with recovery"):
             _ = game.waiting
-    seat = dataclasses.replace(PAIR, recovery=recovery).seats[1]
-    assert len(seat.waiting.choices) == GAME.n_base_states
-    assert (seat.n_actions, seat.n_positions, GAME.n_actions, GAME.n_positions) == (N + 9, 9, N, 1)
-    assert seat.action_names[N : N + 4] == (
-        "wait:front-forehand",
-        "wait:front-centre",
-        "wait:front-backhand",
-        "wait:middle-forehand",
-    )
+    assert len(hidden.waiting.choices) == GAME.n_base_states
+    assert (hidden.n_actions, hidden.n_positions, GAME.n_actions, GAME.n_positions) == (N + 9, 9, N, 1)
+    assert hidden.action_names[N : N + 2] == ("wait:front-forehand", "wait:front-centre")
     assert GAME.action_names == GAME.catalogue.names
 
 
@@ -235,10 +222,6 @@ def test_names_of_games_name_model_variant_and_recovery() -> None:
     folder: Any = "folder"
     names = [Origin(folder, variant, recovery).name_in("mine") for variant in (None, "men") for recovery in (False, True)]
     assert names == ["mine", "mine:recovery", "mine:men", "mine:men-recovery"]
-
-
-def test_the_game_of_a_pair_is_short_in_print() -> None:
-    assert repr(PAIR) == f"Game(hash={PAIR.hash[:12]!r}, people={PEOPLE!r})"
 
 
 def test_states_are_described_in_words_and_numbers() -> None:
