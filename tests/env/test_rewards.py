@@ -12,7 +12,7 @@ from shuttle_marl.game.scoring import Rules
 @pytest.mark.parametrize(
     ("env", "episodes"), [(rally_v0.env(), 20), (match_v0.env(rules=Rules(points=3, clear=2, cap=4, games=1)), 3)], ids=str
 )
-def test_rewards_since_the_last_action_add_up_to_those_given(env: Any, episodes: int) -> None:
+def test_rewards_of_turns_add_up(env: Any, episodes: int) -> None:
     rng = np.random.default_rng(0)
     for episode in range(episodes):
         env.reset(seed=episode)

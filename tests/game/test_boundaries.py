@@ -9,7 +9,7 @@ from shuttle_marl.game.rules import strike
 from shuttle_marl.kernel import play_rallies
 
 
-def test_a_draw_that_equals_a_limit_belongs_above_it() -> None:
+def test_draws_that_equal_a_limit_lie_above() -> None:
     game, seed = default_game(), 3
     rallies = play_rallies(game, (tabulate(UniformPolicy(), game),) * 2, 100_000, seed=seed)
     draws = outcome_draw(draw(stream(seed, rallies.match)[rallies.row_of_stroke], rallies.position))

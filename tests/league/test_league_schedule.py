@@ -73,28 +73,6 @@ def test_shares_of_rallies_in_the_first_round() -> None:
         assert (turn.response_fraction, turn.fresh) == (responses, True)
 
 
-def test_exploiters_without_a_share_do_not_play_and_plain_self_play_has_no_opponents() -> None:
-    assert [turn.member for turn in schedule(exploiter_fraction=0.0).turns(1, 0.0)] == ["main-agent-0"]
-    more = schedule(main_exploiters=2, league_exploiters=2).turns(1, 0.0)
-    assert [turn.member for turn in more[1:]] == [
-        *("main-exploiter-0", "main-exploiter-1", "league-exploiter-0", "league-exploiter-1")
-    ]
-    (turn,) = schedule(variant="plain", strokes=600, rounds=2).turns(1, 0.0)
-    assert (turn.member, turn.opponents, turn.fractions, turn.response_fraction) == ("main-agent-0", (), (), 0.0)
-    (turn,) = schedule(variant="plain", learner="sac", members={"main-agent-0": Member(turns=1, hash=hash_of("m"))}).turns(2, 0.0)
-    assert turn.opponents == ()
-
-
-def test_seeds_of_turns_differ_and_use_31_bits() -> None:
-    plan = schedule(strokes=1000, rounds=99, main_agents=16, main_exploiters=16, league_exploiters=16)
-    seeds = [turn.seed for number in range(1, 9) for turn in plan.turns(number, 0.0)]
-    assert len(set(seeds)) == len(seeds) == 8 * 48
-    assert 1 << 30 < max(seeds) < 1 << 31
-    assert [turn.seed for turn in plan.turns(1, 5.0)] == seeds[:48]
-    other = schedule(strokes=1000, rounds=99, main_agents=16, main_exploiters=16, league_exploiters=16, seed=1)
-    assert not {turn.seed for turn in other.turns(1, 0.0)} & set(seeds)
-
-
 def test_prioritised_opponents_are_those_who_win() -> None:
     members = {name: Member(turns=2, hash=hash_of(letter)) for name, letter in zip(NAMES, "mnxy", strict=True)}
     won = {"am": 1.0, "bm": 0.5, "an": 1.0, "bn": 0.5, "mn": 0.5, "ay": 1.0, "by": 0.5, "my": 0.0}
@@ -152,13 +130,6 @@ def test_turns_end_within_a_time_budget(number: int, elapsed: float, overhead: f
     assert main.strokes is None
     assert main.seconds is not None
     assert main.seconds == round(main.seconds, 3)
-
-
-def test_workers_share_the_load_and_a_single_round_takes_all_time() -> None:
-    assert schedule(workers=2).load == 1.0
-    assert schedule(workers=2, main_agents=3).load == 3.5 / 2
-    (turn, *_) = schedule(budget="60s", rounds=1, workers=2).turns(1, 0.0)
-    assert turn.seconds == 60.0
 
 
 def test_a_learner_with_one_sign_of_gamma_plays_its_last_policy_instead_of_itself() -> None:

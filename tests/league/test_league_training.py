@@ -21,11 +21,9 @@ from shuttle_marl import exact
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy.mixtures import mixture, sharpened
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
@@ -36,7 +34,6 @@ from shuttle_marl.training.league.schedule import FLOOR, prioritised, uniform
 from shuttle_marl.training.league.state import LEAGUE
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.recording.conftest import read_rallies
-from tests.recovery import Prefers, small_recovery_game
 from tests.stops import Killed, stop
 from tests.waiting import wait_until
 
@@ -138,41 +135,6 @@ def test_sac_plays_in_a_league(model: str, tmp_path: Path) -> None:
     # Exploiters began again with new weights on the way.
     assert {"main-exploiter", "league-exploiter"} <= {each["role"] for each in done.figures["policies"]}
     assert done.figures["strokes"] >= 1500
-
-
-def test_a_mixture_plays_the_mean_of_its_policies_in_every_state() -> None:
-    game = small_recovery_game()
-    weights = np.random.default_rng(0).gamma(1.0, size=(3, N_POSITIONS))
-    policies = [tabulate(Prefers(tuple(each)), game) for each in weights]
-    policies = [dataclasses.replace(random_policy(game, i, 2.0), waits=each.waits) for i, each in enumerate(policies)]
-    shares = np.array([0.5, 0.3, 0.2])
-    mixed = mixture(policies, shares)
-    # A table holds probabilities in units of 1/65535.
-    strokes = shares @ [policy.pair_probabilities() for policy in policies]
-    assert np.allclose(mixed.pair_probabilities(), strokes, atol=2e-5)
-    positions = np.tensordot(shares, [policy.position_probabilities() for policy in policies], 1)
-    assert np.allclose(mixed.position_probabilities(), positions, atol=2e-5)
-    assert mixture(policies, np.array([0, 1.0, 0])) is policies[1]
-
-
-def test_a_policy_made_sharper_plays_its_favourites_more(model: str) -> None:
-    game = load_game(model)
-    policy = random_policy(game, 3, 2.0)
-    power = policy.pair_probabilities() ** 4
-    expected = power / np.bincount(game.pair_state, power, game.n_states)[game.pair_state]
-    assert np.allclose(sharpened(policy, 0.25).pair_probabilities(), expected, atol=2e-5)
-    assert np.allclose(sharpened(policy, 1.0).pair_probabilities(), policy.pair_probabilities(), atol=2e-5)
-    # A state in which all strokes are alike, whose powers are too small for a sum with those of other states.
-    alike = from_pair_probabilities(game, game.of_pairs(1 / game.legal_count(np.arange(game.n_states)).clip(1)))
-    assert np.allclose(sharpened(alike, 1e-3).pair_probabilities().sum(), game.playable.sum())
-
-
-@pytest.mark.parametrize("factor", [0.5, 0.0, np.nan])
-def test_probabilities_that_do_not_add_up_are_no_table(model: str, factor: float) -> None:
-    game = load_game(model)
-    alike = game.of_pairs(1 / game.legal_count(np.arange(game.n_states)).clip(1))
-    with pytest.raises(PolicyError, match="add up to 1"):
-        from_pair_probabilities(game, factor * alike)
 
 
 def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:

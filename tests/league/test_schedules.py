@@ -297,7 +297,7 @@ def written(folder: Path, **changes: Any) -> None:
 
 
 @pytest.mark.parametrize("profile", ["women", "men"])
-def test_a_tournament_is_played_in_the_game_of_its_profile(profile: Any) -> None:
+def test_tournaments_are_played_in_their_profile(profile: Any) -> None:
     assert LeagueConfig(game=reduced_model(), profile=profile).load().hash == load_game(f"{reduced_model()}:{profile}").hash
 
 

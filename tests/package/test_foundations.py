@@ -35,9 +35,7 @@ from shuttle_marl.base.errors import (
     OptionError,
     ShuttleError,
     described,
-    seed_number,
     suggesting,
-    whole_number,
 )
 from shuttle_marl.base.files import FileReadError
 from shuttle_marl.base.intervals import Moments, combined, estimate
@@ -88,15 +86,6 @@ def test_combined_estimates() -> None:
 
 
 # Errors.
-
-
-def test_whole_numbers_and_seeds() -> None:
-    assert (whole_number("n", np.int8(3)), whole_number("n", 3, 3), whole_number("n", True)) == (3, 3, 1)
-    assert message(lambda: whole_number("n", 2, 3), OptionError) == "n 2: expected a whole number, 3 or more"
-    assert message(lambda: whole_number("n", 2.0), OptionError) == "n 2.0: expected a whole number"
-    assert message(lambda: whole_number("n", "2", 0), OptionError) == "n '2': expected a whole number, 0 or more"
-    assert (seed_number(0), seed_number((1 << 64) - 1)) == (0, (1 << 64) - 1)
-    assert [bool(message(seed_number, OptionError, value)) for value in (-1, 1 << 64)] == [True, True]
 
 
 def test_arguments_that_a_constructor_lacks() -> None:
@@ -215,15 +204,6 @@ def test_sealed_files_and_cards(tmp_path: Path) -> None:
     assert "larger" in message(lambda: files.read_json(tmp_path / "card", dict, limit=3), FileReadError)
     (tmp_path / "z").write_text("{}")
     assert "checksum" in message(lambda: files.read_json(tmp_path / "z", dict, sealed=True), FileReadError)
-
-
-def test_json_is_parsed_strictly() -> None:
-    assert math.isnan(files.parsed("NaN"))
-    assert message(lambda: files.parsed("[-Infinity]", finite=True), ValueError) == "-Infinity is no number"
-    assert message(lambda: files.parsed('{"a": 1, "b": 2, "b": 3}'), ValueError) == "the entry 'b' stands there twice"
-    assert message(lambda: files.parsed("[" * 100_000), ValueError) == "nested too deeply"
-    assert files.problem(OSError(2, "No such file", "f")) == "No such file"
-    assert files.problem(ValueError("x")) == files.problem(OSError("x")) == "x"
 
 
 # Programs.

@@ -21,11 +21,8 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import States, TemperedPolicy
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.league import LeagueConfig
 from shuttle_marl.policy import registry
 from shuttle_marl.suite.registry import write_data
-from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.config import seconds_of
 from shuttle_marl.watch.server import bind, check_video
 from tests.reduced import reduced_game
 
@@ -49,16 +46,9 @@ REFUSALS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "option": (lambda _: RallyEnv(**cast("Any", {"bach": 4})), r"got an unexpected keyword argument 'bach'; did you mean batch"),
     "program": (a_dead_program, "it is not asked again"),
     "board": (lambda _: suite.board(()), "nothing to show: name run folders"),
-    "pool": (lambda _: LeagueConfig(pool=("bc", "random", "bc")), "--pool names bc twice; name every entrant once"),
     "history": (states_without_history, "states without history"),
     "key": (lambda _: registry.register("bc", lambda *_: None), "'bc' is registered already; choose another"),
     "data": (lambda folder: write_data("exploit-v0", folder, "dev", "default", None), "exploit-v0 has no data; offline-v0"),
-    "no opponent": (lambda _: PPOConfig(opponent=()), "--opponent: expected one or more policies, or self"),
-    "self with others": (lambda _: PPOConfig(opponent=("bc", "self")), "self cannot be combined with other opponents"),
-    "nearly self": (lambda _: PPOConfig(opponent=("slef",)), "--opponent slef: no such policy; did you mean self"),
-    "bonus in self-play": (lambda _: PPOConfig(opponent=("self",), bonus=("smash=0.1",)), "not available in self-play"),
-    "large bonus": (lambda _: PPOConfig(bonus=("smash=1.1",)), "--bonus smash=1.1: expected SHOT=POINTS"),
-    "resume or overwrite": (lambda _: PPOConfig(resume=True, overwrite=True), "give one of them"),
 }
 
 
@@ -91,7 +81,6 @@ BOUNDS: dict[str, tuple[Callable[[Any], Any], tuple[Any, ...], tuple[Any, ...]]]
     "alpha": (lambda value: of_alpha_rank(alpha=value), (1e-9, math.inf), (0.0, -1.0)),
     "population": (lambda value: of_alpha_rank(population=value), (2, 50), (1, 0)),
     "noise": (lambda value: of_alpha_rank(noise=value, alpha=math.inf), (1e-9, 0.99), (0.0, 1.0)),
-    "time of a budget": (seconds_of, ("0.1s", "5m", "1h"), ("0s", "-1s", "5", "5d")),
     "share": (lambda value: restricted_response(tabulate(registry.resolve("bc", GAME), GAME), value), (0.0, 1.0), (-0.01, 1.01)),
     "port": (lambda value: bind("127.0.0.1", value).close(), (0,), (-1, 1 << 16)),
 }

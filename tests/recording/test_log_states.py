@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from shuttle_marl.recording import Rallies, RallyLog, RallyLogWriter, RecordingE
 from shuttle_marl.recording.recover import resume
 from tests.recording.conftest import a_header, read_rallies, same, some_rallies
 
-OPTIONS = {"batch_rallies": 8, "max_bytes": 12_000}
+OPTIONS: dict[str, Any] = {"batch_rallies": 8, "max_bytes": 12_000}
 writing = precondition(lambda self: self.writing)
 killed = precondition(lambda self: not self.writing)
 

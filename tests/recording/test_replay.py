@@ -143,7 +143,7 @@ WON_IN_THREE_GAMES = (
 """Server, winner, and score before each rally, of a match that player 0 wins in three games of two points."""
 
 
-def rallies_of(rows: Sequence[tuple[Any, ...]]) -> Rallies:
+def rallies_of(rows: Sequence[Sequence[Any]]) -> Rallies:
     """Rallies of pairing, match, number, server, winner and score before."""
     n = len(rows)
     pairing, match, rally, server, winner, score = zip(*rows, strict=True)
@@ -168,7 +168,7 @@ def match_of(pairing: int, match: int, length: int = 7) -> list[tuple[Any, ...]]
 
 @pytest.mark.parametrize("batch", [1, 5, 9, 10, 100])
 @pytest.mark.parametrize(("column", "value"), [(2, 4), (3, None), (5, 0), (5, 1), (5, 2), (5, 3)])
-def test_a_rally_that_does_not_follow_is_the_one_that_is_named(
+def test_rallies_that_do_not_follow_are_named(
     batch: int, column: int, value: int, tmp_path: Path, header: Callable[..., LogHeader]
 ) -> None:
     """The number of a rally, its server, or a part of the score before it is another one."""

@@ -22,7 +22,7 @@ def test_random_numbers_are_of_a_split_or_of_a_beacon() -> None:
     def drawn(*arguments: Any) -> int:
         return int(rng_of(*arguments).integers(1 << 62))
 
-    asked = [("adapt-v0", "dev", None, "a 1"), ("adapt-v0", "test", None, "a 1"), ("adapt-v0", "dev", None, "a 2")]
+    asked: list[Any] = [("adapt-v0", "dev", None, "a 1"), ("adapt-v0", "test", None, "a 1"), ("adapt-v0", "dev", None, "a 2")]
     asked += [("adapt-v0", "round", beacon * 32, "a 1") for beacon in ("ab", "cd")]
     assert len({drawn(*each) for each in asked}) == len(asked)
     assert luck("dev", None, 3, 4) == luck("test", "ab" * 32, 3, 4) == int(stream(3, 4)[0]) // 2

@@ -427,13 +427,6 @@ def test_settings_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["ppo", "--seed", "4", "--config", str(file), "--out", str(tmp_path / "again"), "--strokes", "256"]) == 0
     again = PPOConfig.load(tmp_path / "again" / "config.json")
     assert again == dataclasses.replace(config, seed=4, strokes=256)
-    for text, wrong in (
-        ('{"stroke": 1}', "no setting 'stroke'.*strokes"),
-        ('{"algorithm": "sac"}', "settings of sac, expected those of ppo"),
-        ('{"strokes": "many"}', "strokes is 'many', expected a value such as 60000000"),
-        ('{"opponent": [1]}', "opponent is"),
-        ("[]", "no settings"),
-    ):
-        (tmp_path / "other.json").write_text(text)
-        assert main(["ppo", "--config", str(tmp_path / "other.json")]) == 1
-        assert re.search(wrong, capsys.readouterr().err), wrong
+    (tmp_path / "other.json").write_text('{"stroke": 1}')
+    assert main(["ppo", "--config", str(tmp_path / "other.json")]) == 1
+    assert re.search("no setting 'stroke'.*strokes", capsys.readouterr().err)
