@@ -286,7 +286,6 @@ def test_what_cannot_be_resumed(small: dict[str, Any], tmp_path: Path) -> None:
     [
         ({"matches": 10**30}, "from 2 to 10,000,000"),
         ({"matches": 7}, "expected an even number"),
-        ({"matches": 0}, "expected an even number"),
         ({"batch": 0}, "expected a whole number from 1"),
         ({"seed": -1}, "from 0 up to"),
         ({"pool": ("safe", "random", "safe")}, "names safe twice"),
@@ -298,9 +297,6 @@ def test_what_cannot_be_resumed(small: dict[str, Any], tmp_path: Path) -> None:
         ({"workers": 0}, "--workers 0: expected 1 to 256"),
         ({"date": "2021-01-01"}, "give both"),
         ({"players": ("viktor-axelsen", "kento-momota"), "holes": 2}, "--holes is not available with --players"),
-        ({"matches": 10_000_002}, "from 2 to 10,000,000"),
-        ({"decide": 1000.5}, "up to 1000"),
-        ({"workers": 257}, "--workers 257: expected 1 to 256"),
         ({"exact": False, "holes": 1}, "leave out --no-exact"),
         ({"extend": True, "pool": ("safe",)}, "give both"),
         ({"extend": True, "out": Path("run")}, "give both"),

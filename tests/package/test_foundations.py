@@ -228,24 +228,6 @@ def test_programs_answer_in_lines_and_bytes() -> None:
     assert message(lambda: bytewise.write(b"x"), ProgramError) == "a wrong answer; it is not asked again"
 
 
-def test_programs_that_fail_say_how() -> None:
-    for empty in ("", ()):
-        assert message(Program, ProgramError, empty) == "expected a command"
-    assert "No closing quotation" in message(lambda: Program("a 'b"), ProgramError)
-    assert "it cannot be started: /none: No such file" in message(lambda: Program(["/none"]).write(b""), ProgramError)
-    body = "import sys; sys.stdin.readline(); sys.stderr.write('x' * 400 + '\\x1bend\\n'); sys.exit(3)"
-    broken = Program([sys.executable, "-S", "-E", "-c", body])
-    broken.write(b"\n")
-    tail = "x" * 295 + "\\x1bend"
-    assert message(broken.read_line, ProgramError) == f"it exited with status 3: \N{HORIZONTAL ELLIPSIS}{tail}"
-    status = Program([sys.executable, "-S", "-E", "-c", "import sys; sys.stdin.read(); sys.exit(2)"])
-    status.write(b"x")
-    assert message(status.read_rest, ProgramError) == "it exited with status 2"
-    long = Program([sys.executable, "-S", "-E", "-c", "import sys; sys.stdin.read(1); sys.stdout.write('x' * 200_000)"])
-    long.write(b"x")
-    assert message(long.read_line, ProgramError) == "it answered a line of more than 65,536 bytes"
-
-
 # Caches, interrupts and clusters.
 
 
