@@ -192,6 +192,13 @@ def test_matches_begin_with_rally_0_at_love_all(wrong: Any, tmp_path: Path, head
     assert check(tmp_path / "a.mcap").problems == ("rally 0 does not follow from the score of the rally before it",)
 
 
+@pytest.mark.parametrize("batch", [7, 100])
+def test_a_rally_after_the_end_of_its_match_does_not_follow(batch: int, tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES), batch_rallies=batch) as log:
+        log.append(rallies_of([*match_of(0, 0), (0, 0, 7, 0, 1, (0, 0, 2, 1))]))
+    assert check(tmp_path / "a.mcap").problems[:1] == ("rally 7 does not follow from the score of the rally before it",)
+
+
 def test_matches_may_be_interleaved(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
     rows = [row for pair in zip(match_of(1, 5), match_of(0, 6), strict=True) for row in pair]
     with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES), batch_rallies=3) as log:

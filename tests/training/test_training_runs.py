@@ -367,6 +367,14 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
         assert found.optional_columns == ("update",)
 
 
+def test_self_play_meets_its_pool_in_a_fraction_of_rallies(tmp_path: Path) -> None:
+    pool: dict[str, Any] = {"opponent": ("self",), "variant": "pool", "pool_size": 2, "update_interval": 2, "fraction": 0.25}
+    found = read_rallies(train(PPOConfig(**LOGGED, **pool, out=tmp_path / "run")).folder / LOG)
+    met = (found.policy != 0).any(axis=1)
+    assert met.mean() == pytest.approx(0.25, abs=0.05)
+    assert len(np.unique(found.policy[met])) == 3
+
+
 def test_every_rally_is_recorded_by_default(tmp_path: Path) -> None:
     """And of the first ones, or of one in N, also the learner's probabilities and values."""
     usual = read_rallies(train(PPOConfig(**{**LOGGED, "figures": "auto"}, out=tmp_path / "usual")).folder / LOG)
