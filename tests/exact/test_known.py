@@ -15,9 +15,8 @@ from tests.exact.exact_games import random_game, random_policy
 
 @pytest.fixture
 def stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(cache, "cache_folder", lambda: tmp_path)
-    cache._warn_once.cache_clear()
-    return tmp_path / cache.NAME
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "shuttle_marl" / cache.NAME
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +25,7 @@ def policies() -> list[TabulatedPolicy]:
     return [random_policy(game, seed) for seed in range(3)]
 
 
-def no_solver(*_: object, **__: object) -> None:
-    raise AssertionError("solved again")
-
-
-def test_known_odds_are_the_solved_ones(stored: Path, policies: list[TabulatedPolicy], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_known_odds_are_the_solved_ones(stored: Path, policies: list[TabulatedPolicy]) -> None:
     solved = exact.crossplay(policies)
     for _ in range(2):
         found = known.crossplay(policies)
@@ -39,14 +34,11 @@ def test_known_odds_are_the_solved_ones(stored: Path, policies: list[TabulatedPo
         assert [odds.value for odds in known.best_odds(policies)] == pytest.approx(
             [exact.nash_conv(policy).exploitability for policy in policies], abs=1e-12
         )
-        monkeypatch.setattr(known, "odds_of_pairs", no_solver)
-        monkeypatch.setattr(known, "best_response", no_solver)
+    with sqlite3.connect(stored) as database:
+        assert database.execute("SELECT count(*) FROM odds").fetchone() == (9,)
     pairs = [(policies[1], policies[0]), (policies[0], policies[1])]
     ahead, behind = known.pair_odds(pairs)
     assert ahead.serving == pytest.approx(1 - behind.receiving)
-    other = random_policy(policies[0].game, 9)
-    with pytest.raises(AssertionError, match="solved again"):
-        known.pair_odds([(policies[0], other)])
 
 
 def test_damage_is_noticed(stored: Path, policies: list[TabulatedPolicy]) -> None:
@@ -68,20 +60,9 @@ def test_damage_is_noticed(stored: Path, policies: list[TabulatedPolicy]) -> Non
     assert known.pair_odds([]) == []
 
 
-def test_a_cache_that_cannot_be_used_only_costs_time_and_is_said_once(
-    tmp_path: Path, policies: list[TabulatedPolicy], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+def test_a_cache_that_cannot_be_used_only_costs_time(
+    tmp_path: Path, policies: list[TabulatedPolicy], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    right = exact.crossplay(policies).serving
-
-    def locked(_: Path) -> bool:
-        raise PermissionError(13, "Permission denied")
-
     (tmp_path / "file").write_text("no folder")
-    for folder, patch in ((tmp_path, locked), (None, Path.is_file), (tmp_path / "file", Path.is_file)):
-        monkeypatch.setattr(cache, "cache_folder", lambda folder=folder: folder)
-        monkeypatch.setattr(Path, "is_file", patch)
-        cache._warn_once.cache_clear()
-        for _ in range(2):
-            np.testing.assert_allclose(known.crossplay(policies).serving, right, atol=1e-12)
-        assert caplog.text.count("recomputed") == 1
-        caplog.clear()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    np.testing.assert_allclose(known.crossplay(policies).serving, exact.crossplay(policies).serving, atol=1e-12)

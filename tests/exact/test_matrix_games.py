@@ -1,12 +1,9 @@
 """Matrix games that are solved by hand, and the small linear systems of human-like play."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from shuttle_marl.exact.matrix_games import matrix_game
-from shuttle_marl.exact.saddles import _solve_linear
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -68,22 +65,3 @@ def test_strategies_of_many_columns_guarantee_the_value() -> None:
     assert (low, high) == (pytest.approx(4), pytest.approx(4))
     np.testing.assert_allclose(x, [0.5, *[0] * 7, 0.5], atol=1e-12)
     assert y @ number == pytest.approx(4)
-
-
-@pytest.mark.parametrize(
-    ("matrix", "right", "solution"),
-    [
-        ([[4.0]], [2.0], [0.5]),
-        ([[0.0, 2.0], [4.0, 0.0]], [6.0, 2.0], [0.5, 3.0]),  # the first pivot is 0
-        ([[1.0, 2.0, 0.0], [-3.0, 0.0, 1.0], [2.0, 1.0, 1.0]], [5.0, 0.0, 7.0], [1.0, 2.0, 3.0]),
-        ([[1e-20, 1.0], [1.0, 1.0]], [1.0, 2.0], [1.0, 1.0]),  # exact only with the larger pivot
-        ([[1.0, 1.0], [-1e20, 1.0]], [2.0, 1.0 - 1e20], [1.0, 1.0]),  # whatever its sign
-    ],
-)
-def test_small_linear_systems_by_hand(matrix: Any, right: list[float], solution: list[float]) -> None:
-    """Only the leading part of the given size is solved."""
-    size = len(right)
-    wide, long = np.full((size + 1, size + 1), 7.0), np.full(size + 1, 7.0)
-    wide[:size, :size], long[:size] = matrix, right
-    _solve_linear(wide, long, size)
-    np.testing.assert_allclose(long, [*solution, 7.0], rtol=1e-12)

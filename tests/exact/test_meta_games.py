@@ -1,6 +1,5 @@
 """Equilibria and rankings of small games between policies, against known answers and OpenSpiel."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,11 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.exact import meta_games
 from shuttle_marl.exact.meta_games import (
     MetaGameError,
-    _log_fixation,
-    _stationary,
     alpha_rank,
     maximal_lottery,
     nash,
@@ -112,14 +108,6 @@ def test_alpha_rank_equals_open_spiel(alpha: float, seed: int) -> None:
     assert np.allclose(alpha_rank(payoff, alpha=alpha, population=20, noise=0.02), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("wrong", [[[0, np.nan], [0, 0]], [[0, 1, 2], [1, 0, 1]], [[]], [[0, 1], [1, 0]], [[0, 1], [-0.9, 0]]])
-def test_what_makes_no_game_is_refused(wrong: list[list[float]]) -> None:
-    with pytest.raises(MetaGameError):
-        nash_average(wrong)
-    with pytest.raises(MetaGameError, match="alpha"):
-        alpha_rank(TRANSITIVE, alpha=0)
-
-
 @pytest.mark.parametrize(
     ("payoff", "says"),
     [
@@ -174,29 +162,3 @@ def test_the_fitter_of_two_policies_wins_but_for_noise() -> None:
         assert np.allclose(alpha_rank([[0, 1], [-1, 0]], alpha=np.inf, noise=noise), [1 - noise, noise])
     assert np.allclose(alpha_rank([[0, 1], [1, 0]], alpha=np.inf, noise=0.01), [0.5, 0.5])
     assert np.allclose(alpha_rank(np.zeros((3, 3)), alpha=2.0), [1 / 3] * 3)
-
-
-def test_chances_of_a_mutant() -> None:
-    """(1 - exp(-u)) / (1 - exp(-m u)): 1 / m without advantage, nearly 1 - exp(-u) with a large one."""
-    u = np.array([0.0, 0.5, -0.5, 3.0, -3.0, 1e-9])
-    for m in (2, 5, 50):
-        expected = [1 / m, *((1 - np.exp(-x)) / (1 - np.exp(-m * x)) for x in u[1:5]), 1 / m]
-        assert np.exp(_log_fixation(u, m)) == pytest.approx(expected, rel=1e-6)
-    assert _log_fixation(np.array([-1000.0]), 3) == pytest.approx(-2000)
-
-
-@pytest.mark.parametrize("size", [1, 2, 5])
-def test_stationary_distributions_are_eigenvectors(size: int) -> None:
-    rate = np.random.default_rng(size).uniform(0.1, 1, (size, size))
-    chain = rate - np.diag(rate.sum(axis=1))
-    found = _stationary(rate)
-    assert found @ chain == pytest.approx(np.zeros(size), abs=1e-12)
-    assert found.sum() == pytest.approx(1)
-    assert (rate == np.random.default_rng(size).uniform(0.1, 1, (size, size))).all()
-
-
-def test_games_that_the_program_cannot_solve(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(meta_games, "linprog", lambda *_, **__: SimpleNamespace(success=False, message="no time"))
-    for solver in (nash, nash_average):
-        with pytest.raises(MetaGameError, match="the game cannot be solved: no time"):
-            solver(TRANSITIVE)

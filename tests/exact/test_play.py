@@ -1,19 +1,18 @@
 """Shares of strokes that policies play, counted one by one, and odds under restrictions with their keys."""
 
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from shuttle_marl.exact import known, visits
-from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import restricted_response, restricted_value
 from shuttle_marl.exact.play import impossible, play, unusual
 from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
 from shuttle_marl.game.stroke import FRONT_COURT, NET_SHOTS, SHOTS
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.policy import scorecard
 from tests.exact.exact_games import THREE_STROKES, hand_made, random_policy, tiring_game
 
 GAME = tiring_game()
@@ -98,83 +97,13 @@ def test_play_counted_over_simulated_rallies() -> None:
     assert exact["net_runs"] > 0.05
 
 
-def test_odds_under_restrictions_are_solved_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept: dict[bytes, bytes] = {}
-
-    class Cache:
-        def read(self, keys: Any) -> dict[bytes, bytes]:
-            return {key: kept[key] for key in keys if key in kept}
-
-        def store(self, found: dict[bytes, bytes]) -> None:
-            kept.update(found)
-
-    monkeypatch.setattr(known, "_CACHE", Cache())
+def test_odds_under_restrictions_are_those_of_the_solvers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     game = hand_made()
     policy, opponent = random_policy(game, 0), random_policy(tiring_game(), 1)
     pairs: Any = [(None, opponent), (random_policy(GAME, 2), opponent), (None, policy), (None, opponent)]
     found = known.restricted_odds(pairs, 0.75, tolerance=1e-6)
-    assert len(kept) == 3
     assert found[0] == found[3] == restricted_response(opponent, 0.75, tolerance=1e-6).value.odds()
     assert found[1] == restricted_value(pairs[1][0], opponent, 0.75, tolerance=1e-6).odds()
-
-    def again(*_: Any, **__: Any) -> Any:
-        raise ArithmeticError("solved again")
-
-    monkeypatch.setattr(known, "restricted_response", again)
-    monkeypatch.setattr(known, "restricted_value", again)
     assert known.restricted_odds(pairs, 0.75, tolerance=1e-6) == found
-    for p, tolerance in ((0.5, 1e-6), (0.75, 1e-7)):
-        with pytest.raises(ArithmeticError, match="solved again"):
-            known.restricted_odds(pairs[:1], p, tolerance=tolerance)
-    assert known._swapped(Odds(serving=0.3, receiving=0.6, error_bound=0.1)) == Odds(serving=0.4, receiving=0.7, error_bound=0.1)
-
-
-def test_the_depth_of_a_game_from_what_its_policies_play(monkeypatch: pytest.MonkeyPatch) -> None:
-    """bc wins half, the best response .75, and two lists of each class .6 and .55; perfect play beats them with .7 and .65."""
-    game = GAME
-    bc, perfect, first, second, mean = ("bc", "perfect", "first", "second", "mean")
-    rally = {("first", "bc"): 0.6, ("second", "bc"): 0.55, ("mean", "bc"): 0.5}
-    rally |= {("first", "perfect"): 0.3, ("second", "perfect"): 0.35, ("mean", "perfect"): 0.2}
-    gain = {"bc": 0.5, "first": 0.3, "second": 0.2, "mean": 0.4}
-
-    class Found:
-        def __init__(self, value: float, policy: Any = None) -> None:
-            self.value, self.rally, self.policy = self if policy is None else value, value, policy
-
-        def odds(self) -> Any:
-            return Odds(serving=self.rally, receiving=self.rally, error_bound=0.0)
-
-    class Answer:
-        def __init__(self, name: Any) -> None:
-            rally = (1 + gain[name]) / 2
-            self.value = Found(rally)
-
-    class Solved:
-        policy = (type("Perfect", (str,), {"waits": None})(perfect),)
-
-    reported: list[str] = []
-    monkeypatch.setattr(scorecard, "tabulate", lambda policy, _: policy)
-    monkeypatch.setattr(scorecard, "resolve", lambda name, _: name)
-    monkeypatch.setattr(scorecard, "unusual", lambda policy: ["rare", policy])
-    monkeypatch.setattr(scorecard, "play", lambda *players: {"played": players})
-    monkeypatch.setattr(scorecard, "solve", lambda _: Solved())
-    monkeypatch.setattr(scorecard, "best_response", Answer)
-    monkeypatch.setattr(scorecard, "cells_of", lambda _, *parts: parts)
-    monkeypatch.setattr(scorecard, "lists", lambda against, cell, waits: [first] if against == bc else [second])
-    monkeypatch.setattr(scorecard, "averaged", lambda *_: mean)
-    monkeypatch.setattr(scorecard, "evaluate", lambda one, other: Found(rally[one, str(other)]))
-    found = scorecard.depth(game, ("bc", "safe"), report=reported.append)
-    assert found["policies"] == {
-        "bc": {"self": {"played": ("bc", "bc", ["rare", "bc"])}, "bc": {"played": ("bc", "bc", ["rare", "bc"])}},
-        "safe": {"self": {"played": ("safe", "safe", ["rare", "bc"])}, "bc": {"played": ("safe", "bc", ["rare", "bc"])}},
-    }
-    assert set(found["lists"]) == {"nothing", "incoming_shot", "incoming_stroke", "no_own", "no_hurried"}
-    for each in found["lists"].values():
-        assert each == pytest.approx({"score": 0.1 / 0.25, "exploitability": 0.2, "against_minimax": 0.35})
-    assert found["impossible"] == int(impossible(game).sum()) * 9
-    assert (found["game"], set(found)) == (game.hash, {"game", "impossible", "policies", "people", "lists"})
-    assert found["people"] is None
-    assert reported[:3] == ["bc", "safe", "lists that read nothing"]
-    assert "lists that read incoming shot" in reported
-    assert scorecard.LISTS["no_own"] == ("incoming", "contact", "duel", "effort", "opponent_effort", "hurried")
-    assert scorecard.LISTS["no_hurried"] == ("own", "incoming", "contact", "duel", "effort", "opponent_effort")
+    assert known.restricted_odds(pairs[:1], 0.5, tolerance=1e-6) != found[:1]

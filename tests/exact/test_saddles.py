@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.exact.met import met
 from shuttle_marl.exact.saddles import Saddle, SoftSaddle, largest_continuation_by_position
 from shuttle_marl.exact.solver import successors
-from shuttle_marl.game.tables import HURRY_ONE, Game
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import random_game, random_policy
 from tests.exact.test_hidden_positions_solved import entries, waiting, with_recovery
 
@@ -94,70 +92,6 @@ def test_free_players_mix_as_in_the_matrix_of_each_state(seed: int, against: boo
     assert 0 <= player.gap < 1e-12
 
 
-@pytest.mark.parametrize("share", [0.3, 1.0])
-@pytest.mark.parametrize("kind", ["strokes", "whole strokes", "positions"])
-def test_a_player_who_follows_a_policy_adds_its_mean(kind: str, share: float) -> None:
-    """Entries are 1 - share of the free ones and share of the mean over the policy; the other player answers that."""
-    game, following = game_of(4), following_of(game_of(4))
-    policy = waiting(random_policy(game, 3), 3)
-    strokes, positions = policy.pair_probabilities(), policy.position_probabilities()
-    assert positions is not None
-    if kind == "positions":
-        player = Saddle((game,), positions=positions, share=share)
-    else:
-        blocks = [
-            policy.block_units(block) if kind == "whole strokes" else policy.block_probabilities(block) for block in (0, 1, 2, 3)
-        ]
-        player = Saddle((game,), strokes=tuple(blocks), share=share)
-    for found, state, s, pairs, those in played(game, player, following):
-        matrix = entries(game, state, following)
-        if kind == "positions":
-            matrix = (1 - share) * matrix + share * (matrix @ positions[state, those])[:, None]
-        else:
-            matrix = (1 - share) * matrix + share * (strokes[game.pairs_of(state)] @ matrix)
-        assert (found.strokes[pairs] @ matrix).min() == pytest.approx(found.value[s], abs=1e-8)
-        assert (matrix @ found.positions[s, those]).max() == pytest.approx(found.value[s], abs=1e-8)
-        if share == 1 and kind != "positions":
-            np.testing.assert_allclose(found.strokes[pairs], strokes[game.pairs_of(state)], atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    "given", [{}, {"strokes": 0.4}, {"strokes": 1.0}, {"positions": 0.4}, {"positions": 1.0}, {"games": 1.0}]
-)
-def test_the_linear_part_is_the_change_at_fixed_strategies(given: dict[str, float]) -> None:
-    """What the policies of both, with the mean of one who follows a policy by its share, lose where successors gain."""
-    game, (kind, share) = game_of(2), next(iter(given.items()), ("", 0.0))
-    games = (game, sister(2)) if kind == "games" else (game,)
-    policy, following, change = waiting(random_policy(game, 1), 1), following_of(game), following_of(game, 1)
-    strokes, positions = policy.pair_probabilities(), policy.position_probabilities()
-    assert positions is not None
-    blocks = tuple(policy.block_units(block) for block in range(game.n_blocks))
-    player = Saddle(
-        games,
-        against=True,
-        strokes=blocks if kind == "strokes" else None,
-        positions=positions if kind == "positions" else None,
-        share=share,
-    )
-    for block in (0, 5, 8):
-        here, there = successors(game, following, block), successors(game, change, block)
-        values, linear = player.block_sweep(block, *here)
-        found, free = linear(*there), player.strategies(block, *here)
-        assert np.array_equal(values, free.value)
-        for state, s, pairs, those in states_of(game, block):
-            x, y = free.strokes[pairs], free.positions[s, those]
-            if pairs.start == pairs.stop:
-                assert found[s] == 0
-                continue
-            if kind == "strokes":
-                x = (1 - share) * x + share * strokes[game.pairs_of(state)]
-            if kind == "positions":
-                y = (1 - share) * y + share * positions[state, those]
-            parts = [entries(one, state, following + change) - entries(one, state, following) for one in games]
-            picked = free.picked[game.waiting.start[s] :][: parts[0].size].reshape(parts[0].shape)
-            assert found[s] == pytest.approx(x @ np.choose(picked, parts) @ y, abs=1e-9)
-
-
 @pytest.mark.parametrize("tau", [0.01, 0.2, 5.0])
 def test_soft_strategies_answer_each_other_softly(tau: float) -> None:
     """x is b exp(M y / tau) and y is q exp(-x M / tau), normalised; the value is x M y - tau KL(x, b) + tau KL(y, q)."""
@@ -192,19 +126,6 @@ def test_soft_strategies_answer_each_other_softly(tau: float) -> None:
     assert mixed > 5
 
 
-def test_the_largest_continuation_is_over_positions_and_games() -> None:
-    """1 less the smallest share of rallies that end, over all strokes but serves, against every position."""
-    for game in (game_of(1), sister(1)):
-        table = game.waiting
-        ends = [
-            table.limits[:, table.start[s] : table.start[s + 1], 1].min(initial=ONE - 1) for s in range(4, game.n_base_states)
-        ]
-        assert largest_continuation_by_position(game) == pytest.approx(1 - min(ends) / ONE, abs=1e-15)
-    both = Saddle((game_of(1), sister(1)))
-    assert both.contraction == max(largest_continuation_by_position(game) for game in both.games)
-    assert both.game is game_of(1)
-
-
 def endless(game: Game, which: slice) -> Game:
     """The game in which some strokes never end the rally."""
     limits = game.waiting.limits.copy()
@@ -220,37 +141,3 @@ def test_a_stroke_that_never_ends_the_rally_against_a_position_is_refused() -> N
     with pytest.raises(ExactError, match="never ends the rally against some position"):
         largest_continuation_by_position(endless(game, slice(first, first + 1)))
     assert largest_continuation_by_position(endless(game, slice(first))) == largest_continuation_by_position(game), "a serve may"
-
-
-@pytest.mark.parametrize("own", [False, True])
-def test_against_known_positions_tables_are_means(own: bool) -> None:
-    """Thresholds by the shares of positions; chances of hurry also by how many strokes return from below and from above."""
-    game = game_of(5)
-    positions = waiting(random_policy(game, 0), 0).position_probabilities() if own else None
-    found, table = met(game, positions), game.waiting
-    people = game.people_positions(np.arange(game.n_base_states))
-    assert found.of is found.tables is game
-    assert found.recovery is None
-    levels = game.levels
-    # People wait in the same way whatever the efforts, and tables depend on the striker's own alone.
-    assert found.table == (tuple(range(levels**2)) if own else tuple(np.repeat(np.arange(levels), levels).tolist()))
-    for block in range(game.n_blocks):
-        at = found.table_of(block)
-        for state, s, pairs, those in states_of(game, block):
-            share = (people[s] if positions is None else positions[state])[those]
-            for k in range(pairs.stop - pairs.start):
-                row = int(table.start[s]) + k * len(those) + np.arange(len(those))
-                fault, winner, below = table.limits[block // levels, row].T.astype(float)
-                pair = pairs.start + k
-                np.testing.assert_allclose(found.limits[at, pair], [share @ fault, share @ winner, share @ below], rtol=1e-12)
-                low, high = share @ (below - winner), share @ (ONE - below)
-                late = [share @ ((below - winner) * table.hurry[row, 0]), share @ ((ONE - below) * table.hurry[row, 1])]
-                expected = [part / all_ if all_ > 0 else 0 for part, all_ in zip(late, (low, high), strict=True)]
-                np.testing.assert_allclose(found.hurry_at(at)[pair], expected, rtol=1e-12)
-    pairs_ = np.arange(game.n_pairs)
-    rows = found.limit_row()
-    assert rows.tolist() == [
-        found.table_of(p // game.n_base_pairs) * game.n_base_pairs + p % game.n_base_pairs for p in pairs_.tolist()
-    ]
-    assert found.limit_row(slice(3, 9)).tolist() == rows[3:9].tolist()
-    np.testing.assert_allclose(found.hurry_of(pairs_), found.mean_hurry.reshape(-1, 2)[rows] / HURRY_ONE, rtol=1e-15)

@@ -10,7 +10,6 @@ import pytest
 
 from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
 from shuttle_marl.exact.match import normalised_score
-from shuttle_marl.game import shipped
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
@@ -19,7 +18,7 @@ from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.ranking import exact_odds
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer
-from tests.exact.exact_games import hand_made, random_policy
+from tests.exact.exact_games import hand_made, random_game, random_policy
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -85,10 +84,9 @@ def test_who_reads_the_score_is_sampled() -> None:
     assert card == SCORER.score(Moody("best-response:bc"), "moody", matches=200, seed=3)
 
 
-def test_a_game_without_clones_has_no_scorer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shipped, "_ORIGINS", {})  # another test may have loaded the same small game from a folder
+def test_a_game_without_clones_has_no_scorer() -> None:
     with pytest.raises(PolicyError, match="was not loaded from one"):
-        Scorer(hand_made())
+        Scorer(random_game(991))
 
 
 def test_exact_figures_of_a_pool() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game.observation import RALLY_WIDTH, SWAP, observations
-from shuttle_marl.game.policy import GamePolicy, PolicyError, States, UniformPolicy, act, drawn_strokes
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.policy import PolicyError, States, act
+from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import hand_made, tiring_game
 from tests.recovery import Prefers, with_recovery
 
@@ -56,25 +56,6 @@ class Fixed:
 
 SEEN = observations(GAME, [STATE])[0]
 LEFT, MIDDLE, RIGHT = 1, 2, 3
-
-
-def test_a_draw_chooses_the_stroke_in_whose_share_it_lies() -> None:
-    rows = np.tile(SEEN, (8, 1))
-    found = act(Fixed(0.25, 0.5, 0.25), GAME, rows, None, drawing(0.0, 0.2499, 0.25, 0.5, 0.7499, 0.75, 0.8, 0.9999))
-    assert np.asarray(found).tolist() == [LEFT, LEFT, MIDDLE, MIDDLE, MIDDLE, RIGHT, RIGHT, RIGHT]
-    # A draw of 0 does not choose a stroke that is never played.
-    assert act(Fixed(0.0, 0.5, 0.5), GAME, SEEN, None, drawing(0.0)) == MIDDLE
-
-
-def test_the_last_stroke_may_be_the_only_one() -> None:
-    assert act(UniformPolicy(), GAME, observations(GAME, [STATE + 1])[0], None, drawing(0.5)) == GAME.n_strokes - 1
-
-
-def test_one_observation_has_one_action_and_a_batch_an_array() -> None:
-    one = act(Fixed(0.0, 1.0, 0.0), GAME, SEEN, None, drawing(0.5))
-    assert (type(one), one) == (int, MIDDLE)
-    batch = act(Fixed(0.0, 1.0, 0.0), GAME, SEEN[None], None, drawing(0.5))
-    assert np.asarray(batch).tolist() == [MIDDLE]
 
 
 def test_a_mask_scales_what_it_leaves_and_comes_before_that_of_the_dictionary() -> None:
@@ -140,40 +121,6 @@ def test_who_chooses_a_position_is_asked_for_the_state_of_the_striker() -> None:
         assert stroke == game.legal_strokes(state)[0]
     # The receiver sees its own points first, the striker of the state has the others.
     assert [([state], None), ([state], None), ([state], [[12, 6, 1, 0]]), ([state], [[6, 12, 0, 1]])] == ASKED
-
-
-def test_strikers_and_receivers_may_stand_in_one_batch() -> None:
-    game, n = RECOVERY, RECOVERY.n_strokes
-    state = int(np.flatnonzero(game.playable)[-1])
-    rows = np.stack([seen_of(game, state, waits=waits) for waits in (False, True, False)])
-    found = act(UniformPolicy(), game, rows, None, drawing(0.999, 0.999, 0.0))
-    legal = game.legal_strokes(state)
-    people = game.people_positions(np.array([state]))[0]
-    assert np.asarray(found).tolist() == [legal[-1], n + int(np.flatnonzero(people)[-1]), legal[0]]
-    mask = np.zeros((3, game.n_actions))
-    mask[:, [legal[0], n + int(np.flatnonzero(people)[0])]] = 1
-    found = act(UniformPolicy(), game, rows, mask, drawing(0.999, 0.999, 0.5))
-    assert np.asarray(found).tolist() == [legal[0], n + int(np.flatnonzero(people)[0]), legal[0]]
-
-
-def test_a_policy_of_a_game_acts_as_the_policy_and_has_its_attributes() -> None:
-    fixed = Fixed(0.0, 0.0, 1.0)
-    policy = GamePolicy(policy=fixed, game=GAME, name="right")
-    assert policy.act(SEEN) == RIGHT
-    assert policy.asked is fixed.asked
-    assert policy.probabilities(States(game=GAME, state=np.array([STATE]))).tolist() == [[0, 0, 0, 1, 0]]
-    with pytest.raises(PolicyError, match="policy 'right' plays none of the allowed strokes"):
-        act(policy, GAME, SEEN, np.array([1, 1, 1, 0, 0]), drawing(0.5))
-    waiting = GamePolicy(policy=UniformPolicy(), game=RECOVERY)
-    states = States(game=RECOVERY, state=np.array([ROOT]))
-    assert waiting.positions(states).tolist() == RECOVERY.people_positions(states.state).tolist()
-
-
-def test_drawn_strokes_are_those_of_rounded_cumulative_probabilities() -> None:
-    # Shares of 1/4 and 3/4 are 16384 and 49151 of 65535 draws: 0.25 * 65535 = 16383.75 is rounded up.
-    p = np.array([[0.25, 0.75, 0.0], [0.0, 0.5, 1.5]])
-    for draw, expected in ((0, [0, 1]), (16383, [0, 1]), (16384, [1, 2]), (65534, [1, 2])):
-        assert drawn_strokes(p, np.full(2, draw)).tolist() == expected
 
 
 def test_efforts_of_a_receiver_are_seen_from_the_other_side() -> None:

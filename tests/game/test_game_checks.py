@@ -1,17 +1,17 @@
 """Tables that form no game: each rule of the layout, broken alone; and what a game of a pair and one without positions refuse."""
 
 import dataclasses
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.tables import GameError, Origin
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.thresholds import ONE
-from tests.exact.exact_games import hand_made, tiring_game
+from tests.exact.exact_games import tiring_game
 from tests.recovery import with_recovery
+from tests.reduced import reduced_game, reduced_model
 
 GAME = tiring_game()
 N, EDGES, REPLIES = GAME.n_strokes, len(GAME.edge_own), len(GAME.reply_edge)
@@ -108,16 +108,6 @@ def test_tables_that_break_a_rule_are_refused(name: str) -> None:
         dataclasses.replace(GAME, **changes)
 
 
-def test_what_only_seems_to_break_a_rule_is_a_game() -> None:
-    assert dataclasses.replace(GAME, **without_rows(LIFT, 1, 1)).legal_strokes(4 * edge(CLEAR, LIFT) + 1).tolist() == [CLEAR]
-    equal = GAME.threshold.copy()
-    equal[0] = equal[0, 1]
-    assert dataclasses.replace(GAME, threshold=equal).threshold[0].tolist() == [equal[0, 0]] * 3
-    shared = hand_made()  # without duels no length of a duel is checked
-    assert not shared.counts_duels
-    assert GAME.edge_duel.max() == LONGEST_DUEL
-
-
 @pytest.mark.parametrize(
     ("odds", "fits"),
     [
@@ -155,62 +145,34 @@ def test_tables_have_their_kinds_of_numbers(name: str, table: Any, kind: str) ->
         dataclasses.replace(GAME, **{name: table})
 
 
-PEOPLE: Any = SimpleNamespace(title="A against B", average=GAME, swapped="swapped")
-PAIR = dataclasses.replace(GAME, threshold=np.stack([GAME.threshold, GAME.threshold // 2]), people=PEOPLE)
+def a_pair() -> Game:
+    return pair_game("viktor-axelsen", "kento-momota", game=reduced_model())
 
 
 def test_the_game_of_a_pair_has_tables_for_each_seat() -> None:
-    for wrong in ({"people": PEOPLE}, {"threshold": PAIR.threshold}):
+    pair, average = a_pair(), reduced_game()
+    for wrong in ({"people": pair.people}, {"threshold": pair.threshold}):
         with pytest.raises(GameError, match="tables of two seats are those of a pair: make them with pair_game"):
-            dataclasses.replace(GAME, **wrong)
-    first, second = PAIR.seats
-    assert np.array_equal(first.threshold, GAME.threshold)
-    assert np.array_equal(second.threshold, GAME.threshold // 2)
-    assert (first.seat, second.seat, first.whole, second.whole) == (0, 1, PAIR, PAIR)
-    assert first.opposite is second
-    assert second.opposite is first
-    assert PAIR.opposite is PAIR
-    assert GAME.seats == (GAME, GAME)
-    assert (PAIR.average, first.average, GAME.average) == (GAME, GAME, GAME)
-    assert GAME.swapped is GAME
-    swapped = PAIR.swapped
-    assert np.array_equal(swapped.threshold, PAIR.threshold[::-1])
-    assert swapped.people == "swapped"
-    assert len({GAME.hash, PAIR.hash, swapped.hash, first.hash, second.hash}) == 4
-    assert first.hash == GAME.hash
-    with pytest.raises(GameError, match=r"the game of A against B has the tables of both players; take those of a seat"):
-        _ = PAIR.limits
+            dataclasses.replace(average, **wrong)
+    first, second = pair.seats
+    assert [np.array_equal(seat.threshold, table) for seat, table in zip(pair.seats, pair.threshold, strict=True)] == [True] * 2
+    assert (first.seat, second.seat, first.whole, second.whole) == (0, 1, pair, pair)
+    assert (first.opposite, second.opposite, pair.opposite) == (second, first, pair)
+    assert (GAME.seats, GAME.swapped, GAME.average) == ((GAME, GAME), GAME, GAME)
+    assert np.array_equal(pair.swapped.threshold, pair.threshold[::-1])
+    with pytest.raises(GameError, match=r"has the tables of both players; take those of a seat"):
+        _ = pair.limits
 
 
 def test_positions_are_of_one_seat_in_the_game_with_recovery() -> None:
-    recovery = with_recovery(GAME, 3, 3).recovery
-    for game in (GAME, PAIR, dataclasses.replace(PAIR, recovery=recovery)):
+    hidden = with_recovery(GAME, 3, 3)
+    for game in (GAME, a_pair()):
         with pytest.raises(GameError, match="no positions: expected the game with recovery"):
             _ = game.waiting
-    seat = dataclasses.replace(PAIR, recovery=recovery).seats[1]
-    assert len(seat.waiting.choices) == GAME.n_base_states
-    assert (seat.n_actions, seat.n_positions, GAME.n_actions, GAME.n_positions) == (N + 9, 9, N, 1)
-    assert seat.action_names[N : N + 4] == (
-        "wait:front-forehand",
-        "wait:front-centre",
-        "wait:front-backhand",
-        "wait:middle-forehand",
-    )
+    assert len(hidden.waiting.choices) == GAME.n_base_states
+    assert (hidden.n_actions, hidden.n_positions, GAME.n_actions, GAME.n_positions) == (N + 9, 9, N, 1)
+    assert hidden.action_names[N : N + 2] == ("wait:front-forehand", "wait:front-centre")
     assert GAME.action_names == GAME.catalogue.names
-
-
-def test_rows_of_tables_are_those_of_the_efforts() -> None:
-    pairs, size = np.array([0, GAME.n_base_pairs + 3, 5 * GAME.n_base_pairs + 7, 8 * GAME.n_base_pairs]), GAME.n_base_pairs
-    assert [GAME.table_of(block) for block in range(9)] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
-    assert GAME.limit_row(pairs).tolist() == [0, 3, size + 7, 2 * size]
-    assert GAME.limits_of(pairs).tolist() == [GAME.limits[own, base].tolist() for own, base in ((0, 0), (0, 3), (1, 7), (2, 0))]
-    assert GAME.hurry_of(pairs).tolist() == (GAME.hurry[[0, 3, 7, 0]] / 256).tolist()
-    assert GAME.hurry_at(2) is GAME.hurry
-    good, returned, above = GAME.stroke_probabilities(pairs)
-    for i, (fault, winner, below) in enumerate(GAME.limits_of(pairs).tolist()):
-        assert good[i] == 1 - fault / ONE
-        assert returned[i] == pytest.approx((ONE - winner) / (ONE - fault))
-        assert above[i] == pytest.approx((ONE - below) / (ONE - winner))
 
 
 def test_strokes_may_be_forbidden() -> None:
@@ -229,46 +191,3 @@ def test_strokes_may_be_forbidden() -> None:
         GAME.without("lift", "net-shot", "cross-court-net-shot")
     with pytest.raises(GameError, match="no stroke is legal after the start of a rally without short-serve"):
         GAME.without("short-serve")
-
-
-def test_names_of_games_name_model_variant_and_recovery() -> None:
-    folder: Any = "folder"
-    names = [Origin(folder, variant, recovery).name_in("mine") for variant in (None, "men") for recovery in (False, True)]
-    assert names == ["mine", "mine:recovery", "mine:men", "mine:men-recovery"]
-
-
-def test_the_game_of_a_pair_is_short_in_print() -> None:
-    assert repr(PAIR) == f"Game(hash={PAIR.hash[:12]!r}, people={PEOPLE!r})"
-
-
-def test_states_are_described_in_words_and_numbers() -> None:
-    assert GAME.highest_observation.tolist() == [N, N, 1, 3, 2, 2, 1]
-    assert GAME.highest_observation.dtype == np.int32
-    names = GAME.catalogue.names
-    long, short = edge(NET, NET, 3), edge(NET, NET, 2)
-    block = (2 * GAME.levels + 1) * GAME.n_base_states
-    before = f"own {names[NET]}, incoming {names[NET]}, contact"
-    assert GAME.describe(4 * long) == f"{before} below, net shots in a row 3 or more, effort 0 against 0"
-    assert GAME.describe(block + 4 * short + 3) == f"{before} above, hurried, net shots in a row 2, effort 2 against 1"
-    first = edge(CLEAR, NET, 1)
-    expected = f"own {names[CLEAR]}, incoming {names[NET]}, contact above, effort 0 against 0"
-    assert GAME.describe(4 * first + 1) == expected
-    assert GAME.state_of(NET, NET, 1, 2, 2, 1, 1) == block + 4 * short + 3
-    assert GAME.incoming_shot(np.array([0, 4 * first])).tolist() == [13, GAME.catalogue.shot[NET]]
-
-
-def test_blocks_of_efforts_follow_each_other() -> None:
-    size, pairs = GAME.n_base_states, GAME.n_base_pairs
-    assert (GAME.n_blocks, GAME.n_states, GAME.n_pairs) == (9, 9 * size, 9 * pairs)
-    assert GAME.block_states(2) == slice(2 * size, 3 * size)
-    assert GAME.block_pairs(2) == slice(2 * pairs, 3 * pairs)
-    # Own effort 1 against 2: the other is to strike with effort 2 against 1, or against 2 after an attack.
-    assert GAME.block_following(1 * 3 + 2) == (2 * 3 + 1, 2 * 3 + 2)
-    assert GAME.block_following(2 * 3 + 0) == (2, 2)
-    attack = int(GAME.pair(5 * size + 4 * edge(CLEAR, LIFT) + 1, SMASH))
-    other = int(GAME.pair(5 * size + 4 * edge(CLEAR, LIFT) + 1, CLEAR))
-    arrivals = GAME.arrivals(np.array([attack, other]))
-    assert arrivals.tolist() == [
-        (block * size + 4 * edge(LIFT, stroke) + np.arange(4)).tolist() for block, stroke in ((8, SMASH), (7, CLEAR))
-    ]
-    assert GAME.edge_attack[[0, edge(CLEAR, SMASH), edge(CLEAR, 3), edge(CLEAR, LIFT)]].tolist() == [False, True, True, False]

@@ -9,7 +9,7 @@ import pytest
 from safetensors.numpy import save_file
 
 from shuttle_marl.base.errors import OptionError, ShuttleError
-from shuttle_marl.game import UniformPolicy, default_game, model_folder, tabulate
+from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import Game, GameError
@@ -96,46 +96,6 @@ def test_models_are_found_by_name_and_by_folder(saved: Path) -> None:
 GAME, _ = random_game(5)
 
 
-def with_last(name: str, value: int) -> np.ndarray:
-    table = getattr(GAME, name).copy()
-    table.flat[-1] = value
-    return table
-
-
-@pytest.mark.parametrize(
-    ("name", "table"),
-    [
-        ("edge_own", with_last("edge_own", GAME.n_strokes + 1)),
-        ("edge_incoming", with_last("edge_incoming", -1)),
-        ("reply_start", with_last("reply_start", 1 << 30)),
-        ("reply_start", GAME.reply_start - 1),
-        ("reply_count", with_last("reply_count", 1 << 30)),
-        ("reply_edge", with_last("reply_edge", 1 << 30)),
-        ("reply_edge", GAME.reply_edge[:-1]),
-        ("edge_own", GAME.edge_own[:0]),
-        ("edge_own", GAME.edge_own.reshape(2, -1) if GAME.edge_own.size % 2 == 0 else GAME.edge_own[None]),
-        ("fault_odds", GAME.fault_odds[:0]),
-        ("fault_odds", np.repeat(GAME.fault_odds, 9)),
-        ("threshold", GAME.threshold[:, ::-1].copy()),
-        ("edge_duel", with_last("edge_duel", 3 - int(GAME.edge_duel[-1]))),
-        ("fault_odds", with_last("fault_odds", 0)),
-        ("fault_odds", GAME.fault_odds + 1),
-        ("hurry", GAME.hurry[:-1]),
-        ("hurry", GAME.hurry[:, :1]),
-        ("hurry", GAME.hurry.astype(np.uint16)),
-        ("threshold", GAME.threshold[:, :2]),
-        ("threshold", GAME.threshold.astype(np.int32)),
-        ("threshold", GAME.threshold.tolist()),
-        ("edge_own", GAME.edge_own.astype(np.int64)),
-        ("edge_own", GAME.edge_own.astype(float)),
-        ("reply_start", GAME.reply_start.ravel()),
-    ],
-)
-def test_tables_that_do_not_fit_are_refused(name: str, table: Any) -> None:
-    with pytest.raises(GameError, match=name.split("_", maxsplit=1)[0]):
-        dataclasses.replace(GAME, **{name: table})
-
-
 def test_probabilities_of_fewer_pairs_than_are_legal_are_refused() -> None:
     with pytest.raises(GameError, match="threshold does not count the legal strokes"):
         dataclasses.replace(GAME, threshold=GAME.threshold[:-1], hurry=GAME.hurry[:-1])
@@ -153,13 +113,3 @@ def test_an_unknown_stroke_is_a_shuttle_error() -> None:
     assert issubclass(UnknownStrokeError, ShuttleError)
     with pytest.raises(ShuttleError, match="unknown shot type"):
         Catalogue.from_names(["slice:front-left:below:forehand"])
-
-
-def test_short_texts_of_objects_that_hold_tables() -> None:
-    game = default_game()
-    expected = (
-        f"Game(hash='{game.hash[:12]}', n_strokes={game.n_strokes}, n_states={game.n_states}, n_pairs={game.n_pairs}, levels=2)"
-    )
-    assert str(game) == repr(game) == expected
-    assert repr(tabulate(UniformPolicy(), GAME)).startswith("TabulatedPolicy(hash='")
-    assert repr(game.catalogue) == f"Catalogue(version='{game.catalogue.version}', n_strokes={game.n_strokes})"

@@ -8,22 +8,15 @@ import numpy as np
 import pytest
 import zstandard
 
-from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.tensor_files import read_tensors, tensor_bytes
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.policy import PolicyError, States, UniformPolicy
-from shuttle_marl.game.tables import GameError
 from shuttle_marl.game.tabulated import (
     TabulatedPolicy,
     cumulative_positions,
     from_pair_probabilities,
-    hash_of,
-    hurry_units,
-    position_shares,
     tabulate,
-    thresholds,
 )
-from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.recovery import Prefers, with_recovery
 
@@ -93,24 +86,6 @@ def test_positions_of_a_table_are_its_own_or_those_of_people() -> None:
         for draw in (0, row[4], CHOICE_ONE - 1):
             expected = next(i for i, upper in enumerate(row) if upper > draw)
             assert table.choose_position(np.array([7]), np.array([draw])).tolist() == [expected]
-
-
-def test_cumulative_positions_are_rounded_shares() -> None:
-    p = np.zeros((2, 9))
-    p[0, [0, 8]] = 0.25, 0.75
-    p[1, 4] = 2.0
-    expected = [[16384] * 8 + [65535], [0] * 4 + [65535] * 5]
-    assert cumulative_positions(p).tolist() == expected
-    assert (position_shares(np.array(expected, np.uint16)) * CHOICE_ONE)[0].tolist() == pytest.approx([16384, *[0] * 7, 49151])
-
-
-def test_tables_have_hashes_of_all_that_they_hold() -> None:
-    assert POLICY.hash == content_hash(POLICY.cumulative.tobytes())
-    assert WAITING.waits is not None
-    assert WAITING.hash == content_hash(WAITING.cumulative.tobytes() + WAITING.waits.tobytes())
-    other = random_policy(GAME, 2)
-    assert hash_of(POLICY, dataclasses.replace(POLICY)) == POLICY.hash
-    assert hash_of(POLICY, other) == content_hash(f"seats {POLICY.hash} {other.hash}".encode()) != hash_of(other, POLICY)
 
 
 @pytest.mark.parametrize("table", [POLICY, WAITING], ids=["strokes", "positions"])
@@ -197,11 +172,6 @@ def test_numbers_that_are_no_distributions_of_strokes_are_refused(cumulative: np
         TabulatedPolicy.checked(cumulative, GAME, "here")
 
 
-def test_a_stroke_that_is_never_played_is_no_fall() -> None:
-    equal = with_entry(POLICY.cumulative, LAST - 2, int(POLICY.cumulative[LAST - 1]))
-    assert TabulatedPolicy.checked(equal, GAME, "here").probability_of(np.array([LAST - 1])).tolist() == [0]
-
-
 FEASIBLE = np.flatnonzero(HIDDEN.waiting.mask(np.array([5]))[0]).tolist()
 """The three feasible positions in state 5."""
 INFEASIBLE = next(place for place in range(9) if place not in FEASIBLE)
@@ -278,13 +248,3 @@ def test_probabilities_of_a_state_sum_to_one(sum_of_one_state: float, fits: bool
     else:
         with pytest.raises(PolicyError, match="do not add up to 1 in every state"):
             from_pair_probabilities(GAME, p)
-
-
-def test_chances_of_a_hurried_receiver_are_rounded_and_stay_below_one() -> None:
-    assert hurry_units(np.array([0.0, 0.5, 0.998, 1.0, 1.5 / 256, 0.49 / 256])).tolist() == [0, 128, 255, 255, 2, 0]
-    for wrong in (np.nan, np.inf):
-        with pytest.raises(GameError, match="a probability of a hurried receiver is not a number"):
-            hurry_units(np.array([0.5, wrong]))
-    certain = thresholds(np.array([1.0]), np.array([1.0]), np.array([1.0]))
-    assert certain.tolist() == [[0, 0, 0]]
-    assert thresholds(np.array([0.5]), np.array([0.0]), np.array([0.0])).tolist() == [[ONE // 2, ONE - 1, ONE - 1]]

@@ -18,7 +18,6 @@ from shuttle_marl.game.scoring import (
     RulesName,
     Score,
     ScoringError,
-    count_rally,
     is_over,
     match_win_probability,
     open_scores,
@@ -293,15 +292,3 @@ def test_matches_are_over_with_two_games_of_either_seat() -> None:
     assert is_over(games).tolist() == [False, False, True, True]
     assert is_over(games, RULES["11"]).tolist() == [False] * 4
     assert is_over(games[None], Rules(games=1)).tolist() == [[False, True, True, True]]
-
-
-def test_counting_a_rally_at_the_edges_of_a_game() -> None:
-    """Own and other points and games before a rally that is won, and points, games, game and match after it."""
-    for own, other, games, expected in (
-        (19, 3, 0, (20, 0, False, False)),
-        (20, 19, 0, (21, 1, True, False)),
-        (20, 20, 1, (21, 1, False, False)),
-        (21, 20, 1, (22, 2, True, True)),
-        (29, 29, 1, (30, 2, True, True)),
-    ):
-        assert tuple(count_rally(own, other, games, BWF)) == expected

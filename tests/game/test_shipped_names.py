@@ -12,6 +12,7 @@ import pytest
 from shuttle_marl.game import shipped
 from shuttle_marl.game.shipped import (
     Estimate,
+    default_game,
     drawn_game,
     hands_of_variant,
     is_refit,
@@ -105,16 +106,6 @@ class Normals:
         return np.full(size, self.values.pop(0))
 
 
-def test_drawn_games_keep_the_probabilities_where_all_shifts_are_equal() -> None:
-    rng: Any = Normals(0.7, -0.3)
-    found = drawn_game(GAME, rng, 0.5)
-    # By shot type, area and contact, and by incoming shot type and answer; of a fault, a winner and both returns.
-    assert rng.sizes == [(13, 9, 2, 4), (14, 13, 4)]
-    assert np.array_equal(found.threshold, GAME.threshold)
-    assert np.array_equal(found.hurry, GAME.hurry)
-    assert np.array_equal(drawn_game(GAME, np.random.default_rng(1), 0.0).threshold, GAME.threshold)
-
-
 def test_drawn_games_multiply_probabilities_of_outcomes() -> None:
     class Faults(Normals):
         def normal(self, size: tuple[int, ...]) -> np.ndarray:
@@ -131,25 +122,21 @@ def test_drawn_games_multiply_probabilities_of_outcomes() -> None:
     assert 1 - after[1] == pytest.approx((1 - before[1]) / total, abs=1 / ONE)
 
 
-def test_supported_strokes_are_frequent_or_the_most_frequent_of_their_state(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_supported_strokes_are_frequent_or_the_most_frequent_of_their_state() -> None:
     assert supported(GAME, 0).all()
     with pytest.raises(GameError, match="the number of real strokes is not known for this game"):
         supported(GAME, 1)
-    real = np.random.default_rng(0).integers(0, 30, len(GAME.edge_own)).astype(float)
-    monkeypatch.setattr(shipped, "real_strokes", lambda _: real)
-    found = supported(GAME, 20)
-    for state in range(0, GAME.n_base_states, 7):
-        pairs = range(int(GAME.base_pair_start[state]), int(GAME.base_pair_start[state + 1]))
-        behind = [real[GAME.base_pair_edge[pair]] for pair in pairs]
+    game, real = reduced_game(), shipped.real_strokes(reduced_game())
+    assert real is not None
+    found = supported(game, 20)
+    for state in range(0, game.n_base_states, 7):
+        pairs = range(int(game.base_pair_start[state]), int(game.base_pair_start[state + 1]))
+        behind = [real[game.base_pair_edge[pair]] for pair in pairs]
         assert found[list(pairs)].tolist() == [number >= 20 or number == max(behind) for number in behind]
 
 
-def test_advice_needs_twenty_real_strokes_in_models_of_own_data(monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = shipped._MODELS / "default"
-    for where, known, expected in ((None, True, 0), (folder, True, 0), (Path("mine"), True, 20), (Path("mine"), False, 0)):
-        monkeypatch.setattr(shipped, "folder_of", lambda _, where=where: where)
-        monkeypatch.setattr(shipped, "real_strokes", lambda _, known=known: np.ones(1) if known else None)
-        assert least_support(GAME) == expected
+def test_advice_needs_twenty_real_strokes_in_models_of_own_data() -> None:
+    assert [least_support(game) for game in (GAME, default_game(), reduced_game())] == [0, 0, 20]
 
 
 def test_copies_of_a_game_with_other_tables_come_from_no_model() -> None:

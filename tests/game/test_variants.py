@@ -2,7 +2,6 @@
 
 import json
 import lzma
-import pickle
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -123,42 +122,6 @@ def even(*threshold: int, hurry: int = 64) -> Game:
     return replace(game, threshold=table, hurry=np.full_like(game.hurry, hurry))
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "steps", "coarse"),
-    [
-        # Log-odds of 64 and 128 in 256, half a unit on either side, differ by 17.5 steps, slightly less; 0 and 255 by 182.
-        (64, 128, 17, 16),
-        (128, 64, -17, -16),
-        (64, 64, 0, 0),
-        (0, 255, 127, 124),
-        (255, 0, -127, -124),
-    ],
-)
-def test_steps_are_limited_multiples(before: int, after: int, steps: int, coarse: int) -> None:
-    game, other = (even(1000, 3000, 30000, hurry=number) for number in (before, after))
-    for unit, expected in ((1, steps), (4, coarse)):
-        found = steps_between(game, other, unit)
-        assert (found.dtype, found.shape) == (np.int8, (5, game.n_base_pairs))
-        assert found[:, 0].tolist() == [0, 0, 0, expected, expected]
-        assert (found == found[:, :1]).all()
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "steps"),
-    [
-        # A tenth less is 1.5 steps down, slightly more: to the nearest one, but upwards where fewer than .6 % end the rally.
-        ((1100, 3200, 30000), (1000, 3000, 30000), -2),
-        ((110, 220, 30000), (100, 200, 30000), -1),
-        ((110, 420, 30000), (100, 393, 30000), -1),
-        ((110, 420, 30000), (100, 394, 30000), -2),
-    ],
-)
-def test_rare_ends_are_rounded_upwards(before: tuple[int, ...], after: tuple[int, ...], steps: int) -> None:
-    found = steps_between(even(*before), even(*after))
-    assert found[0, 0] == steps
-    assert found[2:, 0].tolist() == [0, 0, 0]
-
-
 def test_odds_are_multiplied_by_powers_of_e() -> None:
     game, size = even(1000, 3000, 30000), tiring_game().n_base_pairs
 
@@ -254,19 +217,6 @@ def test_the_average_player_of_a_discipline_plays_in_its_game(model: Path) -> No
     assert refit.hash == of_game.hash
     player = baselines.clones(model).players[0]
     assert len({baselines.load(player, table.game).hash for table in (of_game, men)} | {men.hash}) == 3
-
-
-def test_a_variant_of_the_shipped_model_is_known_to_another_process(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shipped, "_MODELS", model.parent)
-    model.rename(model.parent / "default")
-    load_game.cache_clear()
-    try:
-        game = load_game("default:2")
-        monkeypatch.setattr(shipped, "_ORIGINS", {})
-        again = pickle.loads(pickle.dumps(game))
-        assert origin_of(again) == (model.parent / "default", "2", False)
-    finally:
-        load_game.cache_clear()
 
 
 def altered(folder: Path, change: Any) -> None:

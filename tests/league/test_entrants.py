@@ -72,27 +72,24 @@ def tournament(entrants: list[Entrant], matches: int = 4, batch: int = 8192) -> 
 
 
 @pytest.mark.parametrize("function", FAILURES, ids=lambda f: f.__name__)
-def test_a_failing_entrant_enters_and_forfeits_every_match(
-    function: Callable[[States], Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("shuttle_marl.league.entrants.resolve", lambda name, game: FunctionPolicy(function))
-    broken = enter("broken", GAME)
+def test_a_failing_entrant_enters_and_forfeits_every_match(function: Callable[[States], Any]) -> None:
+    name = f"{__name__}:{function.__name__}"
+    broken = enter(name, GAME)
     assert FAILURES[function] in broken.failure
     assert broken.table is None
     assert broken.hash == ""
-    monkeypatch.undo()
     good = [enter(name, GAME) for name in ("random", "safe")]
-    pool = ["random", "broken", "safe"]
+    pool = ["random", name, "safe"]
     blocks = [block for group in tournament([good[0], broken, good[1]]).play(round_robin(pool)) for block in group]
     results = [result for result, _ in blocks]
-    assert [result.forfeit for result in results] == [("broken",), (), ("broken",)]
+    assert [result.forfeit for result in results] == [(name,), (), (name,)]
     assert all(FAILURES[function] in result.reason for result in results if result.forfeit)
     assert [bool(rallies) for _, rallies in blocks] == [False, True, False]
     standings = rank(pool, results, seed=0)
-    assert [(s.player, s.forfeits, s.matches) for s in standings][-1] == ("broken", 2, 0)
+    assert [(s.player, s.forfeits, s.matches) for s in standings][-1] == (name, 2, 0)
     assert {s.matches for s in standings[:2]} == {4}
     table = results_table(results)
-    assert table.column("forfeit").to_pylist() == ["broken"] * 2 + [""] * 2 + ["broken"] * 2
+    assert table.column("forfeit").to_pylist() == [name] * 2 + [""] * 2 + [name] * 2
     assert table.column("mean_rally_length").null_count == 4
 
 

@@ -9,8 +9,7 @@ import shutil
 import signal
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,22 +21,19 @@ from shuttle_marl import exact
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy.mixtures import mixture, sharpened
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
 from shuttle_marl.training.league.population import TABLES, Payoffs
-from shuttle_marl.training.league.run import MAIN, _League, train_league
-from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised, uniform
-from shuttle_marl.training.league.state import LEAGUE, LeagueState, Member, TurnResult
+from shuttle_marl.training.league.run import MAIN, train_league
+from shuttle_marl.training.league.schedule import FLOOR, prioritised, uniform
+from shuttle_marl.training.league.state import LEAGUE
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.recording.conftest import read_rallies
-from tests.recovery import Prefers, small_recovery_game
 from tests.stops import Killed, stop
 from tests.waiting import wait_until
 
@@ -141,41 +137,6 @@ def test_sac_plays_in_a_league(model: str, tmp_path: Path) -> None:
     assert done.figures["strokes"] >= 1500
 
 
-def test_a_mixture_plays_the_mean_of_its_policies_in_every_state() -> None:
-    game = small_recovery_game()
-    weights = np.random.default_rng(0).gamma(1.0, size=(3, N_POSITIONS))
-    policies = [tabulate(Prefers(tuple(each)), game) for each in weights]
-    policies = [dataclasses.replace(random_policy(game, i, 2.0), waits=each.waits) for i, each in enumerate(policies)]
-    shares = np.array([0.5, 0.3, 0.2])
-    mixed = mixture(policies, shares)
-    # A table holds probabilities in units of 1/65535.
-    strokes = shares @ [policy.pair_probabilities() for policy in policies]
-    assert np.allclose(mixed.pair_probabilities(), strokes, atol=2e-5)
-    positions = np.tensordot(shares, [policy.position_probabilities() for policy in policies], 1)
-    assert np.allclose(mixed.position_probabilities(), positions, atol=2e-5)
-    assert mixture(policies, np.array([0, 1.0, 0])) is policies[1]
-
-
-def test_a_policy_made_sharper_plays_its_favourites_more(model: str) -> None:
-    game = load_game(model)
-    policy = random_policy(game, 3, 2.0)
-    power = policy.pair_probabilities() ** 4
-    expected = power / np.bincount(game.pair_state, power, game.n_states)[game.pair_state]
-    assert np.allclose(sharpened(policy, 0.25).pair_probabilities(), expected, atol=2e-5)
-    assert np.allclose(sharpened(policy, 1.0).pair_probabilities(), policy.pair_probabilities(), atol=2e-5)
-    # A state in which all strokes are alike, whose powers are too small for a sum with those of other states.
-    alike = from_pair_probabilities(game, game.of_pairs(1 / game.legal_count(np.arange(game.n_states)).clip(1)))
-    assert np.allclose(sharpened(alike, 1e-3).pair_probabilities().sum(), game.playable.sum())
-
-
-@pytest.mark.parametrize("factor", [0.5, 0.0, np.nan])
-def test_probabilities_that_do_not_add_up_are_no_table(model: str, factor: float) -> None:
-    game = load_game(model)
-    alike = game.of_pairs(1 / game.legal_count(np.arange(game.n_states)).clip(1))
-    with pytest.raises(PolicyError, match="add up to 1"):
-        from_pair_probabilities(game, factor * alike)
-
-
 def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:
     game = load_game(model)
     tables, policies = StoredPolicies(tmp_path / TABLES, game), [random_policy(game, seed, 2.0) for seed in range(4)]
@@ -249,32 +210,6 @@ def test_workers_change_nothing_and_one_that_dies_costs_nothing(whole: Path, mod
     assert final(tmp_path / "run") == final(whole)
 
 
-@pytest.mark.parametrize(("won", "joins"), [(0.69, False), (0.71, True)])
-def test_exploiters_join_when_they_beat_the_latest_of_the_population(won: float, joins: bool) -> None:
-    met: list[list[str]] = []
-
-    def match_wins(_: str, others: list[str]) -> np.ndarray:
-        met.append(others)
-        return np.array([won, won])
-
-    league = SimpleNamespace(
-        config=SimpleNamespace(max_opponents=2),
-        state=SimpleNamespace(best=None, population=[SimpleNamespace(hash=name) for name in "abc"]),
-        payoffs=SimpleNamespace(match_wins=match_wins),
-    )
-    assert _League._succeeded(cast(_League, league), "league-exploiter", cast(TurnResult, SimpleNamespace(hash="x")), []) == joins
-    assert met == [["b", "c"]]
-
-
-@pytest.mark.parametrize(("best", "joins"), [(None, False), (0.5, False), (0.3, True)])
-def test_main_exploiters_join_when_they_win_half_of_what_can_be_won(best: float | None, joins: bool) -> None:
-    league = SimpleNamespace(
-        state=SimpleNamespace(best=None if best is None else SimpleNamespace(exploitability=best)),
-        payoffs=SimpleNamespace(odds=lambda *_: [SimpleNamespace(value=0.1), SimpleNamespace(value=0.2)]),
-    )
-    assert _League._succeeded(cast(_League, league), "main-exploiter", cast(TurnResult, SimpleNamespace(hash="x")), []) == joins
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_workers_end_with_the_league(model: str, tmp_path: Path) -> None:
@@ -339,25 +274,6 @@ def test_what_learns_and_for_how_many_rounds(flags: dict[str, Any], algorithm: s
     assert config.exact_oracle == (flags.get("variant") == "psro" and flags["oracle"] == "exact")
 
 
-def test_the_first_round_of_a_time_budget_is_short(model: str, tmp_path: Path) -> None:
-    config = LeagueTrainingConfig(budget="60s", rounds=6, workers=2)
-    state = LeagueState(game="")
-    schedule = Schedule(config, state, Payoffs(StoredPolicies(tmp_path / TABLES, load_game(model)), {}))
-    first, second = (next(turn for turn in schedule.turns(number, 0.0) if turn.member == "main-agent-0") for number in (1, 2))
-    assert first.seconds == pytest.approx(60 / 6 / 3 / schedule.load, abs=1e-3)
-    assert second.seconds == pytest.approx(60 / 5 / schedule.load, abs=1e-3)
-    # Compilation took the whole budget: the first round has the shortest turns.
-    assert all(turn.seconds <= MIN_SECONDS for turn in schedule.turns(1, 70.0))
-
-
-def test_learning_rates_of_exploiters_fall_over_their_turns(model: str, tmp_path: Path) -> None:
-    name = "main-exploiter-0"
-    state = LeagueState(game="", members={name: Member(turns=1)})
-    payoffs = Payoffs(StoredPolicies(tmp_path / TABLES, load_game(model)), {})
-    turns = Schedule(LeagueTrainingConfig(strokes=10**6, patience=4), state, payoffs).turns(3, 0.0)
-    assert next(turn.remaining for turn in turns if turn.member == name) == (0.75, 0.5)
-
-
 @pytest.mark.parametrize("win", [[1.0, 1.0, 1.0], [0.0, 0.0], [np.nan, np.nan], [1.0], [1 - 1e-17, 1.0]])
 def test_alike_opponents_are_met_alike_however_one_sided(win: list[float]) -> None:
     assert np.allclose(prioritised(win), 1 / len(win))
@@ -375,21 +291,3 @@ def test_weights_are_always_probabilities(win: list[float]) -> None:
     weight = prioritised(win)
     assert weight.sum() == pytest.approx(1)
     assert weight.min() >= FLOOR / len(win) / 2
-
-
-def test_more_opponents_than_places_are_drawn_by_weight() -> None:
-    rng = np.random.default_rng(0)
-    weight = np.array([0.0, 1, 1, 6])
-    drawn, shares = chosen(weight, 4, rng)
-    assert drawn.tolist() == [1, 2, 3]
-    assert shares.tolist() == [0.125, 0.125, 0.75]
-    assert chosen(weight, 1, rng)[1].tolist() == [1.0]
-    assert len(chosen(np.zeros(3), 2, rng)[0]) == 0
-
-
-def test_the_order_keeps_the_shares_and_spreads_them() -> None:
-    met = order([0.1, 0.25], 200)
-    assert [(met == k).sum() for k in (-1, 0, 1)] == [130, 20, 50]
-    assert np.diff(np.flatnonzero(met == 0)).max() <= 12
-    assert (order([0.5, 0.5]) >= 0).all()
-    assert (order([]) == -1).all()

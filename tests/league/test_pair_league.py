@@ -129,11 +129,3 @@ def test_real_results(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_players_who_form_no_pair(some: tuple[str, ...]) -> None:
     with pytest.raises(AnalysisError, match="expected two or more, each once, who play men's singles"):
         players_of("men", reduced_model(), some)
-
-
-def test_a_discipline_without_players(monkeypatch: pytest.MonkeyPatch) -> None:
-    skill = load_skill(model_folder(reduced_model()))
-    nobody: Skill = dataclasses.replace(skill, discipline=np.zeros_like(skill.discipline))
-    monkeypatch.setattr("shuttle_marl.analysis.outlook.load_skill", lambda _: nobody)
-    with pytest.raises(AnalysisError, match="0 players of that discipline"):
-        players_of("women", reduced_model())

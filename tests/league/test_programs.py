@@ -1,5 +1,6 @@
 """External programs as policies: one that plays, and those that hang, die or answer rubbish, beside whom all others play on."""
 
+import json
 import os
 import re
 import sys
@@ -78,6 +79,25 @@ def test_programs_play(small_model: str, tmp_path: Path) -> None:
     even = resolve(program(tmp_path, "even", PLAYS["even"]), game)
     for _ in range(60):  # more than may be sent ahead
         assert even.probabilities(asked) == pytest.approx(asked.mask / asked.mask.sum(axis=1, keepdims=True))
+
+
+def test_programs_are_told_what_is_seen(small_model: str, tmp_path: Path) -> None:
+    game, told = load_game(small_model), tmp_path / "told"
+    body = f"open({str(told)!r}, 'a').write(line); answer(id=number, stroke=legal[0])"
+    state, score = int(np.flatnonzero(game.playable)[-1]), [11, 9, 0, 1]
+    some = States(game=game, state=np.array([ROOT, state], np.int32), score=np.array([score] * 2, np.int16))
+    resolve(program(tmp_path, "notes", body), game).probabilities(some)
+    serve, later = map(json.loads, told.read_text().splitlines())
+    names, seen = [*game.catalogue.names, None], game.observation(state).tolist()
+    assert serve == {
+        "type": "stroke", "id": 0, "own": None, "incoming": None, "contact": "below", "hurried": False, "duel": 0,
+        "effort": [0, 0], "score": score, "legal": [names[stroke] for stroke in game.legal_strokes(ROOT)],
+    }  # fmt: skip
+    assert later == {
+        "type": "stroke", "id": 1, "own": names[seen[0]], "incoming": names[seen[1]], "contact": ("below", "above")[seen[2]],
+        "hurried": bool(seen[6]), "duel": seen[3], "effort": seen[4:6], "score": score,
+        "legal": [names[stroke] for stroke in game.legal_strokes(state)],
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("failure", FAILS)

@@ -1,5 +1,6 @@
 """Ratings, intervals, assessments and the sequential test against closed forms, other libraries, and simulated leagues."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -14,10 +15,9 @@ from shuttle_marl.exact.away import Spread
 from shuttle_marl.game import load_game
 from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games, stability
 from shuttle_marl.league.entrants import enter
-from shuttle_marl.league.ranking import ExactOdds, rank, results_table
+from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.ratings import (
     ELO,
-    _information,
     bradley_terry,
     exact_ratings,
     misfit,
@@ -26,7 +26,6 @@ from shuttle_marl.league.ratings import (
     ratings,
     wins_of,
 )
-from shuttle_marl.league.style import Style
 from shuttle_marl.league.tournament import (
     BOUND,
     COUNTS,
@@ -150,26 +149,6 @@ def test_intervals_of_ratings_and_ranks_hold(theta: list[float]) -> None:
     assert np.mean(ranked) >= 0.88
 
 
-def test_two_entrants_are_rated_by_the_odds_of_each_sample() -> None:
-    """The rating of one of two is half the logarithm of their wins; Jeffreys' prior gives each of them half a win."""
-    cells, pairs = np.array([[10.0, 5, 25]]), np.array([[1, 0]])
-    theta, drawn = ratings(cells, pairs, 2, np.random.default_rng(5), replicates=20)
-    assert theta == pytest.approx(np.array([-1, 1]) * math.log(55.5 / 25.5) / 2)
-    weights = cells[0] + 0.9 * 0.5 * np.array([0.25, 0.5, 0.25])
-    sampled = np.random.default_rng(5).dirichlet(weights, size=20) * 40.45
-    won, lost = sampled[:, 1] + 2 * sampled[:, 2] + 0.05, sampled[:, 1] + 2 * sampled[:, 0] + 0.05
-    assert drawn[:, 1] == pytest.approx(np.log(won / lost) / 2, abs=1e-8)
-    assert drawn[:, 0] == pytest.approx(-drawn[:, 1])
-
-
-def test_samples_do_not_depend_on_how_many_are_fitted_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    cells, pairs = np.array([[0, 0, 20], [1, 4, 5], [0, 3, 17.0]]), np.array([[0, 1], [0, 2], [1, 2]])
-    together = ratings(cells, pairs, 3, np.random.default_rng(1), replicates=7)[1]
-    for most in (1, 27):
-        monkeypatch.setattr("shuttle_marl.league.ratings._AT_ONCE", most)
-        assert ratings(cells, pairs, 3, np.random.default_rng(1), replicates=7)[1] == pytest.approx(together, abs=1e-8)
-
-
 def test_exact_ratings_of_two_are_their_odds_and_finite() -> None:
     assert exact_ratings(np.array([[0.5, 0.8], [0.2, 0.5]])) == pytest.approx(np.array([1, -1]) * math.log(4) / 2)
     sure = math.log((1 - 5e-7) / 5e-7) / 2
@@ -208,21 +187,6 @@ def test_misfit_is_that_of_the_formula() -> None:
     assert found.p == pytest.approx(math.erfc(math.sqrt(found.statistic / 2)))
     apart = misfit(cells[2:], np.array([[0, 1], [2, 3]]), np.zeros(5))
     assert (apart.degrees, math.isnan(apart.p)) == (0, True)
-
-
-def test_misfit_of_results_without_variance() -> None:
-    theta = np.array([math.log(3) / 2, -math.log(3) / 2])
-    won = misfit(np.array([[0.0, 0, 50]]), np.array([[0, 1]]), theta)
-    assert won.z == pytest.approx([0.25 / math.sqrt(0.75 * 0.25 / 100)])
-    split = misfit(np.array([[0.0, 50, 0]]), np.array([[0, 1]]), theta)
-    assert split.z == pytest.approx([-0.25 / math.sqrt(1e-3 * 0.75 * 0.25 / 100)])
-    nothing = misfit(np.empty((0, 3)), np.empty((0, 2), dtype=np.intp), np.zeros(2))
-    assert (nothing.statistic, nothing.degrees) == (0, 0)
-
-
-def test_ranks_that_are_sure() -> None:
-    cells, pairs = league(np.array([2.0, 0.0, 0.0, -2.0]), 300, np.random.default_rng(0))
-    assert rank_intervals(*ratings(cells, pairs, 4, np.random.default_rng(0))).tolist() == [[1, 1], [2, 3], [2, 3], [4, 4]]
 
 
 def test_misfit_is_found_where_the_model_does_not_hold() -> None:
@@ -370,21 +334,6 @@ def test_exact_figures_of_a_standing() -> None:
     assert exact.pair(("paper", "rock")) == 0.2
 
 
-def test_the_table_of_results_has_a_row_for_each_seat() -> None:
-    at_0, at_1 = counts(matches=2, wins=1, rallies=4, strokes=10), counts(matches=2, served=5)
-    results = [PairResult(pairing=3, names=("rock", "paper"), seats=(at_0, at_1), cells=(1, 0, 1))]
-    results.append(forfeited(round_robin(NAMES)[1], ["rock", "scissors"], "both hurt"))
-    exact = unknown(NAMES)
-    exact.match[0, 1] = 0.25
-    rows = results_table(results, exact).to_pylist()
-    cells = {"cells_lost": 1, "cells_split": 0, "cells_won": 1, "exact_match_win": 0.25, "forfeit": "", "reason": ""}
-    about = {"pairing": 3, "player": "rock", "opponent": "paper"}
-    assert rows[0] == {**about, "seat": 0, **at_0, "mean_rally_length": 2.5, **cells}
-    assert rows[1] == {**about, "seat": 1, **at_1, "mean_rally_length": None, **cells}
-    assert (rows[2]["forfeit"], rows[3]["reason"], rows[2]["exact_match_win"]) == ("rock and scissors", "both hurt", None)
-    assert results_table(results[:1]).to_pylist()[0]["exact_match_win"] is None
-
-
 def test_probabilities_are_exact_or_sampled_or_by_the_ratings() -> None:
     """Rock won 8 of 10 matches against paper; scissors has no matches."""
     (first, *_) = played({("rock", "paper"): 8, ("rock", "scissors"): 0, ("paper", "scissors"): 0}, NAMES, matches=10)
@@ -433,24 +382,6 @@ def test_ties_share_the_better_rank_in_refits_and_unknown_entrants_are_left_out(
     assert math.isnan(only["kendall_tau"][0])
 
 
-def test_a_report_is_rounded_and_has_no_nan() -> None:
-    results = played({("rock", "paper"): 10, ("rock", "scissors"): 80, ("paper", "scissors"): 30}, NAMES)
-    standings = rank(NAMES, results, 0)
-    found = assess(standings, results, unknown(NAMES), {"rock": Style(likeness=0.25, rally_length=9.5, shots={"smash": 1 / 3})})
-    told = as_json(found, standings)
-    assert told["ranking"][0]["exploitability"] is None
-    assert told["ranking"][0]["rating"] == round(standings[0].rating, 6)
-    assert told["payoffs"] == {"players": list(NAMES), "match_win": [[round(p, 6) for p in row] for row in found.win.tolist()]}
-    assert told["misfit"]["statistic"] == round(found.misfit.statistic, 6)
-    pair = told["misfit"]["pairs"][1]
-    assert pair == {
-        **{"players": ["rock", "scissors"], "share": round(found.misfit.share[1], 6)},
-        **{"expected": round(found.misfit.expected[1], 6), "z": round(found.misfit.z[1], 6)},
-    }
-    assert told["styles"] == {"rock": {"likeness": 0.25, "rally_length": 9.5, "shots": {"smash": 0.333333}}}
-    assert told["stability"] is None
-
-
 DECIDED = 40.0
 
 
@@ -470,23 +401,12 @@ def test_the_ratio_is_that_of_the_likeliest_distributions_with_the_two_means() -
     expected = likelihood(share_of(DECIDED)) - likelihood(share_of(-DECIDED))
     assert log_likelihood_ratio(cells, DECIDED) == pytest.approx(expected, abs=1e-6)
     assert log_likelihood_ratio(cells[::-1], DECIDED) == pytest.approx(-expected, abs=1e-6)
-    assert share_of(400) == pytest.approx(10 / 11)
     assert math.isfinite(log_likelihood_ratio((0, 0, 5), 1000.0))
-    assert log_likelihood_ratio((0, 0, 0), DECIDED) == pytest.approx(0, abs=1e-9)
-    assert pytest.approx(math.log(0.95 / 0.05)) == BOUND  # Wald's
 
 
-def test_the_test_is_decided_at_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    for ratio, expected in ((BOUND, True), (-BOUND, True), (BOUND - 1e-9, False), (1e-9 - BOUND, False)):
-        monkeypatch.setattr("shuttle_marl.league.tournament.log_likelihood_ratio", lambda *_, ratio=ratio: ratio)
-        assert decided((1, 2, 3), 40.0) is expected
-
-
-def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pairing_stops_when_it_is_decided(small_model: str) -> None:
     game = load_game(small_model)
-    monkeypatch.setattr("shuttle_marl.league.entrants.reads_score", lambda policy: True)
-    asked = enter("safe", game)
-    monkeypatch.undo()
+    asked = dataclasses.replace(enter("safe", game), table=None)
     entrants = [asked, enter("random", game), enter("attacking", game)]
 
     def results(batch: int, decide: float | None) -> list[tuple[int, tuple[int, int, int]]]:
@@ -506,14 +426,19 @@ def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytes
         assert matches == 64 or abs(log_likelihood_ratio(cells, 200.0)) >= BOUND
 
 
-def test_the_covariance_of_ratings_inverts_the_curvature_and_fixes_the_mean() -> None:
-    """Entrants 0, 1 and 2 form a chain, with one match between neighbours; entrants 3 and 4 played only each other, once."""
-    played = np.zeros((5, 5))
-    for one, other in ((0, 1), (1, 2), (3, 4)):
-        played[one, other] = played[other, one] = 1
-    curvature, covariance = _information(played, np.zeros(5))
-    assert curvature == pytest.approx(played / 4)
-    mean = np.zeros((5, 5))
-    mean[:3, :3], mean[3:, 3:] = 1 / 3, 1 / 2
-    whole = np.diag(curvature.sum(axis=1)) - curvature + mean
-    assert covariance @ whole == pytest.approx(np.eye(5), abs=1e-12)
+def test_the_test_of_two_entrants_is_symmetric_and_sure_at_19_to_1() -> None:
+    assert share_of(0) == 0.5
+    assert share_of(400) == pytest.approx(10 / 11)
+    assert pytest.approx(math.log(19)) == BOUND
+    assert log_likelihood_ratio((3, 4, 3), 50) == pytest.approx(0, abs=1e-9)
+    ratio = log_likelihood_ratio((1, 4, 9), 50)
+    assert log_likelihood_ratio((9, 4, 1), 50) == pytest.approx(-ratio)
+    assert ratio > 0
+    # Only wins: the likeliest distributions have all weight on draws of 1 and 0 at the two means, m and 1 - m.
+    mean = share_of(100)
+    assert log_likelihood_ratio((0, 0, 1000), 100) == pytest.approx(1000 * math.log(mean / (1 - mean)), rel=1e-3)
+    sure = next(n for n in range(1, 99) if decided((0, 0, n), 100))
+    assert sure == math.ceil(math.log(19) / math.log(mean / (1 - mean)))
+    assert decided((sure, 0, 0), 100)
+    assert not decided((0, 0, sure - 1), 100)
+    assert np.isfinite(log_likelihood_ratio((0, 0, 0), 10))

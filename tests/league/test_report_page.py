@@ -4,24 +4,34 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
 
 from shuttle_marl import __version__
+from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
 from shuttle_marl.exact import visits
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
-from shuttle_marl.league.curves import Curve
-from shuttle_marl.league.page.tournament import compare, page
+from shuttle_marl.league.curves import Curve, read_curve
+from shuttle_marl.league.page.tournament import (
+    compare,
+    page,
+)
 from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.report import TournamentReport, console_table
 from shuttle_marl.league.style import AXES, Style, styles
-from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
+from shuttle_marl.league.tournament import (
+    COUNTS,
+    PairResult,
+    forfeited,
+    round_robin,
+)
 from shuttle_marl.pages import charts
 from shuttle_marl.policy.registry import resolve
 from tests import golden
@@ -223,3 +233,35 @@ def test_styles_are_measured_in_the_states_of_people() -> None:
     overlap = np.add.reduceat(np.minimum(usual, tables["random"].pair_probabilities()), game.pair_start[:-1][game.playable])
     assert found["random"].likeness == pytest.approx(np.average(overlap, weights=seen[game.playable]), abs=1e-5)
     assert all(sum(style.shots.values()) == pytest.approx(1, abs=1e-5) for style in found.values())
+
+
+def test_points_and_last_figures_of_a_curve() -> None:
+    rows: list[dict[str, Any]] = [
+        {"seconds": 1, "strokes": 10, "rally_win": 0.5},
+        {"seconds": 2, "rally_win": math.nan},
+        {"seconds": True, "strokes": 30, "rally_win": 0.75},
+        {"seconds": 4, "strokes": 40, "rally_win": "x"},
+        {"seconds": 5, "strokes": math.inf, "rally_win": 1},
+        {"seconds": 6, "strokes": 60},
+    ]
+    curve = Curve(name="a", rows=rows)
+    assert curve.points("rally_win", "seconds") == [(1.0, 0.5), (5.0, 1.0)]
+    assert curve.points("rally_win", "strokes") == [(10.0, 0.5), (30.0, 0.75)]
+    assert (curve.last("rally_win"), math.isnan(curve.last("exploitability"))) == (1.0, True)
+
+
+def test_the_last_line_of_a_curve_may_be_incomplete(tmp_path: Path) -> None:
+    path = tmp_path / runs.METRICS
+    path.write_text('{"a": 1}\n{"a": 2}\n{"a"')
+    assert (read_curve(tmp_path, "run").name, read_curve(tmp_path, "run").rows) == ("run", [{"a": 1}, {"a": 2}])
+    for content, says in (
+        ("{}\n[]\n", "is not a JSON object"),
+        ("{\n", "is damaged"),
+        ("[" * 9999 + "\n", "nested too deeply|damaged"),
+    ):
+        path.write_text(content)
+        with pytest.raises(LeagueError, match=says):
+            read_curve(tmp_path, "run")
+    path.unlink()
+    with pytest.raises(LeagueError, match="cannot be read"):
+        read_curve(tmp_path, "run")

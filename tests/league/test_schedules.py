@@ -12,25 +12,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from shuttle_marl.base import runs
 from shuttle_marl.game import draws, load_game
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.entrants import Format
+from shuttle_marl.league.run import append_results, continued
 from shuttle_marl.league.tournament import (
     COUNTS,
     Pairing,
     PairResult,
-    _scores,
     forfeited,
-    groups,
     matches_of,
-    round_robin,
     stages,
     tally,
 )
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
+from tests.reduced import reduced_model
 from tests.stops import Killed
 from tests.tournaments import play_league
 
@@ -142,19 +142,6 @@ def test_rallies_are_counted_for_the_first_entrant_at_both_seats() -> None:
     )
 
 
-def test_pairings_share_a_batch_as_far_as_they_fit() -> None:
-    pairings = round_robin("abcd")
-
-    def numbers(matches: int, batch: int, alone: set[int]) -> list[list[int]]:
-        return [[pairing.number for pairing in group] for group in groups(pairings, matches, batch, alone)]
-
-    assert numbers(4, 8, set()) == [[0, 1], [2, 3], [4, 5]]
-    assert numbers(4, 7, set()) == [[0], [1], [2], [3], [4], [5]]
-    assert numbers(4, 100, {0, 3}) == [[0], [1, 2], [3], [4, 5]]
-    assert numbers(4, 16, {5}) == [[0, 1, 2, 3], [4], [5]]
-    assert numbers(40, 16, set()) == [[0], [1], [2], [3], [4], [5]]
-
-
 def test_seats_and_serves_alternate_from_match_to_match() -> None:
     for names, seat_0 in ((("a", "b"), [3, 8, 3, 8, 3]), (("b", "a"), [8, 3, 8, 3, 8])):
         pairing = Pairing(number=0, entrants=(3, 8), names=names)
@@ -177,10 +164,7 @@ def test_rounds_of_swiss_tournaments_and_scores_of_forfeits() -> None:
 
     assert [played(n, 0) for n in (2, 3, 4, 5, 8, 9)] == [1, 2, 2, 3, 3, 4]
     assert [played(4, rounds) for rounds in (1, 2, 3, 9)] == [1, 2, 3, 3]
-    pairing = round_robin("ab")[0]
-    for by, scores in ((["a"], (0.0, 1.0)), (["b"], (1.0, 0.0)), (["a", "b"], (0.0, 0.0))):
-        assert _scores(forfeited(pairing, by, "")) == scores
-    assert _scores(result(pairing, 1)) == (0.2, 0.8)
+
     (first,) = stages("abcd", "swiss", [])
     mixed = [result(first[0], 1), forfeited(first[1], ["c"], "")]
     assert [p.names for p in stages("abcd", "swiss", mixed)[1]] == [("a", "c"), ("b", "d")]
@@ -208,7 +192,6 @@ def test_a_gauntlet_and_a_swiss_tournament(small_model: str, tmp_path: Path) -> 
 def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_bytes(
     small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from shuttle_marl.league.run import append_results
 
     monkeypatch.setattr("shuttle_marl.base.runs.describe", lambda packages: {})
     config: dict[str, Any] = {"pool": POOL, "matches": 4, "batch": 2, "game": small_model, "format": "swiss"}
@@ -306,3 +289,42 @@ def test_workers_change_no_byte(small_model: str, tmp_path: Path) -> None:
         play_league(LeagueConfig(**config, workers=workers, out=tmp_path / str(workers)))
     for name in (*TABLES, "rallies.mcap", "report.html", "report.json"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "3" / name).read_bytes()
+
+
+def written(folder: Path, **changes: Any) -> None:
+    config = LeagueConfig(pool=("a", "b"), out=folder)
+    (folder / runs.CONFIG).write_text(json.dumps({**config.fixed(), **changes}))
+
+
+@pytest.mark.parametrize("profile", ["women", "men"])
+def test_tournaments_are_played_in_their_profile(profile: Any) -> None:
+    assert LeagueConfig(game=reduced_model(), profile=profile).load().hash == load_game(f"{reduced_model()}:{profile}").hash
+
+
+def test_the_entrants_of_a_continued_run(tmp_path: Path) -> None:
+    def config(*pool: str, **flags: Any) -> LeagueConfig:
+        return LeagueConfig(pool=pool, out=tmp_path, **flags)
+
+    with pytest.raises(LeagueError, match="contains no run to extend"):
+        continued(config("c", extend=True))
+    assert continued(config("a", "b", resume=True)).grown == ()
+    written(tmp_path)
+    first = continued(config("b", "c", extend=True))
+    assert (first.pool, first.grown, first.resume, first.extend) == (("a", "b", "c"), (2,), True, False)
+    with pytest.raises(LeagueError, match="all entrants of --pool are already in this run"):
+        continued(config("b", extend=True))
+    with pytest.raises(LeagueError, match=r"other flags \(seed: 0 then, 1 now"):
+        continued(config("c", extend=True, seed=1))
+    written(tmp_path, pool=["a", "b", "c", "d"], grown=[2, 3])
+    assert continued(config("a", "b")).pool == ("a", "b"), "a new run"
+    resumed = continued(config("a", "d", resume=True))
+    assert (resumed.pool, resumed.grown) == (("a", "b", "c", "d"), (2, 3))
+    assert continued(config("a", "e", resume=True)).pool == ("a", "e"), "other flags, which are refused later"
+    more = continued(config("e", extend=True))
+    assert (more.pool, more.grown) == (("a", "b", "c", "d", "e"), (2, 3, 4))
+    for grown in ([3, 2], [1], [5], [2, 5]):
+        written(tmp_path, pool=["a", "b", "c", "d"], grown=grown)
+        with pytest.raises(LeagueError, match="expected ascending numbers of entrants"):
+            continued(config("a", "b", resume=True))
+    written(tmp_path, pool=["a", "b", "c", "d"], grown=[2, 4])
+    assert continued(config("a", "b", resume=True)).grown == (2, 4)

@@ -1,6 +1,7 @@
 """Shared parts of all command lines: exit statuses, messages instead of tracebacks, the console script, and the public names."""
 
 import ast
+import contextlib
 import errno
 import importlib
 import importlib.metadata
@@ -18,9 +19,9 @@ import pytest
 import shuttle_marl
 from docs.tools import command_reference
 from shuttle_marl.__main__ import COMMANDS, main
-from shuttle_marl.base import extras
 from shuttle_marl.base.errors import ShuttleError, command
-from shuttle_marl.commands import cli
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.commands import cli, watch
 from shuttle_marl.game import default_game
 from shuttle_marl.policy import registry
 
@@ -152,12 +153,17 @@ def test_a_library_of_an_extra_that_is_missing_is_named(
     assert f"[{extra}]" in message
 
 
-def test_hints_fit_a_clone_and_an_installed_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No index has the package, so its name is never what pip is told to install."""
-    clone = Path(extras.__file__).parents[2]
-    assert extras.install_hint("train") == f"`make install` in {clone} installs it, or `pip install -e '{clone}[train]'`"
-    monkeypatch.setattr(extras, "__file__", str(tmp_path / "site-packages" / "shuttle_marl" / "base" / "extras.py"))
-    assert extras.install_hint("ray") == "install it again with its extra, in the clone by `pip install '.[ray]'`"
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--video", "a.mp4", "--save-site", "site"], "--video and --save-site: give one of them"),
+        (["--date", "2021-01-02"], "give both"),
+        (["--players", "a", "b", "--replay", "a.mcap"], "leave out --players"),
+    ],
+)
+def test_what_cannot_be_watched_together(flags: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert watch.main(flags) == 1
+    assert says in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -300,3 +306,54 @@ def test_printed_commands_name_the_interpreter_in_use(tmp_path: Path, monkeypatc
     assert command("data") == f"'{environment}/bin/python' -m shuttle_marl.data"
     monkeypatch.chdir(tmp_path)
     assert command("data") == "'my env/bin/python' -m shuttle_marl.data"
+
+
+def test_a_file_or_a_folder_with_content_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "a").touch()
+    (tmp_path / "file").touch()
+    for name in ("empty", "new"):
+        cli.check_free(tmp_path / name)
+    for name in ("full", "file"):
+        cli.check_free(tmp_path / name, overwrite=True)
+        with pytest.raises(ShuttleError, match="already exists; --overwrite replaces it"):
+            cli.check_free(tmp_path / name)
+
+
+def test_what_is_read_is_not_overwritten(tmp_path: Path) -> None:
+    folder, inside, other, link = (tmp_path / name for name in ("data", "data/a.csv", "b.csv", "c.csv"))
+    replace_file(inside, b"a")
+    replace_file(other, b"b")
+    link.symlink_to(other)
+    replace_file(folder / "report.html", b"c")
+    missing = tmp_path / "missing"
+    for written, read in (
+        ([], []), ([tmp_path / "new.csv"], [folder, other]), ([folder / "report.html"], [folder]),
+        ([folder / "new.csv"], [folder]),
+        ([missing], [missing]), ([other], [inside]), ([tmp_path / "x", tmp_path / "y"], []),
+    ):  # fmt: skip
+        cli.check_apart(written, read)
+    hard = tmp_path / "hard.csv"
+    hard.hardlink_to(other)
+    for written, read, role in (
+        ([other], [other], "read"), ([link], [other], "read"), ([other], [link], "read"), ([hard], [other], "read"),
+        ([inside], [folder], "read"), ([folder], [folder], "read"), ([missing, missing], [], "written"),
+        ([link, other], [], "written"),
+    ):  # fmt: skip
+        with pytest.raises(ShuttleError, match=f"is not written, because it is {role} too"):
+            cli.check_apart(written, read)
+
+
+def test_a_command_does_not_write_over_its_inputs(tmp_path: Path) -> None:
+    ran: list[Path] = []
+
+    def serve(*, data: str, out: Path) -> None:
+        """Serve."""
+        ran.append(out)
+
+    replace_file(tmp_path / "a", b"")
+    for data, out, status in (("a", "b", 0), ("a", "a", 1), ("table:a", "a", 1), ("default", "a", 0)):
+        with contextlib.chdir(tmp_path):
+            assert cli.run(serve, prog="tea", description="", argv=["--data", data, "--out", out]) == status
+    assert ran == [Path("b"), Path("a")]

@@ -1,109 +1,32 @@
 """Errors for invalid arguments, options and files, with their messages; others are tested beside the code that raises them."""
 
 import importlib.util
-import io
 import math
-import sys
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import pytest
-import torch
-from mcap.opcode import Opcode
 
 from shuttle_marl.analysis.decisions import Rating, rated
-from shuttle_marl.base.errors import ShuttleError, seed_number
-from shuttle_marl.base.programs import Program, ProgramError
-from shuttle_marl.commands import suite
-from shuttle_marl.data.column_map import ColumnMap
-from shuttle_marl.data.readers.pipeline import _rate
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.env.batched import RallyEnv
-from shuttle_marl.exact import restricted_response
-from shuttle_marl.exact.meta_games import alpha_rank
 from shuttle_marl.game import default_game
-from shuttle_marl.game.policy import States, TemperedPolicy
-from shuttle_marl.game.scoring import Rules
-from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.league import LeagueConfig
+from shuttle_marl.game.policy import States
 from shuttle_marl.policy import registry
-from shuttle_marl.policy.plain_network import _state_dictionary
-from shuttle_marl.recording.chunks import FRAME, records
-from shuttle_marl.recording.log_file import MAGIC, read_record, read_summary
-from shuttle_marl.staging.assemble import _check
-from shuttle_marl.suite.registry import write_data
-from shuttle_marl.suite.results import _compare
-from shuttle_marl.suite.run import _files
-from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.config import seconds_of
 from shuttle_marl.watch.server import bind, check_video
-from tests.reduced import reduced_game
 
-GAME = reduced_game()
-RECORD = FRAME.pack(Opcode.HEADER, 3) + b"abc"
 REFUSED = (ShuttleError, TypeError, ValueError)
-
-
-def a_list_of_numbers(_: Path) -> None:
-    content = io.BytesIO()
-    torch.save([1, 2], content)
-    _state_dictionary(content.getvalue())
-
-
-def a_link(folder: Path) -> None:
-    (folder / "file.py").write_text("x = 1\n")
-    (folder / "other.py").symlink_to(folder / "file.py")
-    _files(folder)
-
-
-def a_dead_program(_: Path) -> None:
-    program = Program([sys.executable, "-c", ""], 30.0)
-    program.write(b"{}\n")
-    with pytest.raises(ProgramError, match="exited"):
-        program.read_line()
-    program.write(b"{}\n")
 
 
 def states_without_history(_: Path) -> None:
     registry.resolve("bc:history", default_game()).probabilities(States(game=default_game(), state=np.zeros(1, np.int32)))
 
 
-def footer(start: int) -> bytes:
-    """A file of nothing but a footer."""
-    return MAGIC + FRAME.pack(Opcode.FOOTER, 20) + start.to_bytes(8, "little") + bytes(12) + MAGIC
-
-
 REFUSALS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "option": (lambda _: RallyEnv(**cast("Any", {"bach": 4})), r"got an unexpected keyword argument 'bach'; did you mean batch"),
-    "program": (a_dead_program, "it is not asked again"),
-    "board": (lambda _: suite.board(()), "nothing to show: name run folders"),
-    "columns": (lambda _: ColumnMap._checked({"columns": {"player": "who"}}), r"\[columns\] lacks .*shot"),
-    "setting": (lambda _: ColumnMap._checked({"columms": {}}), "no setting 'columms'; did you mean columns"),
-    "column": (lambda _: ColumnMap._checked({"columns": {"color": "x"}}), "no column 'color'; did you mean score"),
-    "pool": (lambda _: LeagueConfig(pool=("bc", "random", "bc")), "--pool names bc twice; name every entrant once"),
     "history": (states_without_history, "states without history"),
-    "weights": (a_list_of_numbers, "no state dictionary"),
-    "key": (lambda _: registry.register("bc", lambda *_: None), "'bc' is registered already; choose another"),
-    "data": (lambda folder: write_data("exploit-v0", folder, "dev", "default", None), "exploit-v0 has no data; offline-v0"),
-    "no opponent": (lambda _: PPOConfig(opponent=()), "--opponent: expected one or more policies, or self"),
-    "self with others": (lambda _: PPOConfig(opponent=("bc", "self")), "self cannot be combined with other opponents"),
-    "nearly self": (lambda _: PPOConfig(opponent=("slef",)), "--opponent slef: no such policy; did you mean self"),
-    "bonus in self-play": (lambda _: PPOConfig(opponent=("self",), bonus=("smash=0.1",)), "not available in self-play"),
-    "large bonus": (lambda _: PPOConfig(bonus=("smash=1.1",)), "--bonus smash=1.1: expected SHOT=POINTS"),
-    "resume or overwrite": (lambda _: PPOConfig(resume=True, overwrite=True), "give one of them"),
-    "score": (lambda _: _compare({"score": 0.4}, {"score": 0.5}), r"score is 0\.500000000, not 0\.4"),
-    "link": (a_link, "other.py: is a link or a device; commit to regular files"),
-    "half a record": (lambda _: list(records(RECORD[:-1])), "a record is cut off"),
-    "half a head": (lambda _: list(records(RECORD + RECORD[:5])), "a record is cut off"),
-    "no record": (lambda _: read_record(io.BytesIO(RECORD), 4, len(RECORD), Opcode.HEADER), "no HEADER record at byte 4"),
-    "another record": (lambda _: read_record(io.BytesIO(RECORD), 0, len(RECORD), Opcode.CHUNK), "no whole CHUNK record"),
-    "a short record": (lambda _: read_record(io.BytesIO(RECORD), 0, len(RECORD) - 1, Opcode.HEADER), "no whole HEADER record"),
-    "not closed": (lambda _: read_summary(io.BytesIO(bytes(99)), 99), "it was not closed"),
-    "no summary": (lambda _: read_summary(io.BytesIO(footer(0)), len(footer(0))), "it has no summary"),
-    "summary behind": (lambda _: read_summary(io.BytesIO(footer(9)), len(footer(9))), "it has no summary"),
-    "other summary": (lambda _: read_summary(io.BytesIO(footer(8)), len(footer(8))), "checksum"),
 }
 
 
@@ -114,34 +37,11 @@ def test_what_is_refused_is_said(name: str, tmp_path: Path) -> None:
         act(tmp_path)
 
 
-def of_staging(**options: float) -> None:
-    _check(**cast("Any", {"fps": 50, "lead_in": 2.0, "importance": 0.5, **options}))
-
-
-def of_alpha_rank(**options: float) -> None:
-    alpha_rank([[0.5, 0.6], [0.4, 0.5]], **cast("Any", options))
-
-
 BOUNDS: dict[str, tuple[Callable[[Any], Any], tuple[Any, ...], tuple[Any, ...]]] = {
-    "frames a second": (lambda value: of_staging(fps=value), (25, 1000), (24, 1001)),
-    "time before the serve": (lambda value: of_staging(lead_in=value), (1.0, 3600.0), (0.99, 3600.5)),
-    "importance": (lambda value: of_staging(importance=value), (0.0, 1.0), (-0.01, 1.01)),
-    "seed": (seed_number, (0, (1 << 64) - 1), (-1, 1 << 64)),
     "deviation": (lambda value: Rating(deviation=value), (0.0, 1000.0), (-0.1, 1000.5)),
     "volatility": (lambda value: Rating(volatility=value), (1e-9, 1.0), (0.0, 1.01)),
     "points of a rating": (lambda value: Rating(points=value), (-1e9, 1e9), (math.nan, math.inf)),
     "quality": (lambda value: rated(Rating(), [value]), (0.0, 1.0), (-0.01, 1.01)),
-    "points of a game": (lambda value: Rules(points=value), (2, 30), (1, 31)),
-    "lead": (lambda value: Rules(clear=value), (1, 21), (0, 22)),
-    "cap": (lambda value: Rules(cap=value), (21, 127), (20, 128)),
-    "games": (lambda value: Rules(games=value), (1, 63), (0, 64)),
-    "temperature": (lambda value: TemperedPolicy(base=cast("Any", None), temperature=value), (0.0, 1e9), (-0.01, math.inf)),
-    "alpha": (lambda value: of_alpha_rank(alpha=value), (1e-9, math.inf), (0.0, -1.0)),
-    "population": (lambda value: of_alpha_rank(population=value), (2, 50), (1, 0)),
-    "noise": (lambda value: of_alpha_rank(noise=value, alpha=math.inf), (1e-9, 0.99), (0.0, 1.0)),
-    "rate of a video": (lambda value: _rate(Path("a.json"), value), ("1", "10000", "30000/1001", ""), ("0.99", "10001", "0")),
-    "time of a budget": (seconds_of, ("0.1s", "5m", "1h"), ("0s", "-1s", "5", "5d")),
-    "share": (lambda value: restricted_response(tabulate(registry.resolve("bc", GAME), GAME), value), (0.0, 1.0), (-0.01, 1.01)),
     "port": (lambda value: bind("127.0.0.1", value).close(), (0,), (-1, 1 << 16)),
 }
 """For each number: what takes it, the least and the greatest that is accepted, and what is refused beside them."""
@@ -155,14 +55,6 @@ def test_numbers_are_accepted_up_to_their_bounds(name: str) -> None:
     for value in refused:
         with pytest.raises(ShuttleError, match="expected"):
             act(value)
-
-
-def test_whole_records_are_read() -> None:
-    assert list(records(RECORD + RECORD)) == [(Opcode.HEADER, b"abc")] * 2
-    assert read_record(io.BytesIO(b"-" + RECORD), 1, 1 + len(RECORD), Opcode.HEADER) == b"abc"
-    end = footer(8)[8:-12]
-    content = MAGIC + RECORD + end + zlib.crc32(RECORD + end).to_bytes(4, "little") + MAGIC
-    assert read_summary(io.BytesIO(content), len(content)) == (8, [(Opcode.HEADER, b"abc")])
 
 
 def test_a_video_needs_its_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,9 @@
 """Policies by name."""
 
+import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +18,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import agents, baselines, registry
 from shuttle_marl.policy.foreign import FunctionPolicy
-from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
+from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.policy.stored import StoredPolicies
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
@@ -115,10 +118,21 @@ def test_a_class_may_take_the_game_and_a_function_may_read_the_score(module: str
         ("randm@greedy", "did you mean random"),
         ("bv:viktor-axelsen", "no module 'bv'"),
         ("", "known: .*random"),
-        ("random:3", "takes nothing behind a colon"),
-        ("random@hot", "expected @greedy or a temperature"),
-        ("random@0", "expected @greedy or a temperature"),
-        ("random@nan", "expected @greedy or a temperature"),
+        *(
+            (f"random@{suffix}", "expected @greedy or a temperature above 0")
+            for suffix in ("hot", "inf", "0", "-1", "nan", "1e999", "")
+        ),
+        ("torch", "expected a file behind the colon, as in torch:mine.safetensors"),
+        ("sb3:", "expected an archive behind the colon, as in sb3:mine.zip"),
+        ("program:", "expected a command behind the colon, as in program:./player"),
+        ("agent", "expected the folder of a trained agent behind the colon, as in agent:runs/ppo-0/agent"),
+        ("best-response:", "expected the name of a policy behind the colon, as in best-response:bc"),
+        ("random:3", "'random' takes nothing behind a colon; write random"),
+        ("human:inf", "with a number TAU above 0"),
+        ("human:0", "with a number TAU above 0"),
+        ("minimax:", "expected minimax or minimax:robust"),
+        (":x", "no policy ':x'"),
+        ("ppo", "the trained agents of this game are none of that algorithm"),
         ("MODULE:instanc", "did you mean instance"),
         ("MODULE:number", "is a int; expected"),
         ("MODULE:Broken", "making it raised RuntimeError: no engine"),
@@ -149,8 +163,53 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
         resolve("mirorleft", GAME)
     with pytest.raises(PolicyError, match="registered already"):
         registry.register("mirror", load)
-    with pytest.raises(PolicyError, match="expected a word"):
-        registry.register("a:b", load)
+    for key in ("", "a b", "a:b", "a@b"):
+        with pytest.raises(PolicyError, match="expected a word"):
+            registry.register(key, load)
+
+
+PLUGGED = """
+from shuttle_marl.policy.registry import Family, resolve
+
+open_ = Family(load=lambda argument, game: resolve("random", game), names=lambda _: ["open", "open:x"], from_data=True)
+closed = Family(load=lambda argument, game: resolve("safe", game), names=lambda _: ())
+"""
+ASKED = """
+from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.policy.registry import names, resolve, resolve_recorded
+from tests.reduced import reduced_model
+
+game = load_game(reduced_model())
+assert names(game)[-2:] == ("open", "open:x") and names(game).count("random") == 1
+assert type(resolve("random", game)) is type(resolve("open:x", game)) is type(resolve_recorded("open:x", game))
+resolve("closed:x", game)
+for ask, name, says in (
+    (resolve_recorded, "closed:x", "not resolved because a file named it"),
+    (resolve_recorded, "best-response:closed:x", "not resolved because a file named it"),
+    (resolve, "broken", "entry point plugged:nothing raised AttributeError"),
+    (resolve, "other", "entry point plugged:resolve is a function, expected a Family"),
+):
+    try:
+        ask(name, game)
+    except PolicyError as error:
+        assert says in str(error), error
+    else:
+        raise AssertionError(name)
+"""
+
+
+def test_installed_packages_add_families(tmp_path: Path) -> None:
+    """They hide none of those of this package, and a file may name only those that say so."""
+    (tmp_path / "plugged.py").write_text(PLUGGED)
+    (tmp_path / "plugged-1.dist-info").mkdir()
+    points = {"open": "open_", "closed": "closed", "random": "closed", "broken": "nothing", "other": "resolve"}
+    listed = "\n".join(f"{name} = plugged:{value}" for name, value in points.items())
+    (tmp_path / "plugged-1.dist-info" / "entry_points.txt").write_text(f"[{registry.ENTRY_POINTS}]\n{listed}")
+    (tmp_path / "plugged-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: plugged\nVersion: 1\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
+    done = subprocess.run([sys.executable, "-c", ASKED], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("name", ["safe@0.5", "minimax", "best-response:best-response:safe", "ppo@greedy"])
@@ -171,9 +230,8 @@ def test_names_from_a_file_mean_the_same_as_typed_ones(name: str) -> None:
         "best-response:agent:../../x@greedy",
     ],
 )
-def test_a_name_from_a_file_runs_no_code_and_opens_no_file(module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_from_a_file_runs_no_code_and_opens_no_file(module: str, name: str) -> None:
     tabulate(resolve("safe", GAME), GAME).save(Path("mine.safetensors"))
-    monkeypatch.setattr(agents, "load_agent", pytest.fail)
     with pytest.raises(PolicyError, match="not resolved because a file named it"):
         resolve_recorded(name.replace("MODULE", module), GAME)
     assert not Path("imported").exists()
@@ -197,20 +255,6 @@ def test_names_from_a_file_that_lead_nowhere(name: str, says: str) -> None:
 def test_names_that_are_too_deep(find: Callable[[str, Game], Policy]) -> None:
     with pytest.raises(PolicyError, match="more than 7 names around a policy"):
         find("best-response:" * 100_000 + "bc", GAME)
-
-
-def test_a_family_says_whether_a_file_may_name_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    uniform = resolve("random", GAME)
-    families = {
-        "open": Family(load=lambda argument, game: uniform, names=lambda _: (), from_data=True),
-        "closed": Family(load=lambda argument, game: uniform, names=lambda _: ()),
-    }
-    monkeypatch.setattr(registry, "_plugged_in", families.get)
-    assert resolve_recorded("open:x", GAME) is uniform
-    assert resolve("closed:x", GAME) is uniform
-    for name in ("closed", "closed:x", "best-response:closed:x"):
-        with pytest.raises(PolicyError, match="not resolved because a file named it"):
-            resolve_recorded(name, GAME)
 
 
 SHIPPED = default_game()

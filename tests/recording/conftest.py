@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from shuttle_marl.game import default_game
 from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter
@@ -53,7 +54,7 @@ def some_rallies(count: int, seed: int = 0, n_strokes: int | None = None, longes
 def read_rallies(path: Path) -> Rallies:
     """All rallies of a log."""
     with RallyLog(path) as log:
-        return Rallies.concatenate([batch for _, batch in log.batches()])
+        return Rallies.concatenate([*(batch for _, batch in log.batches())] or [some_rallies(0)])
 
 
 def read_all(path: Path) -> int:
@@ -67,6 +68,13 @@ def read_all(path: Path) -> int:
             log.rally(int(log.first_rally[-1]))
         log.numbers_of_match(0, 7)
         return log.n_rallies
+
+
+def chunks_of(path: Path) -> list[tuple[int, int]]:
+    """First and last byte plus one of every batch of a finished log, by the official reader."""
+    with path.open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    return [(each.chunk_start_offset, each.chunk_start_offset + each.chunk_length) for each in chunks]
 
 
 def same(a: Rallies, b: Rallies) -> bool:

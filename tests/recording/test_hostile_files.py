@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import errno
-import io
 import json
 import os
 import sys
@@ -16,17 +15,16 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.opcode import Opcode
-from mcap.records import Chunk, Message
+from mcap.records import Chunk
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands import analysis, recording
-from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, chunks, recover
-from shuttle_marl.recording.chunks import FRAME, message_of_chunk, records
+from shuttle_marl.recording import LogHeader, Player, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording.chunks import FRAME, message_of_chunk
 from shuttle_marl.recording.header import DamagedLogError
-from shuttle_marl.recording.log_file import MAGIC, read_record, read_summary, unfinished
+from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.replay import check
-from tests.recording.conftest import read_all, read_rallies
+from tests.recording.conftest import chunks_of, read_all, read_rallies
 from tests.recording.mutate import Mutator
 
 FORGED = (
@@ -167,33 +165,6 @@ def test_strange_headers_are_refused(tmp_path: Path, header: Callable[..., LogHe
         assert recording.main([command, str(path)]) == 1
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("policies", [{"name": "\ud800", "hash": ""}] * 2),
-        ("policies", [[]]),
-        ("rules", {"points": 10**30, "clear": 1, "cap": 10**30, "games": 1}),
-        ("strokes", [[]]),
-        ("pairings", [[]]),
-        ("record", "sample:" + "9" * 18),
-    ],
-)
-def test_strange_fields_are_refused_or_harmless(
-    tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies], field: str, value: object
-) -> None:
-    path, made = tmp_path / "a.mcap", header()
-    text = json.dumps({**json.loads(made.to_metadata()["header"]), field: value})
-    write_with_header(path, text, made)
-    for arguments in (
-        ["info", str(path)],
-        ["check", str(path), "--no-replay"],
-        ["export", str(path), str(tmp_path / "a.csv")],
-        ["show", str(path), "--rally", "0"],
-        ["recover", str(path)],
-    ):
-        assert recording.main(arguments) in (0, 1)
-
-
 def test_what_is_no_file_is_refused_quickly(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.mkfifo(tmp_path / "a.mcap")
     os.mkfifo(tmp_path / "b.mcap.part")
@@ -205,8 +176,7 @@ def test_what_is_no_file_is_refused_quickly(tmp_path: Path, capsys: pytest.Captu
 
 def test_one_lost_log_does_not_keep_the_others(log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content = log_file.read_bytes()
-    with RallyLog(log_file) as log:
-        first = int(log.files[0]._offset[0])
+    first = chunks_of(log_file)[0][0]
     log_file.unlink()
     (tmp_path / "a.mcap.part").write_bytes(content[: first + 50])
     (tmp_path / "b.mcap.part").write_bytes(content[:-100])
@@ -267,88 +237,6 @@ def test_a_chunk_of_many_records_is_refused() -> None:
     chunk = Chunk("zstd", zstandard.compress(zeros), 0, 0, uncompressed_crc=crc, uncompressed_size=size)
     with pytest.raises(DamagedLogError, match="more than 8 records"):
         message_of_chunk(body_of(chunk))
-
-
-def chunk_of(content: bytes, crc: int | None = None) -> bytes:
-    """Body of a chunk whose sizes and, by default, checksum are right."""
-    checksum = zlib.crc32(content) if crc is None else crc
-    return body_of(Chunk("zstd", zstandard.compress(content), 0, 0, uncompressed_crc=checksum, uncompressed_size=len(content)))
-
-
-def record_of(message: Message) -> bytes:
-    builder = RecordBuilder()
-    message.write(builder)
-    return builder.end()
-
-
-def test_a_chunk_holds_one_message_of_at_most_eight_records(monkeypatch: pytest.MonkeyPatch) -> None:
-    message, empty = Message(channel_id=1, log_time=2, publish_time=2, sequence=3, data=b"data"), bytes(FRAME.size)
-    record = record_of(message)
-    assert message_of_chunk(chunk_of(record)) == message
-    assert message_of_chunk(chunk_of(record + 7 * empty)) == message
-    with pytest.raises(DamagedLogError, match="more than 8 records"):
-        message_of_chunk(chunk_of(record + 8 * empty))
-    for count in (0, 2):
-        with pytest.raises(DamagedLogError, match=f"^{count} messages in a chunk, expected 1"):
-            message_of_chunk(chunk_of(count * record + empty))
-    monkeypatch.setattr(chunks, "MAX_CHUNK", len(record))
-    assert message_of_chunk(chunk_of(record)) == message
-    with pytest.raises(DamagedLogError, match=f"a chunk of {len(record) + 9} bytes packed as 'zstd'"):
-        message_of_chunk(chunk_of(record + empty))
-
-
-def test_records_end_where_the_data_does() -> None:
-    whole = FRAME.pack(7, 2) + b"ab" + FRAME.pack(8, 0)
-    assert list(records(whole)) == [(7, b"ab"), (8, b"")]
-    assert list(records(b"")) == []
-    for length in range(1, len(whole)):
-        if length != FRAME.size + 2:
-            with pytest.raises(DamagedLogError, match="a record is cut off"):
-                list(records(whole[:length]))
-
-
-def test_a_record_is_read_where_all_of_it_stands() -> None:
-    content = FRAME.pack(Opcode.HEADER, 3) + b"abc" + FRAME.pack(Opcode.CHUNK, 0)
-    file, size = io.BytesIO(content), len(content)
-    assert read_record(file, 0, size, Opcode.HEADER) == b"abc"
-    assert read_record(file, 0, FRAME.size + 3, Opcode.HEADER) == b"abc"
-    assert read_record(file, size - FRAME.size, size, Opcode.CHUNK) == b""
-    for offset in (-1, size - FRAME.size + 1):
-        with pytest.raises(DamagedLogError, match=f"no CHUNK record at byte {offset}"):
-            read_record(file, offset, size, Opcode.CHUNK)
-    for expected, cut in ((Opcode.METADATA, size), (Opcode.HEADER, FRAME.size + 2)):
-        with pytest.raises(DamagedLogError, match=f"no whole {expected.name} record at byte 0"):
-            read_record(file, 0, cut, expected)
-
-
-def closed_file(start: int, body: bytes = b"", crc: int | None = None) -> bytes:
-    """A file of nothing but magic bytes, a summary and a footer that names the start of the summary."""
-    frame = FRAME.pack(Opcode.FOOTER, 20) + start.to_bytes(8, "little") + bytes(8)
-    checksum = zlib.crc32(body + frame) if crc is None else crc
-    return MAGIC + body + frame + checksum.to_bytes(4, "little") + MAGIC
-
-
-def test_a_summary_stands_between_the_magic_bytes_and_the_footer() -> None:
-    def summary_of(content: bytes) -> tuple[int, list[tuple[int, bytes]]]:
-        return read_summary(io.BytesIO(content), len(content))
-
-    record = FRAME.pack(5, 1) + b"x"
-    assert summary_of(closed_file(8)) == (8, [])
-    assert summary_of(closed_file(8, record)) == (8, [(5, b"x")])
-    assert summary_of(MAGIC + b"data" + closed_file(12, record)[8:]) == (12, [(5, b"x")])
-    for start in (7, 9):
-        with pytest.raises(DamagedLogError, match="it has no summary"):
-            summary_of(closed_file(start))
-    with pytest.raises(DamagedLogError, match="the checksum of its summary does not match"):
-        summary_of(closed_file(8, record, crc=1))
-    assert len(closed_file(8)) == 45
-    with pytest.raises(DamagedLogError, match="too short for a rally log"):
-        summary_of(bytes(44))
-    not_closed = [bytes(45), closed_file(8)[:-8] + bytes(8), closed_file(8).replace(FRAME.pack(Opcode.FOOTER, 20), bytes(9))]
-    not_closed.append(closed_file(8).replace(FRAME.pack(Opcode.FOOTER, 20), FRAME.pack(Opcode.FOOTER, 21)))
-    for content in not_closed:
-        with pytest.raises(DamagedLogError, match="it was not closed"):
-            summary_of(content)
 
 
 @pytest.mark.parametrize(

@@ -137,6 +137,14 @@ class TestResume:
             assert part_path(path, number).read_bytes() == part_path(whole, number).read_bytes()
         assert len(list(tmp_path.glob("cut*"))) == len(list(tmp_path.glob("whole*")))
 
+    def test_a_log_with_a_hole_is_not_resumed(self, tmp_path: Path, rallies, header) -> None:
+        path = self.write(tmp_path / "cut.mcap", header(), [rallies(8, seed) for seed in range(4)], 3)
+        content = unfinished(path).read_bytes()
+        at = content.index(b"zstd", len(content) // 3)  # the chunk of the second or third batch
+        unfinished(path).write_bytes(content[: at + 60] + bytes([content[at + 60] ^ 1]) + content[at + 61 :])
+        with pytest.raises(RecordingError, match="32 rallies were played"):
+            resume(path, header(), 32)
+
     def test_the_log_of_another_run_is_not_deleted(self, tmp_path: Path, rallies, header) -> None:
         path = self.write(tmp_path / "a.mcap", header(), [rallies(20)])
         content = path.read_bytes()

@@ -17,8 +17,8 @@ from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
 from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
-from shuttle_marl.recording.log_file import existing_parts, is_further_part, part_number, unfinished
-from shuttle_marl.recording.logs import blank, log_of, play_log
+from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.logs import log_of, play_log
 from shuttle_marl.recording.reader import export, is_log
 from tests.exact.exact_games import THREE_STROKES, hand_made, random_policy
 from tests.recording.conftest import same
@@ -190,48 +190,10 @@ def test_points_of_games_are_those_after_their_last_rally(tmp_path: Path, rallie
         assert log.points_of_games(1, 7) == {}
 
 
-def test_columns_of_tables_stand_in_order(log_file: Path, rallies: Callable[..., Rallies]) -> None:
-    whole = rallies(100)
-    with RallyLog(log_file) as log:
-        table, strokes = log.rally_table(), log.stroke_table(lambda batch: {"twice": 2 * batch.position})
-        names = [player.name for player in log.policies]
-    assert table.column_names == [
-        *("number", "file", "seed", "pairing", "match", "rally", "policy_0", "policy_1", "server", "winner", "reason"),
-        *("points_0", "points_1", "games_0", "games_1", "length", "strokes", "hurried"),
-    ]
-    assert set(table["file"].to_pylist()) == {"rallies.mcap"}
-    assert table["reason"].chunk(0).dictionary.to_pylist() == ["fault", "winner"]
-    assert table["policy_1"].chunk(0).dictionary.to_pylist() == names
-    assert set(table["seed"].to_pylist()) == {7}
-    for name in ("pairing", "match", "rally", "server", "winner"):
-        assert table[name].to_pylist() == getattr(whole, name).tolist()
-    for i, name in enumerate(("points_0", "points_1", "games_0", "games_1")):
-        assert table[name].to_pylist() == whole.score[:, i].tolist()
-    for seat in (0, 1):
-        assert table[f"policy_{seat}"].to_pylist() == [names[i] for i in whole.policy[:, seat]]
-    assert table["reason"].to_pylist() == [("fault", "winner")[reason] for reason in whole.reason]
-    assert strokes.column_names == ["number", "position", "seat", "policy", "stroke", "hurried", "outcome", "twice"]
-    assert strokes["seat"].to_pylist() == whole.striker.tolist()
-    assert strokes["twice"].to_pylist() == (2 * whole.position).tolist()
-
-
 def test_names_of_logs(tmp_path: Path, log_file: Path) -> None:
     (tmp_path / "empty").mkdir()
     assert [is_log(path) for path in (log_file, tmp_path, tmp_path / "empty", tmp_path / "a.txt")] == [True, True, False, False]
     assert is_log(tmp_path / "nothing.mcap")
-    parts = (
-        ("a.mcap", 0),
-        ("a.1.mcap", 1),
-        ("a.12.mcap.part", 12),
-        ("a.mcap.part.old", 0),
-        ("a.01.mcap", None),
-        ("b.mcap", None),
-    )
-    for name, number in parts:
-        assert part_number(tmp_path / name, tmp_path / "a.mcap") == number
-    assert part_number(tmp_path / "empty" / "a.1.mcap", tmp_path / "a.mcap") is None
-    assert [is_further_part(Path(name)) for name in ("a.1.mcap", "a.mcap", "a.0.mcap", "a.b.mcap")] == [True, False, False, False]
-    assert existing_parts(tmp_path / "nowhere" / "a.mcap") == []
     with pytest.raises(RecordingError, match=r"table.txt: expected a name that ends in .parquet, .csv, .arrow"):
         export(log_file, tmp_path / "table.txt", "rallies")
     assert not (tmp_path / "table.txt").exists()
@@ -294,14 +256,6 @@ def test_a_log_for_learning_has_the_strokes_of_both_and_what_follows_those_of_se
     changed = dataclasses.replace(rallies, winner=np.array([0, 0, 0, 1], np.uint8))
     assert len({log.hash, log_of(HAND_MADE, changed, policy).hash, log_of(HAND_MADE, rallies.slice(0, 3), policy).hash}) == 3
     assert log_of(HAND_MADE, rallies, random_policy(HAND_MADE, 1)).hash == log.hash
-
-
-def test_a_blank_game_has_the_rules_and_even_chances() -> None:
-    shown = blank(HAND_MADE)
-    assert shown.threshold.tolist() == [[16384, 32768, 49152]] * HAND_MADE.n_base_pairs
-    assert (shown.hurry == 128).all()
-    assert shown.fault_odds.tolist() == [65536] * HAND_MADE.levels
-    assert np.array_equal(shown.pair_stroke, HAND_MADE.pair_stroke)
 
 
 @pytest.mark.parametrize("strokes", [1, 150, 151])

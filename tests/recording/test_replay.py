@@ -21,7 +21,7 @@ from shuttle_marl.game.stroke import parse
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
-from shuttle_marl.recording.replay import Replay, _Matches, check
+from shuttle_marl.recording.replay import Replay, check
 from tests.recording.conftest import read_rallies
 
 GAME = default_game()
@@ -143,7 +143,7 @@ WON_IN_THREE_GAMES = (
 """Server, winner, and score before each rally, of a match that player 0 wins in three games of two points."""
 
 
-def rallies_of(rows: Sequence[tuple[Any, ...]]) -> Rallies:
+def rallies_of(rows: Sequence[Sequence[Any]]) -> Rallies:
     """Rallies of pairing, match, number, server, winner and score before."""
     n = len(rows)
     pairing, match, rally, server, winner, score = zip(*rows, strict=True)
@@ -166,60 +166,44 @@ def match_of(pairing: int, match: int, length: int = 7) -> list[tuple[Any, ...]]
     return [(pairing, match, rally, *row) for rally, row in enumerate(WON_IN_THREE_GAMES[:length])]
 
 
-def test_rallies_follow_from_each_other_however_they_are_batched() -> None:
-    whole = [*match_of(0, 0), *match_of(0, 1), *match_of(2, 0)]
-    for cut in range(len(whole) + 1):
-        matches = _Matches(RULES)
-        for part in (whole[:cut], whole[cut:]):
-            if part:
-                assert not matches.breaks(rallies_of(part)).any()
-        assert matches.in_order
-        assert len(matches.open_) == 0
-    matches = _Matches(RULES)
-    interleaved = [row for pair in zip(match_of(1, 5), match_of(0, 6), strict=True) for row in pair]
-    for first in range(0, 14, 3):
-        assert not matches.breaks(rallies_of(interleaved[first : first + 3])).any()
-    assert not matches.in_order
-    assert len(matches.open_) == 0
+@pytest.mark.parametrize("batch", [1, 5, 9, 10, 100])
+@pytest.mark.parametrize(("column", "value"), [(2, 4), (3, None), (5, 0), (5, 1), (5, 2), (5, 3)])
+def test_rallies_that_do_not_follow_are_named(
+    batch: int, column: int, value: int, tmp_path: Path, header: Callable[..., LogHeader]
+) -> None:
+    """The number of a rally, its server, or a part of the score before it is another one."""
+    rows = [list(row) for row in (*match_of(0, 0), *match_of(0, 1))]
+    for name, says in (("good", ()), ("bad", ("rally 10 does not follow from the score of the rally before it",))):
+        with RallyLogWriter(tmp_path / f"{name}.mcap", header(rules=RULES), batch_rallies=batch) as log:
+            log.append(rallies_of(rows))
+        assert check(tmp_path / f"{name}.mcap").problems[:1] == says
+        of_10 = rows[10][column]
+        rows[10][column] = (
+            value if column == 2 else of_10 ^ 1 if column == 3 else tuple(n + (i == value) for i, n in enumerate(of_10))
+        )
 
 
-@pytest.mark.parametrize("cut", [None, 9, 10])
-@pytest.mark.parametrize(("column", "value"), [(2, 4), (3, 0), (5, 0), (5, 1), (5, 2), (5, 3)])
-def test_a_rally_that_does_not_follow_is_the_one_that_breaks(cut: int | None, column: int, value: int) -> None:
-    whole = [*match_of(0, 0), *match_of(0, 1)]
-    row: list[Any] = list(whole[10])
-    row[column] = (
-        tuple(n + (i == value) for i, n in enumerate(row[5])) if column == 5 else row[column] ^ 1 if column == 3 else value
-    )
-    whole[10] = tuple(row)
-    matches = _Matches(RULES)
-    found = [matches.breaks(rallies_of(part)) for part in (whole[:cut], whole[cut:] if cut else []) if part]
-    breaks = np.concatenate(found)
-    assert breaks[10]
-    assert not breaks[:10].any()
-    assert breaks[12:].tolist() == [False, False]
+@pytest.mark.parametrize(
+    "wrong", [(0, 0, 1, 0, 1, (0, 0, 0, 0)), *((0, 0, 0, 0, 1, (i == 0, i == 1, i == 2, 0)) for i in range(3))]
+)
+def test_matches_begin_with_rally_0_at_love_all(wrong: Any, tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES)) as log:
+        log.append(rallies_of([wrong]))
+    assert check(tmp_path / "a.mcap").problems == ("rally 0 does not follow from the score of the rally before it",)
 
 
-def test_matches_begin_with_rally_0_at_love_all_and_end() -> None:
-    for wrong in ((0, 0, 1, 0, 1, (0, 0, 0, 0)), *((0, 0, 0, 0, 1, score) for score in np.eye(4, dtype=int).tolist())):
-        assert _Matches(RULES).breaks(rallies_of([wrong])).tolist() == [True]
-        unknown = _Matches(RULES)
-        unknown.all_known = False
-        assert unknown.breaks(rallies_of([wrong])).tolist() == [False]
-    too_long = [*match_of(0, 0), (0, 0, 7, 0, 1, (0, 0, 2, 1))]
-    assert _Matches(RULES).breaks(rallies_of(too_long)).tolist() == [False] * 7 + [True]
+@pytest.mark.parametrize("batch", [7, 100])
+def test_a_rally_after_the_end_of_its_match_does_not_follow(batch: int, tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES), batch_rallies=batch) as log:
+        log.append(rallies_of([*match_of(0, 0), (0, 0, 7, 0, 1, (0, 0, 2, 1))]))
+    assert check(tmp_path / "a.mcap").problems[:1] == ("rally 7 does not follow from the score of the rally before it",)
 
 
-def test_matches_are_in_order_by_pairing_and_number() -> None:
-    def in_order(*starts: tuple[int, int]) -> bool:
-        matches = _Matches(RULES)
-        matches.breaks(rallies_of([row for pairing, match in starts for row in match_of(pairing, match, 2)]))
-        return matches.in_order
-
-    assert in_order((0, 0), (0, 1), (0, 4), (1, 0), (3, 2))
-    assert not in_order((0, 1), (0, 0))
-    assert not in_order((1, 0), (0, 1))
-    assert not in_order((0, 3), (1, 3), (0, 5))
+def test_matches_may_be_interleaved(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
+    rows = [row for pair in zip(match_of(1, 5), match_of(0, 6), strict=True) for row in pair]
+    with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES), batch_rallies=3) as log:
+        log.append(rallies_of(rows[:-1]))
+    assert check(tmp_path / "a.mcap").problems == ()
 
 
 def test_a_match_that_breaks_off_is_found_unless_it_is_the_last(tmp_path: Path, header: Callable[..., LogHeader]) -> None:

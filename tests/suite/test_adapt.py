@@ -1,9 +1,8 @@
 """The task adapt-v0: populations, play, regret, and what a method may know."""
 
-import math
+from collections.abc import Mapping
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,31 +11,22 @@ from scipy.optimize import minimize_scalar
 from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.profile import positions_of
-from shuttle_marl.game.draws import stream
 from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
-from shuttle_marl.suite.adapt import CHANGES, PlayedRally, observed
+from shuttle_marl.suite.adapt import CHANGES, AdaptSetting, PlayedRally, observed
 from shuttle_marl.suite.frontier import WEIGHT, exploitabilities, gains
-from shuttle_marl.suite.methods import adapters
 from shuttle_marl.suite.methods.adapters import (
-    Bandit,
-    Bayes,
-    Counts,
-    CountsRecent,
-    CountsTyped,
     Likeliest,
     Minimax,
     Mixture,
     Population,
     PosteriorMean,
-    RestrictedNash,
-    Thompson,
     Tilts,
-    ablated,
     change_point,
     mean_of,
     mixture_weights,
@@ -160,13 +150,6 @@ class Oracle:
         self.rallies.append(rally)
 
 
-class Watching(Oracle):
-    seen: ClassVar[list[PlayedRally]] = []
-
-    def observe_rally(self, rally: PlayedRally) -> None:
-        self.seen.append(rally)
-
-
 class Peeking(Oracle):
     def __init__(self, setting: Any) -> None:
         super().__init__(setting)
@@ -203,18 +186,6 @@ def test_scores_of_a_quick_run_count_every_rally(arena: Arena) -> None:
     )
 
 
-def test_draws_follow_from_the_name_of_the_case_and_the_seed(tmp_path: Path, arena: Arena) -> None:
-    Watching.seen.clear()
-    run(tmp_path, f"{__name__}:Watching")
-    name = TASK.cases(arena)[0].name.encode()
-    assert len(name) > 7
-    numbers = [int.from_bytes(name[first : first + 7], "big") for first in range(0, len(name), 7)]
-    hidden = opponent(arena, "synthetic", 0).policies[0]
-    again = observed(GAME, (best_response(hidden).policy, hidden), CHANGES[1], int(stream(0, *numbers, 0)[0] >> np.uint64(1)))
-    for first, second in zip(Watching.seen, again, strict=False):
-        assert first.stroke.tolist() == second.stroke.tolist()
-
-
 def test_a_method_that_reads_the_opponent_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="no attribute 'opponent'"):
         run(tmp_path, f"{__name__}:Peeking")
@@ -246,13 +217,12 @@ def test_a_change_is_found_where_it_is_and_nowhere_else() -> None:
     assert change_point(chance[:, rng.choice(50, 1000, p=chance.mean(axis=0))], ends, prior) == 0
 
 
-class _Setting:
-    def __init__(self, arena: Arena) -> None:
-        self.game, self.known, self.seed = GAME, known(arena), 0
+def setting_of(game: Game, types: Mapping[str, TabulatedPolicy]) -> AdaptSetting:
+    return AdaptSetting(game=game, model="", seed=0, folder=Path(), known=types)
 
 
 def test_the_posterior_finds_a_known_type(arena: Arena) -> None:
-    setting: Any = _Setting(arena)
+    setting = setting_of(GAME, known(arena))
     names = list(setting.known)
     agent = PosteriorMean(setting)
     for rally in observed(GAME, (setting.known["bc"], setting.known["defensive"]), 40, 1):
@@ -265,9 +235,8 @@ def test_the_posterior_finds_a_known_type(arena: Arena) -> None:
 
 
 def test_a_model_from_rallies_answers_habits_of_position(arena: Arena) -> None:
-    setting: Any = _Setting(arena)
     (habit,) = opponent(arena, "waiting", 1).policies
-    agent = Mixture(setting)
+    agent = Mixture(setting_of(GAME, known(arena)))
     before = gains(arena, [(agent.policy_for_next_rally(), habit)], tolerance=1e-4)[0]
     for rally in observed(GAME, (agent.policy_for_next_rally(), habit), 240, 1):
         agent.observe_rally(rally)
@@ -281,34 +250,12 @@ SMALL = hand_made((*THREE_STROKES, "clear:back-left:above:forehand"))
 THREE = {"bc": random_policy(SMALL, 0), "other": random_policy(SMALL, 1), "third": random_policy(SMALL, 2)}
 
 
-def a_setting(**known: Any) -> Any:
-    return SimpleNamespace(game=SMALL, known=known or THREE, seed=7)
-
-
 def rallies_against(policy: TabulatedPolicy, number: int, seed: int = 0) -> list[PlayedRally]:
     return list(observed(SMALL, (THREE["bc"], policy), number, seed))
 
 
-def test_a_bandit_plays_the_largest_upper_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(adapters, "responses_to", lambda types: (["first", "second", "third"], None))
-    agent, won, number = Bandit(a_setting()), [0, 0, 0], [0, 0, 0]
-    played: list[Any] = []
-    results = np.random.default_rng(0).random((40, 3)) < [0.2, 0.4, 0.8]
-    for row in results:
-        total = 1 + sum(number)
-        bounds = [(w + 1) / (n + 2) + math.sqrt(math.log(total) / (10 * (n + 2))) for w, n in zip(won, number, strict=True)]
-        arm = bounds.index(max(bounds))
-        played.append(agent.policy_for_next_rally())
-        assert played[-1] == ("first", "second", "third")[arm]
-        agent.observe_rally(SimpleNamespace(won=bool(row[arm])))  # type: ignore[arg-type]
-        won[arm] += row[arm]
-        number[arm] += 1
-    assert {*played} == {"first", "second", "third"}
-    assert played.count("third") > 20
-
-
 def test_the_posterior_is_that_of_bayes_and_forgets(arena: Arena) -> None:
-    agent, rallies = Population(a_setting()), rallies_against(THREE["third"], 3)
+    agent, rallies = Population(setting_of(SMALL, THREE)), rallies_against(THREE["third"], 3)
     posterior = np.full(3, 1 / 3)
     assert agent.posterior == pytest.approx(posterior)
     for rally in rallies:
@@ -320,7 +267,7 @@ def test_the_posterior_is_that_of_bayes_and_forgets(arena: Arena) -> None:
     assert agent.seen == rallies
     assert not np.allclose(posterior, 1 / 3)
     types = {name: known(arena)[name] for name in ("bc", "defensive")}
-    hidden = Population(SimpleNamespace(game=GAME, known=types, seed=0))  # type: ignore[arg-type]
+    hidden = Population(setting_of(GAME, types))
     (rally,) = observed(GAME, (types["bc"], types["defensive"]), 1, 3)
     found = [
         sum(
@@ -332,47 +279,21 @@ def test_the_posterior_is_that_of_bayes_and_forgets(arena: Arena) -> None:
     assert hidden.likelihood(rally) == pytest.approx(found, rel=1e-4)
 
 
-def test_responses_to_known_types_are_chosen_by_the_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
-    values = np.array([[0.9, 0.1, 0.5], [0.4, 0.8, 0.2], [0.6, 0.6, 0.6]])
-    monkeypatch.setattr(adapters, "responses_to", lambda types: (["first", "second", "third"], values))
-    for posterior, expected in (([0.8, 0.1, 0.1], "first"), ([0.1, 0.8, 0.1], "second"), ([0.3, 0.4, 0.3], "third")):
-        bayes, thompson = Bayes(a_setting()), Thompson(a_setting())
-        bayes.log_posterior = thompson.log_posterior = np.log(posterior)
-        assert bayes.policy_for_next_rally() == expected
-        rng = np.random.default_rng(7)
-        drawn = [("first", "second", "third")[rng.choice(3, p=posterior)] for _ in range(9)]
-        assert [thompson.policy_for_next_rally() for _ in drawn] == drawn
-
-
 def test_estimates_from_the_posterior() -> None:
     parts = np.stack([policy.block_probabilities(0) for policy in THREE.values()])
-    mean, likeliest = PosteriorMean(a_setting()), Likeliest(a_setting())
+    mean, likeliest = (method(setting_of(SMALL, THREE)) for method in (PosteriorMean, Likeliest))
     mean.log_posterior = likeliest.log_posterior = np.log([0.4, 0.5995, 0.0005])
     assert mean.estimate().block_probabilities(0) == pytest.approx((0.4 * parts[0] + 0.5995 * parts[1]) / 0.9995, abs=1e-6)
     mean.log_posterior = np.log([0.4, 0.599, 0.001 * (1 + 1e-9)])
     assert mean.estimate().block_probabilities(0) == pytest.approx(np.array([0.4, 0.599, 0.001]) @ parts, abs=1e-6)
     assert likeliest.estimate() is THREE["other"]
-    assert (mean.p, likeliest.p, Likeliest(a_setting(), "0.3").p) == (1.0, WEIGHT, 0.3)
-    assert Minimax(a_setting()).policy_for_next_rally().hash == solve(SMALL).policy[0].hash
-    assert RestrictedNash(a_setting()).estimate() is THREE["bc"]
-
-
-def test_counts_are_of_all_or_of_recent_rallies_around_bc_or_the_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[tuple[Any, Any]] = []
-    monkeypatch.setattr(adapters, "counted", lambda prior, seen: given.append((prior, seen)))
-    rallies = rallies_against(THREE["other"], 125)
-    for method in (Counts, CountsRecent, CountsTyped):
-        agent = method(a_setting())
-        agent.seen = rallies
-        agent.estimate()
-    assert [seen for _, seen in given] == [rallies, rallies[5:], rallies]
-    assert [prior is THREE["bc"] for prior, _ in given] == [True, True, False]
-    assert CountsTyped(a_setting()).p == WEIGHT
+    assert Minimax(setting_of(SMALL, THREE)).policy_for_next_rally().hash == solve(SMALL).policy[0].hash
 
 
 def test_tilts_are_the_maximum_a_posteriori() -> None:
     """Of one known type beside bc there is one number, found by a search."""
-    agent, rallies = Tilts(a_setting(bc=THREE["bc"], other=THREE["other"])), rallies_against(THREE["other"], 60)
+    types = {name: THREE[name] for name in ("bc", "other")}
+    agent, rallies = Tilts(setting_of(SMALL, types)), rallies_against(THREE["other"], 60)
     agent.seen = rallies
     bc, other = (THREE[name].block_probabilities(0) for name in ("bc", "other"))
     feature = np.log(other.clip(1e-4) / bc.clip(1e-4)).clip(-3, 3)
@@ -403,54 +324,6 @@ def test_means_leave_out_positions_of_little_weight(arena: Arena) -> None:
     whole = np.sum([share * positions_of(each) for share, each in zip(weight, types, strict=True)], axis=0)
     np.testing.assert_allclose(positions_of(mean_of(types, weight)), whole)
     assert mean_of(list(THREE.values()), weight).positions is None
-
-
-def test_a_mixture_drops_what_was_before_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
-    rallies = rallies_against(THREE["third"], 250)
-    parts = np.stack([policy.block_probabilities(0) for policy in THREE.values()])
-    asked: list[np.ndarray] = []
-
-    def change(likelihood: np.ndarray, ends: np.ndarray, prior: np.ndarray) -> int:
-        asked.append(ends)
-        assert likelihood.shape == (3, ends[-1])
-        assert prior == pytest.approx(np.full(3, 10 / 3))
-        return first
-
-    monkeypatch.setattr(adapters, "change_point", change)
-    for first in (0, 3):
-        agent = Mixture(a_setting(), without="levels")
-        agent.seen = rallies
-        found = agent.estimate().block_probabilities(0)
-        assert agent.seen == rallies[first:]
-        weight = mixture_weights(parts[:, struck(rallies[first:])], np.full(3, 10 / 3))[0]
-        assert found == pytest.approx(weight @ parts, abs=1e-5)
-        assert asked[-1].tolist() == np.cumsum([(~rally.own).sum() for rally in rallies]).tolist()
-    ends = asked[-1]
-    for least, number in ((int(ends[0]) + 1, 2), (int(ends[0]), 3)):
-        monkeypatch.setattr(adapters, "_LEAST", least)
-        first = 0
-        agent = Mixture(a_setting(), without="levels")
-        agent.seen = rallies[:1]
-        agent.estimate()
-        assert len(asked) == number
-    agent = ablated(a_setting(), "levels")
-    assert (agent.without, agent.prior.tolist()) == ("levels", [1 / 3] * 3)
-
-
-def test_levels_of_reasoning_share_a_part_of_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[Any] = []
-
-    def five(_: Any, types: Any) -> list[TabulatedPolicy]:
-        given.append(types)
-        return [THREE["third"]] * 5
-
-    monkeypatch.setattr(adapters, "levels", five)
-    names = ("bc", "attacking", "defensive", "safe", "more")
-    agent = Mixture(a_setting(**{name: THREE["bc"] if name != "safe" else THREE["other"] for name in names}))
-    assert given == [(THREE["bc"], THREE["bc"], THREE["bc"], THREE["other"])]
-    assert agent.prior == pytest.approx([0.14] * 5 + [0.06] * 5)
-    assert agent.posterior == pytest.approx(agent.prior)
-    assert agent.chance.shape == (10, SMALL.n_base_pairs)
 
 
 def test_positions_after_a_shot_are_counted_with_six_pseudo_observations() -> None:

@@ -1,15 +1,10 @@
 """Aggregates of the suite: means over cases, interquartile means over seeds, worst cases, and intervals that cover."""
 
-import json
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
 from shuttle_marl.base.intervals import combined, estimate
-from shuttle_marl.suite.results import Bounds, Row, aggregate, difference
-from tests.suite.small import run, summary, verified
+from shuttle_marl.suite.results import Bounds, aggregate
 
 
 @pytest.mark.parametrize(("cases", "seeds", "trimmed"), [(1, 3, False), (1, 5, True), (5, 5, True), (11, 5, False)])
@@ -39,32 +34,3 @@ def test_exchangeable_cases_are_the_sample_of_their_stratum() -> None:
     assert (found["value"], found["low"], found["high"]) == pytest.approx(tuple(plain))
     # Strata count as often as they have cases.
     assert aggregate({"a": {"1": [0.0], "2": [0.0], "3": [0.0]}, "b": {"4": [1.0], "5": [1.0]}})["value"] == pytest.approx(0.4)
-
-
-def played(tmp_path: Path, task: str, method: str) -> Row:
-    folder = run(task, method, tmp_path / method.replace(":", "-"), split="test")
-    assert verified(folder).refused == []
-    return summary(folder)
-
-
-def test_positions_are_a_sample(tmp_path: Path) -> None:
-    bc, safe = (played(tmp_path, "text-v0", f"policy:{name}") for name in ("bc", "safe"))
-    lost = [seeds[0] for seeds in bc["units"]["positions/20"].values()]
-    assert len(lost) == 20
-    assert bc["score"] == pytest.approx(np.mean(lost))
-    assert bc["worst"] == max(lost)
-    assert bc["low"] < bc["score"] < max(lost)
-    found = difference(safe, bc)
-    assert found["value"] == pytest.approx(bc["score"] - safe["score"])
-    assert found["low"] is not None
-
-
-def test_forged_parts_are_refused(tmp_path: Path) -> None:
-    from tests.suite.test_forgeries import entry
-
-    played(tmp_path, "text-v0", "random")
-    path = tmp_path / "random"
-    parts: dict[str, Any] = json.loads((path / "entries" / "000-0.json").read_text())["parts"]
-    for changed, reason in (({**parts, "3": 0.0, "4": 0.0}, "not 0.0"), ({**parts, "x": 0.0}, "does not have: x"), ({}, "None")):
-        entry(path, parts=changed)
-        assert reason in verified(path).refused[0].reason

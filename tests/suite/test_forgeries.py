@@ -15,7 +15,7 @@ from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import called, render, rows_of, shown
-from shuttle_marl.suite.exploit import Equilibrium, Trained
+from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.options import SuiteError, VerifyOptions
 from shuttle_marl.suite.registry import TASKS, arena_of
 from shuttle_marl.suite.results import Row
@@ -162,15 +162,6 @@ def test_fewer_seeds_than_due_are_marked(folder: Path) -> None:
     assert "1 of 3 seeds" in remarks(folder)
 
 
-def test_strokes_that_fit_a_smaller_budget_are_marked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Equilibrium, "budgets", (10**4, 10**6))
-    for seed in (0, 1):
-        entry(folder, seed, strokes=9_700)
-    assert "fits the budget of 10,000 strokes" in remarks(folder)
-    entry(folder, 0, strokes=None)
-    assert "strokes not declared" in remarks(folder)
-
-
 def test_entries_that_were_moved_to_another_budget_are_marked(folder: Path, honest: Path) -> None:
     """A stranger can change the labels of units, but not their policies."""
     config(folder, budget=10**7, method="mine:faster")
@@ -200,21 +191,6 @@ def test_a_stranger_has_no_name_of_the_package(name: str, folder: Path) -> None:
     ((row,), _) = rows(folder)
     assert called(row) == (name if name == "ppo" else f"anonymous/{name}")
     assert row["reran_by"] == []
-
-
-def test_copies_are_named_whoever_is_listed_first(folder: Path, honest: Path) -> None:
-    (folder / store.CARD).write_text(json.dumps({"authors": "mallory"}))
-    for order in ((folder, honest), (honest, folder)):
-        found, _ = rows(*order)
-        assert all("the same policies as" in "; ".join(row["remarks"]) for row in found)
-
-
-def test_seeds_of_other_tables_with_the_same_scores_are_copies(folder: Path) -> None:
-    """A copied table may be changed where it is never used."""
-    assert not any("differ" in remark for remark in summary(folder)["remarks"])
-    scored = store.read_entry(store.entry_path(folder, 0, 0)).scores
-    entry(folder, 1, scores={name: score + 1e-12 for name, score in scored.items()})
-    assert "2 seeds, of which 1 differ" in summary(folder)["remarks"]
 
 
 def test_nothing_of_a_stranger_is_an_address_or_a_mention_on_a_board(folder: Path, honest: Path) -> None:

@@ -3,14 +3,12 @@
 import dataclasses
 import functools
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from shuttle_marl.analysis.tabular import (
-    SHRINK,
     _stroke_cells,
     best_of,
     by_state,
@@ -19,7 +17,6 @@ from shuttle_marl.analysis.tabular import (
     fitted_q,
     greedy,
     pair_cells,
-    shrunk_means,
     state_cells,
     with_faults,
 )
@@ -30,20 +27,17 @@ from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.logs import Log, blank, log_of
-from shuttle_marl.suite.method import BASELINES, find
-from shuttle_marl.suite.methods import estimators, learned
+from shuttle_marl.suite.method import BASELINES
+from shuttle_marl.suite.methods import learned
 from shuttle_marl.suite.methods.estimators import (
     Behaviour,
     Dice,
     DoublyRobust,
     FittedQEvaluation,
     ImportanceSampling,
-    Magic,
     Model,
-    TruncatedImportanceSampling,
     WeightedDoublyRobust,
     WeightedImportanceSampling,
-    blended,
     doubly_robust,
     partial_returns,
     q_and_v,
@@ -114,10 +108,7 @@ def test_estimators_equal_values_computed_by_hand() -> None:
     # With q = v = 0.5: 0.5 + 1.6 * 0.5 = 1.3 after a winning smash, and 0.5 + (1.3 - 0.5) = 1.3 before the serve.
     half = np.full(5, 0.5)
     assert doubly_robust(data, ratios(data, target), half, half) == pytest.approx([1.3, 0, 0.3, 1.3], abs=1e-4)
-    # Weights after the first strokes: 1, 1, 0.4 and 1.6, whose mean is 1; then 1.6, 1, 0.4 and 1.6, whose mean is 1.15.
-    expected = 0 + 0 + 0.3 + 1.3 + 1.6 / 1.15 * 0.5 + 0.5
-    partial = partial_returns(data, ratios(data, target), half, half)
-    assert partial.sum(axis=0) == pytest.approx([2, 0.5 + 0 + 0.3 + 1.3, expected], abs=1e-4)
+
     # Smashes won and the clear lost: 0.8 before them; the serve led to 0.8 once, and to a loss once.
     q, v = q_and_v(data, target, shrink=1e-9)
     assert q == pytest.approx([0.4, 1, 0.4, 0, 1], abs=1e-4)
@@ -176,34 +167,6 @@ def test_partial_returns_are_sums_over_strokes_with_weights_over_rallies() -> No
     np.testing.assert_allclose(partial_returns(data, rho, q, v), expected)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("distance", "noise"), [(0.0, 1.0), (0.1, 1.0), (0.5, 1.0), (3.0, 1.0), (3.0, 0.1)])
-def test_a_blend_of_two_estimates_has_the_least_error(distance: float, noise: float) -> None:
-    """Of all weights from 0 to 1, with the bias of the first one beyond the 90 % interval of the second one."""
-    rng = np.random.default_rng(3)
-    partial = np.stack([distance + 0.3 * rng.normal(size=40), noise * rng.normal(size=40)], axis=1)
-    mean, variance = partial.mean(axis=0), np.cov(partial, rowvar=False) / 40
-    bias = max(0.0, abs(mean[0] - mean[1]) - 1.645 * np.sqrt(variance[1, 1]))
-    weight = np.linspace(0, 1, 20_001)
-    error = (
-        (weight * bias) ** 2
-        + weight**2 * variance[0, 0]
-        + (1 - weight) ** 2 * variance[1, 1]
-        + 2 * weight * (1 - weight) * variance[0, 1]
-    )
-    best = weight[error.argmin()]
-    assert blended(partial) == pytest.approx(40 * (best * mean[0] + (1 - best) * mean[1]), abs=0.01)
-
-
-def test_a_blend_is_of_few_columns() -> None:
-    """Fitted values continue after 0, 1, 2, 3, 5 and 8 strokes, or never."""
-    partial = np.random.default_rng(4).normal(size=(50, 12))
-    for column in range(12):
-        changed = partial.copy()
-        changed[:, column] = changed[::-1, column] * 0.5 + 0.1
-        assert (blended(changed) != blended(partial)) == (column in (0, 1, 2, 3, 5, 8, 11))
-    assert blended(partial[:, :1]) == pytest.approx(partial[:, 0].sum())
-
-
 def test_estimators_add_up_values_of_rallies() -> None:
     game = three_strokes()
     log, target = by_hand(game), smashing(game, 0.8)
@@ -214,13 +177,8 @@ def test_estimators_add_up_values_of_rallies() -> None:
         (FittedQEvaluation(), v[data.first].sum()),
         (DoublyRobust(), doubly_robust(data, rho, q, v).sum()),
         (WeightedDoublyRobust(), partial_returns(data, rho, q, v)[:, -1].sum()),
-        (Magic(), blended(partial_returns(data, rho, q, v))),
     ):
         assert estimator.estimate(log, [target, target]) == [pytest.approx((wins + 1) / 5)] * 2
-    # Strokes half as likely: 2 * 3.2 and 3.2 in the two rallies that were won, both above the root of 5.
-    assert TruncatedImportanceSampling().estimate(log, [target]) == pytest.approx([4.2 / 5], abs=1e-4)
-    rare = dataclasses.replace(data, probability=data.probability / np.float32(2))
-    assert TruncatedImportanceSampling().wins(rare, target) == pytest.approx(2 * 5**0.5)
 
 
 def test_ratios_of_visits_solve_the_equation_of_their_flow() -> None:
@@ -250,15 +208,13 @@ def test_ratios_of_visits_solve_the_equation_of_their_flow() -> None:
     assert Dice().estimate(log, [target]) == pytest.approx([(value + 1) / 5])
 
 
-def test_a_model_is_the_estimated_game_with_the_cloned_opponent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_model_is_the_estimated_game_with_the_cloned_opponent() -> None:
     game = three_strokes()
     log = by_hand(game)
     policies, model = [smashing(game, share) for share in (0.2, 0.9)], estimated_game(log)
     opponent = PairPolicy(game=model, probability=cloned(game, log.pair[~log.own]))
     expected = [evaluate(TabulatedPolicy(game=model, cumulative=each.cumulative), opponent).odds().rally for each in policies]
     assert Model().estimate(log, policies) == pytest.approx(expected, abs=1e-6)
-    monkeypatch.setattr(estimators, "boosted_game", lambda *asked: model if asked == (log, 150, 0) else None)
-    assert estimators.ModelBoosted().estimate(log, policies) == pytest.approx(expected, abs=1e-6)
 
 
 SETTING: Any = None
@@ -267,7 +223,7 @@ SETTING: Any = None
 def after_serve(game: Game, policy: Any) -> list[float]:
     """Shares of the clear and of the smash as the first stroke after a serve."""
     pairs = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
-    return [float(policy.probability[pair]) for pair in pairs]
+    return [float(policy.pair_probabilities()[pair]) for pair in pairs]
 
 
 def test_learners_from_logs_by_hand() -> None:
@@ -278,9 +234,7 @@ def test_learners_from_logs_by_hand() -> None:
     assert after_serve(game, learned.Clone(SETTING, "7").fit(data)) == pytest.approx(
         after_serve(game, PairPolicy(game=game, probability=cloned(game, data.pair, shrink=7.0)))
     )
-    assert after_serve(game, learned.CloneWon(SETTING, "1e-9").fit(data)) == pytest.approx([0, 1], abs=1e-6)
-    shrunk = cloned(game, data.pair[data.won], shrink=7.0, prior=cloned(game, data.pair))
-    assert learned.CloneWon(SETTING, "7").fit(data).probability == pytest.approx(shrunk)
+
     for method in (learned.OneStep, learned.FittedQ):
         assert after_serve(game, method(SETTING).fit(data)) == [0, 1]
     # The clear is the only stroke considered, or the one that is not rare.
@@ -290,44 +244,6 @@ def test_learners_from_logs_by_hand() -> None:
     assert after_serve(game, learned.Bcq(SETTING, "1").fit(rare)) == [1, 0]
     assert after_serve(game, learned.FittedQPessimistic(SETTING, "0").fit(data)) == [0, 1]
     assert after_serve(game, learned.FittedQPessimistic(SETTING, "100").fit(rare)) == [1, 0]
-    assert learned.FittedQ(SETTING).argument == learned.OneStep(SETTING).argument == str(SHRINK)
-
-
-def test_advantages_weigh_the_clone() -> None:
-    game = three_strokes()
-    data = by_hand(game).transitions
-    chance = cloned(game, data.pair)
-    q = fitted_q(data, lambda values, states: by_state(game, chance * values, states, np.add))
-    clear, smash = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
-    for temperature in (0.1, 2.0):
-        found = after_serve(game, learned.AdvantageWeighted(SETTING, str(temperature)).fit(data))
-        ratio = chance[smash] / chance[clear] * np.exp((q[smash] - q[clear]) / temperature)
-        assert found[1] / found[0] == pytest.approx(ratio)
-        assert sum(found) == pytest.approx(1)
-
-
-def test_penalties_of_models(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the own strokes of the log, or by how much models of resampled strokes differ."""
-    game = three_strokes()
-    log = by_hand(game)
-    given: list[Any] = []
-    monkeypatch.setattr(learned, "respond", lambda *asked, **more: given.append((asked, more)))
-    learned.ModelPessimistic(SETTING, "0.5").fit(log)
-    ((seen, _, shrink), more) = given[0]
-    assert (seen, shrink) == (log, SHRINK)
-    clear, smash = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
-    unseen = int(game.pair(game.state_of(SMASH, LIFT, 1), np.array([SMASH]))[0])
-    assert more["penalty"][[clear, smash, unseen]] == pytest.approx([0.5 / 2**0.5, 0.5 / 2**0.5, 0.5])
-    learned.ModelEnsemble(SimpleNamespace(seed=4), "3").fit(log)  # type: ignore[arg-type]
-    rng = np.random.default_rng(4)
-    rows = [rng.integers(len(log), size=len(log)) for _ in range(10)]
-    fault = (log.outcome == FAULT).astype(np.float64)
-    models = [shrunk_means(game, log.pair[drawn], fault[drawn], prior=1 / 6) for drawn in rows]
-    assert given[1][1]["penalty"] == pytest.approx(3 * np.std(models, axis=0))
-    learned.Model(SETTING, "7").fit(log)
-    ((seen, model, shrink), more) = given[2]
-    assert (seen, shrink, more) == (log, 7.0, {})
-    np.testing.assert_array_equal(model.threshold, estimated_game(log, shrink=7.0).threshold)
 
 
 def test_responses_to_a_log_are_best_against_the_cloned_opponent() -> None:
@@ -339,29 +255,9 @@ def test_responses_to_a_log_are_best_against_the_cloned_opponent() -> None:
     assert found.game is log.game
     assert np.array_equal(found.cumulative, best_response(opponent).policy.cumulative)
     penalty = np.where(game.base_pair_stroke == SMASH, 0.5, 0.0)
-    assert after_serve(game, SimpleNamespace(probability=found.pair_probabilities())) == [0, 1]
+    assert after_serve(game, found) == [0, 1]
     careful = learned.respond(log, model, 7.0, penalty=penalty)
-    assert after_serve(game, SimpleNamespace(probability=careful.pair_probabilities())) == [1, 0]
-
-
-def test_pairs_are_described_by_their_strokes() -> None:
-    """Shot type, area, height and technique of the stroke, the incoming one and the own last one, contact and hurry."""
-    game = three_strokes()
-    found, catalogue = learned.described_pairs(game), game.catalogue
-    parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
-    assert found.shape == (game.n_base_pairs, 14)
-    for pair in range(0, game.n_base_pairs, 3):
-        state = int(game.base_pair_state[pair])
-        strokes = (int(game.base_pair_stroke[pair]), int(game.incoming(state)), int(game.own(state)))
-        expected = [int(part[k]) if k < len(part) else int(part.max()) + 1 for k in strokes for part in parts]
-        assert found[pair].tolist() == [*expected, int(game.contact(state)), int(game.hurried(state))]
-
-
-def test_magic_prefers_the_estimate_with_the_least_error() -> None:
-    noise = np.random.default_rng(0).normal(size=1000)
-    fitted = np.full(1000, 0.5)
-    assert blended(np.stack([fitted, 0.5 + 10 * noise], axis=1)) == pytest.approx(500, abs=5)
-    assert blended(np.stack([0.9 * np.ones(1000), 0.5 + 0.01 * noise], axis=1)) == pytest.approx(500, abs=5)
+    assert after_serve(game, careful) == [1, 0]
 
 
 def test_density_ratios_recover_the_value_of_the_behaviour() -> None:
@@ -370,6 +266,15 @@ def test_density_ratios_recover_the_value_of_the_behaviour() -> None:
     own, other = (in_game(arena.policy(name), log.game) for name in ("bc", "bc@0.7"))
     true = [evaluate(arena.policy(name), arena.policy(OPPONENT)).odds().rally for name in ("bc", "bc@0.7")]
     assert Dice().estimate(log, [own, other]) == pytest.approx(true, abs=0.04)
+
+
+def test_figures_of_estimates_by_hand() -> None:
+    found = errors(np.array([0.5, 0.7, 0.3]), np.array([0.4, 0.8, 0.45]), [True, False, True])
+    assert found == pytest.approx({
+        "error": np.sqrt((100 + 100 + 225) / 3), "bias": -5, "bias_trained": -2.5, "rank_correlation": 0.5, "regret": 0,
+    })  # fmt: skip
+    same = errors(np.array([0.5, 0.5]), np.array([0.4, 0.8]), [False, False])
+    assert (same["rank_correlation"], same["regret"], same["bias_trained"]) == (0, pytest.approx(40), 0)
 
 
 def test_counts_computed_by_hand() -> None:
@@ -460,15 +365,6 @@ def test_networks_learn_the_values_of_the_three_strokes() -> None:
     assert evaluate(best, smashing(game, 0.5)).odds().rally == pytest.approx(true.value.odds().rally, abs=0.02)
 
 
-def test_errors_are_as_defined() -> None:
-    found = errors(np.array([0.5, 0.7, 0.4]), np.array([0.6, 0.5, 0.2]), [False, False, True])
-    assert found["error"] == pytest.approx(100 * np.sqrt((0.01 + 0.04 + 0.04) / 3))
-    assert found["bias"] == pytest.approx(10)
-    assert found["bias_trained"] == pytest.approx(20)
-    assert found["rank_correlation"] == pytest.approx(0.5)
-    assert found["regret"] == pytest.approx(10)
-
-
 TABULAR = ("clone", "one-step", "fitted-q", "bcq", "model", "model-pessimistic")
 
 
@@ -491,8 +387,9 @@ def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
     assert verified(folder).refused == []
 
 
-class Half:
-    found: Any = (0.5,)
+class Answering:
+    def __init__(self, found: Any) -> None:
+        self.found = found
 
     def estimate(self, log: Log, policies: Any) -> Any:
         return self.found
@@ -506,16 +403,19 @@ class Half:
         ((float("nan"),) * 32, r"no numbers from 0 to 1 .*>= 0.0"),
     ],
 )
-def test_estimates_are_checked(found: Any, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Half, "found", found)
+def test_estimates_are_checked(found: Any, told: str, tmp_path: Path) -> None:
+    task, arena = find_task("evaluate-v0"), arena_of(find_task("evaluate-v0"), reduced_model(), "dev", quick=True)
+    (case, *_) = task.cases(arena)
     with pytest.raises(SuiteError, match=told):
-        run("evaluate-v0", f"{__name__}:Half", tmp_path / "run")
+        task.score(arena, case, 0, task.play(arena, case, lambda _: Answering(found), 0, tmp_path))
+    beyond = task.play(arena, case, lambda _: Answering((-0.5, 1.5) * 16), 0, tmp_path)
+    assert beyond.answers == {"estimates": [0.0, 1.0] * 16}
+
+
+def half(setting: Any) -> Answering:
+    return Answering((0.5,))
 
 
 def test_an_object_of_another_task_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match=r"expected an object with fit"):
-        run("offline-v0", f"{__name__}:Half", tmp_path / "two")
-    assert find("offline-v0", "model:2").keywords == {"argument": "2"}  # type: ignore[attr-defined]
-    for task, name in (("equilibrium-v0", "ppo:sac"), ("exploit-v0", "minimax:0.5"), ("adapt-v0", "bandit:2")):
-        with pytest.raises(SuiteError, match="takes no argument"):
-            find(task, name)
+        run("offline-v0", f"{__name__}:half", tmp_path / "two")

@@ -1,5 +1,6 @@
 """Optima and the frontier of the restricted Nash objective, and rounds whose games and opponents follow from the beacon."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,6 @@ from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import opponent
 from shuttle_marl.suite.registry import TASKS, arena_of
 from shuttle_marl.suite.task import Arena, Case, Outcome
-from shuttle_marl.suite.text import chosen_states, regrets
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified
@@ -51,12 +51,6 @@ def valued(arena: Arena, case: Case) -> Outcome:
     return Outcome(answers={"estimates": values})
 
 
-def text(arena: Arena, case: Case) -> Outcome:
-    game, regret = arena.game, regrets(arena.game)
-    best = [game.pairs_of(state).start + regret[game.pairs_of(state)].argmin() for state in chosen_states(arena).tolist()]
-    return Outcome(answers={"strokes": [game.catalogue.names[game.pair_stroke[pair]] for pair in best]})
-
-
 OMNISCIENT: dict[str, Any] = {
     "exploit-v0": exploit,
     "exploit-entrance-v0": exploit,
@@ -66,7 +60,6 @@ OMNISCIENT: dict[str, Any] = {
     "adapt-entrance-v0": adapt,
     "offline-v0": offline,
     "evaluate-v0": valued,
-    "text-v0": text,
 }
 
 
@@ -120,6 +113,15 @@ def test_the_shipped_game_does_not_answer_a_drawn_one() -> None:
     assert (evaluate(known, opponent).odds().rally - 0.5) / (best - 0.5) < 0.5
     assert np.ptp(test.game.threshold.astype(int) - shipped.game.threshold) > 0
     golden.check("drawn_game", {"thresholds": np.arange(len(test.game.threshold)) % 7 @ test.game.threshold.astype(float)})
+
+
+def test_perfect_play_of_the_shipped_game_is_weak_in_drawn_ones() -> None:
+    """A table of answers beside the code is no rank in ``equilibrium`` either."""
+    task = TASKS["equilibrium-entrance-v0"]
+    shipped = arena_of(task, reduced_model(), "test", budget=10**6).policy("minimax")
+    drawn = arena_of(task, reduced_model(), "round", budget=10**6, beacon=BEACONS[0])
+    outcome = Outcome(policies={"player": dataclasses.replace(shipped, game=drawn.game)})
+    assert task.score(drawn, task.cases(drawn)[0], 0, outcome)["exploitability"] > 2
 
 
 GAME = reduced_game()

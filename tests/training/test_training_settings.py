@@ -3,17 +3,13 @@
 import json
 import math
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
-from shuttle_marl.game.tables import Game
-from shuttle_marl.training import A2CConfig, Evaluation, PPOConfig, SACConfig, TrainingConfig, TrainingError, train_seeds
-from shuttle_marl.training.config import missed, seconds_of
+from shuttle_marl.training import A2CConfig, PPOConfig, TrainingError
+from shuttle_marl.training.config import seconds_of
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
-from shuttle_marl.training.run import _check_machine, tempered
-from shuttle_marl.training.self_play import n_opponents
 
 
 @pytest.mark.parametrize(
@@ -24,19 +20,6 @@ def test_times_of_budgets(budget: str, seconds: float) -> None:
     assert PPOConfig(budget=budget).seconds == seconds
     assert PPOConfig(budget=budget).strokes == math.ceil(seconds * 10_000_000)
     assert PPOConfig(budget=budget, strokes=7).strokes == 7
-
-
-@pytest.mark.parametrize(
-    "budget", ["", "90", "s", "-1s", "0s", "0.0h", "1000000s", "1e3s", "5 m", "5m ", ".5m", "1.m", "5d", "nans"]
-)
-def test_what_is_no_time_is_refused(budget: str) -> None:
-    with pytest.raises(TrainingError, match="expected a time, as in 90s, 5m or 1h"):
-        seconds_of(budget)
-
-
-def test_a_budget_is_missed_by_more_than_a_fifth() -> None:
-    assert missed(120.0, 100.0) == ""
-    assert missed(121.4, 100.0).startswith("took 121 s, more than the --budget of 100 s: ")
 
 
 @pytest.mark.parametrize(
@@ -58,52 +41,8 @@ def test_iterations_of_a_run_whose_batches_grow(strokes: int, batch: int, growth
     assert config.segments == len(range(0, iterations, 3))
 
 
-def test_memory_of_a_run() -> None:
-    config = A2CConfig(strokes=300, batch=100, growth=1.0, width=10, hidden=2, checkpoint_every=1)
-    assert config.memory(50) == {
-        "--batch and --growth": 60 * 200,  # of the last iteration
-        "--width and --hidden": 16 * (2 * 10 * 10 + 3 * 50 * 10),
-        "--strokes with so small --batch and --checkpoint-every": 200,
-    }
-    sac = SACConfig(strokes=100, batch=100, buffer=1000, minibatch=10).memory(50)
-    assert (sac["--buffer"], sac["--minibatch"]) == (16_000, 3_000)
-    assert sac["--batch and --growth"] == 6_000
-
-
-@pytest.mark.parametrize(("pages", "fits"), [(12_000, True), (11_999, False)])
-def test_a_run_needs_no_more_than_all_memory(pages: int, fits: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    sizes = {"SC_PAGE_SIZE": 1000, "SC_PHYS_PAGES": pages}
-    monkeypatch.setattr("os.sysconf", sizes.__getitem__)
-    monkeypatch.setattr(TrainingConfig, "memory", lambda *_: {"--batch": 12_000_000})
-    game: Any = SimpleNamespace(n_actions=3)
-    if fits:
-        _check_machine(A2CConfig(), game)
-    else:
-        with pytest.raises(TrainingError, match=r"--batch: such a run needs 0 GB of memory or more, and this machine has 0"):
-            _check_machine(A2CConfig(), game)
-
-
-def test_rewards_are_shaped_by_a_bonus_or_a_cost_that_is_not_0() -> None:
-    assert PPOConfig(bonus=("smash=0.1", "lift=-1")).bonuses() == {"smash": 0.1, "lift": -1.0}
-    for config, shapes in (
-        (PPOConfig(), False),
-        (PPOConfig(bonus=("smash=0",)), False),
-        (PPOConfig(bonus=("smash=0", "drop=1")), True),
-        (PPOConfig(fault_cost=1e-3), True),
-        (PPOConfig(risk_aversion=1.0), False),
-    ):
-        assert config.shapes_rewards == shapes
-    for bonus in ("smash=1.0001", "smash=-1.0001", "smash", "smash=x", "smesh=0.1", "=0.1"):
-        with pytest.raises(TrainingError, match=r"expected SHOT=POINTS, points from -1 to 1"):
-            PPOConfig(bonus=(bonus,))
-
-
 def test_what_cannot_be_meant_together() -> None:
     own: dict[str, Any] = {"opponent": ("self",)}
-    accepted: list[dict[str, Any]] = [
-        *({}, own, {"resume": True}, {"overwrite": True}, {**own, "variant": "pool"}, {"opponent": ("bc", "safe")}),
-        *({"fault_cost": 0.5}, {"bonus": ("smash=0.5",)}, {**own, "risk_aversion": 1.0}, {"opponent": ("safe",)}),
-    ]
     refused: list[tuple[dict[str, Any], str]] = [
         ({"opponent": ()}, "expected one or more policies"),
         ({"opponent": ("self", "self")}, "self cannot be combined"),
@@ -115,8 +54,6 @@ def test_what_cannot_be_meant_together() -> None:
         ({"record": "half"}, "expected all, none, or sample:N"),
         ({"figures": "half"}, "expected all, none, or sample:N"),
     ]
-    for flags in accepted:
-        assert PPOConfig(**flags).self_play == (flags.get("opponent") == ("self",))
     for flags, says in refused:
         with pytest.raises(Exception, match=says):
             PPOConfig(**flags)
@@ -124,12 +61,6 @@ def test_what_cannot_be_meant_together() -> None:
 
 def test_what_cannot_be_meant_together_in_a_league() -> None:
     psro: dict[str, Any] = {"variant": "psro"}
-    for flags in (
-        {"budget": "1m"}, {"strokes": 9}, {"response_fraction": 0.5, "past_fraction": 0.5}, {"resume": True}, {"overwrite": True},
-        {"pool": ("bc",)}, {**psro, "strokes": 9, "rounds": 1}, {**psro, "strokes": 9, "oracle": "ppo"}, {**psro, "rounds": 1},
-        psro,
-    ):  # fmt: skip
-        LeagueTrainingConfig(**flags)
     for flags, says in (
         ({"budget": "1m", "strokes": 9}, "give one of them"),
         ({"response_fraction": 0.5, "past_fraction": 0.51}, "add up to 1 or less"),
@@ -213,40 +144,3 @@ def test_settings_of_a_file_have_the_types_of_the_defaults(tmp_path: Path) -> No
             PPOConfig.load(path)
     with pytest.raises(TrainingError, match="no settings"):
         PPOConfig.load(tmp_path / "nothing.json")
-
-
-def test_the_temperature_of_an_agent() -> None:
-    plain, waits = (cast(Game, SimpleNamespace(recovery=recovery)) for recovery in (None, object()))
-    own = PPOConfig(opponent=("self",), final_temperature=0.5)
-    assert (own.temperature, own.discount, PPOConfig().discount) == (0.1, -1.0, 1.0)
-    assert tempered(own, plain).temperature == 0.1
-    assert tempered(own, waits).temperature == 0.5
-    assert tempered(PPOConfig(final_temperature=0.5), waits).temperature == 0.1
-    assert tempered(A2CConfig(opponent=("self",)), waits).temperature == 1.0
-    assert tempered(PPOConfig(opponent=("self",), eval_temperature=0.75), waits).temperature == 0.75
-
-
-def test_self_play_sharpens_after_a_fifth_of_the_run() -> None:
-    assert PPOConfig().anneal_after == 1.0
-    assert PPOConfig(opponent=("self",)).anneal_after == 0.2
-    assert PPOConfig(opponent=("self",), anneal_after=0.5).anneal_after == 0.5
-
-
-def test_opponents_of_the_variants_of_self_play() -> None:
-    wanted = {"plain": 0, "best-response": 1, "restarts": 0, "pool": 5, "magnet": 0, "emagnet": 0, "nash": 0}
-    own = ("self",)
-    assert {name: n_opponents(PPOConfig(opponent=own, variant=name, pool_size=5)) for name in wanted} == wanted  # type: ignore[arg-type]
-
-
-def test_a_study_has_two_seeds_and_a_job(tmp_path: Path) -> None:
-    for seeds, jobs in ((1, 1), (0, 4), (2, 0), (3, -1)):
-        with pytest.raises(TrainingError, match=f"--seeds {seeds} --jobs {jobs}: expected at least 2 seeds and 1 job"):
-            train_seeds(PPOConfig(out=tmp_path / "run"), seeds, jobs)
-    assert not (tmp_path / "run").exists()
-
-
-def test_figures_as_text() -> None:
-    whole = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=0.12345, exploitability=-1e-9)
-    assert (whole.score_text, whole.exploitability_text) == ("normalised score 0.123", "exploitability 0.000")
-    none = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=None, exploitability=None)
-    assert (none.score_text, none.exploitability_text) == ("no normalised score", "no exploitability")

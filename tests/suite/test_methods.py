@@ -1,0 +1,88 @@
+"""Methods, tasks, templates and cases by name."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shuttle_marl.suite.exploit import Equilibrium, Exploit
+from shuttle_marl.suite.method import BASELINES, find
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.registry import TASKS, arena_of, find_task, new_submission
+from shuttle_marl.suite.task import Arena
+from tests.reduced import reduced_game, reduced_model
+
+number_seven = 7
+
+
+@pytest.mark.parametrize(
+    ("task_name", "name", "says"),
+    [
+        ("exploit-v0", "nothing", "no method 'nothing' of exploit-v0; there are: ppo, a2c"),
+        ("exploit-v0", "", "no method '' of exploit-v0"),
+        ("exploit-v0", "mine:", "no method 'mine:' of exploit-v0"),
+        ("adapt-v0", "program:./x", "no method 'program:./x' of adapt-v0: programs, as program:COMMAND, are possible in"),
+        ("exploit-v0", "bc:3", "method 'bc:3': bc takes no argument"),
+        ("text-v0", "random:", "method 'random:': random takes no argument"),
+        ("exploit-v0", f"{__name__}:number_seven", "is a int; expected a function or a class"),
+    ],
+)
+def test_methods_that_are_none(task_name: str, name: str, says: str) -> None:
+    with pytest.raises(SuiteError, match=says):
+        find(task_name, name)
+
+
+@pytest.mark.parametrize(("task", "name"), [(kind, name) for kind, known in BASELINES.items() for name in known])
+def test_every_baseline_is_found(task: str, name: str) -> None:
+    assert callable(find(f"{task}-v0", name))
+
+
+@pytest.mark.parametrize(
+    ("task", "split", "variant"),
+    [
+        ("exploit-v0", "test", ":recovery"),
+        ("exploit-entrance-v0", "test", ""),
+        ("equilibrium-v0", "dev", ":women-recovery"),
+        ("equilibrium-entrance-v0", "dev", ":women"),
+    ],
+)
+def test_splits_are_played_in_their_games(task: str, split: Any, variant: str) -> None:
+    assert arena_of(find_task(task), reduced_model(), split).model == f"{reduced_model()}{variant}"
+
+
+def test_budgets_are_those_of_the_task() -> None:
+    assert {case.budget for case in Exploit().cases(Arena(game=reduced_game()))} == {10**5, 10**6, 10**7}
+    assert [case.budget for case in Equilibrium().cases(Arena(game=reduced_game()))] == [10**6, 10**7, 10**8]
+    assert {case.budget for case in Exploit().cases(Arena(game=reduced_game(), budget=10**6))} == {10**6}
+    with pytest.raises(SuiteError, match="--budget 5: exploit-v0 has 100000, 1000000, 10000000"):
+        Exploit().cases(Arena(game=reduced_game(), budget=5))
+
+
+def test_names_of_tasks_and_splits() -> None:
+    assert find_task("text-v0") is TASKS["text-v0"]
+    with pytest.raises(SuiteError, match=r"no task 'exploit'.*there are: exploit-v0, equilibrium-v0"):
+        find_task("exploit")
+    with pytest.raises(SuiteError, match="text-v0 has no split 'round'; there are: dev, test"):
+        arena_of(find_task("text-v0"), "default", "round")
+
+
+@pytest.mark.parametrize(
+    ("name", "language", "files", "line"),
+    [
+        ("exploit-v0", "python", {"my_player.py", "card.json"}, "run exploit-v0 --method my_player:train --quick"),
+        ("equilibrium-entrance-v0", "perl", {"player.pl", "card.json"}, "--method 'program:perl player.pl' --quick"),
+    ],
+)
+def test_templates_are_new_files(name: str, language: Any, files: set[str], line: str, tmp_path: Path) -> None:
+    assert line in new_submission(name, tmp_path / "mine", language)
+    assert {path.name for path in (tmp_path / "mine").iterdir()} == files
+    for kept in files:
+        (tmp_path / kept).mkdir()
+        (tmp_path / kept / kept).touch()
+        with pytest.raises(SuiteError, match=f"{kept}: already exists; name another folder"):
+            new_submission(name, tmp_path / kept, language)
+
+
+def test_templates_that_there_are_not(tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match="no such template for adapt-v0; there is one for exploit, equilibrium"):
+        new_submission("adapt-v0", tmp_path, "perl")

@@ -1,0 +1,121 @@
+"""Parts of learners: means, learning rates, references of self-play, checkpoints and imitation."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torch import nn
+
+from shuttle_marl.base import runs
+from shuttle_marl.game.tabulated import from_pair_probabilities
+from shuttle_marl.training import PPOConfig
+from shuttle_marl.training.learner import (
+    Mean,
+    check_finite,
+    set_learning_rate,
+)
+from shuttle_marl.training.networks import DivergedError, imitate, make_actor, tabulated
+from shuttle_marl.training.run import last_checkpoint, save_checkpoint
+from shuttle_marl.training.self_play import ReferencePolicy
+from tests.exact.exact_games import tiring_game
+
+
+def test_means_over_gradient_steps() -> None:
+    mean = Mean("a", "b")
+    mean.add(TensorDict({"a": torch.tensor([1.0, 3]), "b": torch.tensor(1.0), "c": torch.tensor(math.nan)}, []))
+    mean.add(TensorDict({"a": torch.tensor(5.0), "b": torch.tensor(2.0)}, []))
+    assert mean.values() == {"a": 3.5, "b": 1.5}
+    for wrong in (math.nan, math.inf, -math.inf):
+        with pytest.raises(DivergedError, match=f"b became {wrong}"):
+            mean.add(TensorDict({"a": torch.tensor(1.0), "b": torch.tensor(wrong)}, []))
+
+
+def test_only_finite_floats_are_finite() -> None:
+    check_finite([torch.tensor([1.0, -1e30]), torch.tensor([1, 2]), torch.tensor([True])])
+    check_finite([])
+    for wrong in (math.nan, math.inf):
+        with pytest.raises(DivergedError, match="a weight is not finite"):
+            check_finite([torch.zeros(3), torch.tensor([0.0, wrong])])
+
+
+def test_learning_rates_fall_to_a_fiftieth() -> None:
+    optimizer = torch.optim.Adam([nn.Parameter(torch.zeros(1))], lr=0.5)
+    for remaining, rate in ((1.0, 8.0), (0.5, 4.0), (0.02, 0.16), (0.01, 0.16), (0.0, 0.16)):
+        set_learning_rate(optimizer, 8.0, remaining)
+        assert optimizer.param_groups[0]["lr"] == pytest.approx(rate)
+
+
+def reference(variant: Any, rate: float = 0.25) -> tuple[ReferencePolicy, nn.Linear]:
+    network = nn.Linear(1, 2, bias=False)
+    with torch.no_grad():
+        network.weight.copy_(torch.tensor([[0.0], [math.log(3)]]))
+    config = PPOConfig(opponent=("self",), variant=variant, magnet_rate=rate, update_interval=4)
+    return ReferencePolicy(config, network), network
+
+
+@pytest.mark.parametrize(
+    ("variant", "rate", "expected"),
+    [
+        *((variant, 0.25, [2.0, 3.5, 4.625, 5.46875]) for variant in ("magnet", "emagnet")),
+        ("emagnet", 0.0, [0, 0, 0, 0]),
+        ("emagnet", 1.0, [8, 8, 8, 8]),
+        ("nash", 0.25, [0, 0, 0, 8]),
+    ],
+)
+def test_magnets_average_parameters_and_nash_copies_them(variant: str, rate: float, expected: list[float]) -> None:
+    own, network = reference(variant, rate)
+    with torch.no_grad():
+        network.weight += 8.0
+    moved = []
+    for iteration in (1, 2, 3, 4):
+        own.update(iteration)
+        moved.append(next(own.network.parameters())[0].item())
+    assert moved == pytest.approx(expected)
+
+
+def test_the_divergence_is_that_of_the_policy_from_the_reference() -> None:
+    own, network = reference("magnet")
+    data = TensorDict({"observation": torch.ones(2, 1), "action_mask": torch.tensor([[True, True], [False, True]])}, [])
+    assert own.divergence(data).tolist() == pytest.approx([0, 0])
+    with torch.no_grad():
+        network.weight.zero_()
+    # Of (1/2, 1/2) from (1/4, 3/4), and of the only legal stroke from itself.
+    expected = 0.5 * math.log(2) + 0.5 * math.log(2 / 3)
+    assert own.divergence(data).tolist() == pytest.approx([expected, 0], abs=1e-6)
+
+
+def test_the_latest_two_checkpoints_are_kept(tmp_path: Path) -> None:
+    assert last_checkpoint(tmp_path) is None
+    for iteration in (3, 20, 100):
+        save_checkpoint(tmp_path, iteration, {"x": torch.tensor([float(iteration)])}, {"iteration": iteration})
+    (tmp_path / "checkpoints" / "00000999").mkdir()  # incomplete
+    assert sorted(path.name for path in (tmp_path / "checkpoints").iterdir()) == ["00000020", "00000100", "00000999"]
+    about, state = last_checkpoint(tmp_path) or ({}, {})
+    assert (about["iteration"], state["x"].tolist()) == (100, [100.0])
+    save_checkpoint(tmp_path, 100, {"x": torch.tensor([5.0])}, {"iteration": 100})
+    assert (last_checkpoint(tmp_path) or ({}, {}))[1]["x"].tolist() == [5.0]
+    (tmp_path / "file").touch()
+    with pytest.raises(runs.RunError, match=r"00000001: cannot be written .* continue with --resume"):
+        save_checkpoint(tmp_path / "file", 1, {}, {})
+
+
+def test_an_actor_imitates_a_policy_in_every_state_however_rare() -> None:
+    game = tiring_game()
+    preferred = 4.0 ** -(game.pair_stroke % 3)
+    policy = from_pair_probabilities(game, preferred / np.bincount(game.pair_state, preferred)[game.pair_state])
+    weight = np.where(game.playable, 1e-6, 0.0)
+    weight[np.flatnonzero(game.playable)[-1]] = 1.0
+    gaps, tables = [], []
+    for steps in (1, 60):
+        torch.manual_seed(0)
+        actor = make_actor(game, width=8, hidden=0)
+        gaps.append(imitate(actor, policy, weight, torch.Generator().manual_seed(5), steps=steps))
+        tables.append(tabulated(actor, game).pair_probabilities())
+    start, end = (np.abs(table - policy.pair_probabilities()).max() for table in tables)
+    assert start > 0.25
+    assert end < 0.2
+    assert 0 < 5 * gaps[1] < gaps[0]
