@@ -37,8 +37,8 @@ from docs.tools.tables import COMPUTED, RESULTS
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.game import default_game
-from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.game import default_game, load_game
+from shuttle_marl.game.shipped import model_folder, shipped_game
 
 _PROVENANCE: Final = frozenset(
     {"command", "commit", "cpu", "cpu_seconds", "git", "machine", "packages", "platform", "python", "printed", "seconds"}
@@ -279,16 +279,18 @@ def part_of(part: str) -> list[str]:
 def within(seconds: float, day: int) -> list[str]:
     """Names of the results that take less than so many seconds together, without data; each day the list starts elsewhere.
 
-    Of each quick board of the suite one row comes first.
+    Of each quick board of the suite one row comes first. Results of earlier games are left out.
     """
     quick_rows: dict[tuple[str, int], list[str]] = {}
     for row in saved("experiments", "suite")["rows"]:
-        if row["task"] in _BOARDS and row["seconds"] <= _QUICK:
+        if row["task"] in _BOARDS and row["seconds"] <= _QUICK and shipped_game(row["game"]) is not None:
             quick_rows.setdefault((row["task"], row["budget"]), []).append(f"suite:{row['task']}:{row['method']}:{row['budget']}")
     chosen = [names[day % len(names)] for names in quick_rows.values()]
     seconds -= _QUICK * len(chosen)
     known, names = measured(), part_of("1/1")
+    present = {load_game(name).hash[:12] for name in ("default", "default:recovery")}
     quick = [name for name in names if name in known and name in RESULTS and _DATA not in RESULTS[name].command]
+    quick = [name for name in quick if origin_of(file_of(name))[0] in present]
     first = day % max(1, len(quick))
     for name in quick[first:] + quick[:first]:
         if known[name]["seconds"] <= seconds:

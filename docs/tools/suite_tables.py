@@ -1,15 +1,19 @@
-"""Boards of the benchmark suite, from ``experiments/results/suite.json``."""
+"""Boards of the benchmark suite, from ``experiments/results/suite.json``; rows of earlier games are left out."""
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from docs.tools.markdown import markdown, saved
+from shuttle_marl.game.shipped import shipped_game
 from shuttle_marl.suite.board import Board, boards, called, number, with_interval
 from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.registry import TASKS
 
-_NONE: Final = "`{task}` has no results yet: `python -m experiments.suite --tasks {task} --json experiments/results/suite.json`."
+_NONE: Final = (
+    "`{task}` has no results in the present game yet: "
+    "`python -m experiments.suite --tasks {task} --json experiments/results/suite.json`."
+)
 _LOG: Final = 10**5
 """Strokes of the smallest log that has to be worth more than what is known before."""
 _SIMPLE: Final[dict[str, Sequence[tuple[tuple[str, ...], str]]]] = {
@@ -23,9 +27,14 @@ _SHOWN: Final = 4
 """Number of further scores in a table."""
 
 
+@functools.cache
+def _all_boards() -> list[Board]:
+    return boards([row for row in saved("experiments", "suite")["rows"] if shipped_game(row["game"]) is not None])
+
+
 def _boards(name: str) -> list[Board]:
     """Boards of a task; empty as long as there are no results."""
-    return [board for board in boards(saved("experiments", "suite")["rows"]) if board["task"].name == name]
+    return [board for board in _all_boards() if board["task"].name == name]
 
 
 def _table(board: Board) -> str:
@@ -73,6 +82,7 @@ def frontiers() -> str:
     rows = [
         (f"`{task}`", f"`{name}`", f"{point['p']:g}", *(number(point[figure]) for figure in ("score", "exploitability", "gain")))
         for task, opponents in saved("experiments", "suite")["frontiers"].items()
+        if _boards(task)
         for name, points in opponents.items()
         for point in points
     ]
@@ -83,7 +93,7 @@ def frontiers() -> str:
 def depth() -> str:
     """What simple rules and ablations reach beside the best method, in the range in which a task means something."""
     lines = []
-    for board in boards(saved("experiments", "suite")["rows"]):
+    for board in _all_boards():
         if board["split"] == "test" and not board["task"].entrance:
             lines += [(f"`{board['title'].replace(', test', '')}`", *figure) for figure in _depth(board)]
     return markdown(("board", "figure", "points or share", "useful", "holds"), lines, left=("board", "figure", "useful"))
