@@ -134,7 +134,8 @@ def test_each_entrant_is_asked_for_its_own_decisions() -> None:
     for positions in (False, True):
         for policy in policies:
             policy.asked.clear()
-        found = asking(HIDDEN, policies, positions=positions)(entrant, states, draw, striker, score, np.tile(HISTORY[:, :1], 3))
+        history, number = np.tile(HISTORY[:, :1], 3), np.ones(3, np.int32)
+        found = asking(HIDDEN, policies, positions=positions)(entrant, states, draw, striker, score, history, number)
         assert [policy.asked[0][0] for policy in policies] == [[12], [0, 12]]
         assert [policy.asked[0][1] for policy in policies] == [[[1] * 4], [[0] * 4, [2] * 4]]
         assert len(found) == 3

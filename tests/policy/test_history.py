@@ -253,7 +253,8 @@ class Three:
 
 def test_points_of_rows_are_those_before_the_rally() -> None:
     players = dict.fromkeys(NAMES, UNIFORM)
-    table, (_, rallies) = (play(GAME, players, matches=1, seed=3) for play in (simulate, simulated_rallies))
+    table = simulate(GAME, players, matches=1, seed=3)
+    _, rallies = simulated_rallies(GAME, players, matches=1, seed=3)
     rally, seat = rallies.row_of_stroke, rallies.striker
     score = np.stack([rallies.score[rally, seat], rallies.score[rally, 1 - seat]], axis=1)
     assert rows_from_strokes(table).points.tolist() == score.tolist()
