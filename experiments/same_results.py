@@ -83,7 +83,7 @@ LEFT_OUT: Final = (
     "Ray, GPUs, other numbers of threads than 1, JAX, OpenSpiel, Minari",
 )
 """What is not compared."""
-_SKIPPED: Final = ("manifest.json", "tensorboard", "checkpoints")
+_SKIPPED: Final = ("manifest.json", "tensorboard", "checkpoints", ".lock")
 _TIMES: Final = ("second", "time", "per_s", "checksum")
 
 

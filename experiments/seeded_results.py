@@ -23,7 +23,7 @@ import shuttle_marl as sm
 GAMES: Final = ("default", "default:recovery")
 SAMPLE: Final = "datasets/sample/strokes.parquet"
 TRAINING: Final[dict[str, Any]] = {
-    **{"strokes": 6000, "batch": 512, "width": 16, "threads": 1, "seed": 4, "checkpoint_every": 2, "evaluate_every": 5},
+    **{"strokes": 6000, "batch": 512, "width": 16, "threads": 1, "seed": 4, "checkpoint_every": 2, "evaluate_every": 1000},
 }
 
 
