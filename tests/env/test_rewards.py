@@ -8,10 +8,10 @@ import pytest
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.game.scoring import Rules
 
+SHORT = Rules(points=3, clear=2, cap=4, games=1)
 
-@pytest.mark.parametrize(
-    ("env", "episodes"), [(rally_v0.env(), 20), (match_v0.env(rules=Rules(points=3, clear=2, cap=4, games=1)), 3)], ids=str
-)
+
+@pytest.mark.parametrize(("env", "episodes"), [(rally_v0.env(), 20), (match_v0.env(rules=SHORT, reward="rally"), 3)], ids=str)
 def test_rewards_of_turns_add_up(env: Any, episodes: int) -> None:
     rng = np.random.default_rng(0)
     for episode in range(episodes):

@@ -113,6 +113,11 @@ def test_runs_that_cannot_be_created_are_refused(tmp_path: Path, monkeypatch: py
         opened(None)
 
 
+def test_a_run_killed_before_its_configuration_was_written_can_be_started_again(tmp_path: Path) -> None:
+    (tmp_path / f".{CONFIG}.1.part").touch()
+    assert opened(tmp_path) == tmp_path
+
+
 def test_a_run_whose_replacement_was_broken_off_can_be_replaced_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "run"
     opened(folder)
