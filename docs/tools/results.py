@@ -28,6 +28,7 @@ class Result:
         folder: the folder whose subfolder ``results`` holds it.
         tables: names of the templates that show it.
         command: arguments of ``python -m``.
+        earlier: whether it is of an earlier game and has not been made again.
     """
 
     folder: Folder
@@ -37,6 +38,7 @@ class Result:
     estimate: str = ""
     speeds: tuple[str, ...] = ()
     compared: bool = True
+    earlier: bool = False
 
 
 _HERE: Final = Path(__file__).parent

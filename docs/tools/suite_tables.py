@@ -27,7 +27,6 @@ _SHOWN: Final = 4
 """Number of further scores in a table."""
 
 
-@functools.cache
 def _all_boards() -> list[Board]:
     return boards([row for row in saved("experiments", "suite")["rows"] if shipped_game(row["game"]) is not None])
 

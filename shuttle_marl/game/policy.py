@@ -15,7 +15,7 @@ from shuttle_marl.base.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.observation import RALLY_WIDTH, SWAP, states_of
 from shuttle_marl.game.recovery import POSITIONS
-from shuttle_marl.game.scoring import BWF, scores_of
+from shuttle_marl.game.scoring import nears_end, scores_of
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
 
@@ -117,7 +117,7 @@ def stages_of(number: Ints | None, points: Ints | None) -> dict[str, I64]:
     if number is not None:
         stages["length"] = np.asarray(np.searchsorted(_LONG, number, side="right") - 1)
     if points is not None:
-        stages["end"] = np.where((points >= BWF.points - 2).all(axis=1), 0, -1)
+        stages["end"] = np.where(nears_end(points), 0, -1)
     return stages
 
 

@@ -117,6 +117,11 @@ def wins_game(own: int | I8, other: int | I8, rules: Rules = BWF) -> bool | Bool
     return won
 
 
+def nears_end(points: Ints, rules: Rules = BWF) -> Bools:
+    """``[N]`` whether both players of ``[N, 2]`` points are within two points of the end of a game, as from 19-19 on."""
+    return np.asarray((points >= rules.points - 2).all(axis=1))
+
+
 def is_over(games: Ints, rules: Rules = BWF) -> Bools:
     """``[...]`` whether matches with ``[..., 2]`` games are over."""
     return np.asarray(games.max(axis=-1) >= rules.games)

@@ -2,14 +2,17 @@
 
 import datetime as dt
 import json
+import os
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import shuttle_marl
 from shuttle_marl.suite.board import rows_of
 from shuttle_marl.suite.options import RerunOptions, Resources, SuiteError, VerifyOptions
-from shuttle_marl.suite.remote import find_boundary
+from shuttle_marl.suite.remote import Container, Namespaces, find_boundary
 from shuttle_marl.suite.run import commit, draw_round, rerun, time_of, write
 from tests.reduced import reduced_model
 
@@ -95,3 +98,25 @@ def test_commitments_are_checked(tmp_path: Path) -> None:
     (folder / "link").symlink_to("/etc/passwd")
     with pytest.raises(SuiteError, match="is a link"):
         commit(folder, task=TASK, method="strange:learner", author="alice")
+
+
+@pytest.mark.usefixtures("boundary")
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="another user needs root")
+@pytest.mark.parametrize("part", ["--bounding-set=-all", "--no-new-privs", "--pid"])
+def test_a_boundary_that_leaks_is_refused(part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Namespaces().command
+
+    def leaky(_: Namespaces, code: Path, arguments: Any) -> list[str]:
+        return [each.replace(part, "") for each in whole(code, arguments) if each != part]
+
+    monkeypatch.setattr(Namespaces, "command", leaky)
+    with pytest.raises(SuiteError, match="cannot be rerun here"):
+        find_boundary(tmp_path)
+
+
+def test_containers_have_no_network_and_no_privileges(tmp_path: Path) -> None:
+    command = Container("podman", "python:3.12").command(tmp_path, ["-c", "pass"])
+    for part in ("--network=none", "--read-only", "--cap-drop=ALL", f"--volume={tmp_path}:/code:ro"):
+        assert part in command
+    assert any(re.fullmatch(r"--user=(\d{10}):\1", part) for part in command)
+    assert command[-5:] == ["python:3.12", "python", "-I", "-c", "pass"]
