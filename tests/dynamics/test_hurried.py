@@ -1,4 +1,4 @@
-"""Hurried strikers, effort and long duels: planted signals are recovered, and compiled games keep what the data bounds."""
+"""Hurried strikers, effort and long duels: planted signals are recovered, and strokes of a rally are counted."""
 
 import dataclasses
 from pathlib import Path
