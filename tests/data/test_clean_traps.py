@@ -2,14 +2,12 @@
 
 import itertools
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from shuttle_marl.data import clean_matches
-from shuttle_marl.data.cleaning import timed
 from shuttle_marl.data.schema import OUTCOMES, REASONS, Cleaned, Outcome, violations
 from shuttle_marl.data.shuttleset import AREA_OF_LABEL, NEAREST_OF_LABEL
 from shuttle_marl.game import court
@@ -22,8 +20,11 @@ from tests.data.upstream_layout import (
     SHUTTLESET,
     SHUTTLESET22,
     SMASH,
+    Hit,
     Layout,
+    Row,
     game,
+    pixel,
     plain_game,
     rally,
 )
@@ -41,15 +42,6 @@ def cleaned(root: Path, *games: list[dict[str, str]], **options: Any) -> Cleaned
 
 def column(result: Cleaned, name: str) -> list:
     return result.strokes[name].to_pylist()
-
-
-@pytest.mark.parametrize(("name", "value"), [("frame", -1), ("clock", -1), ("shot", -1), ("frame", 10), ("clock", 0)])
-def test_rows_without_a_time_and_out_of_order_are_not_timed(name: str, value: int) -> None:
-    columns = {"frame": np.array([10, 40, 70, 100]), "clock": np.array([1, 2, 2, 3]), "shot": np.array([0, 3, 5, 4])}
-    first = np.array([True, False, False, False])
-    assert timed(SimpleNamespace(**columns), first).all()  # type: ignore[arg-type]
-    columns[name][2] = value
-    assert timed(SimpleNamespace(**columns), first).tolist() == [True, True, False, True]  # type: ignore[arg-type]
 
 
 def test_a_sound_game_is_kept_whole(tmp_path: Path) -> None:
@@ -272,3 +264,52 @@ def test_labels_name_every_area_once_and_lead_around_the_court() -> None:
     assert steps == [1] * 6
     # Nothing goes out between the players: the front is open at the net.
     assert around[0][0] == around[-1][0] == 0
+
+
+def three(number: int, *, a_below: bool = True) -> list[Row]:
+    return rally(number, "A", [SERVE, LIFT, SMASH], (number, 0), reason="對手落地致勝", winner="A", a_below=a_below)
+
+
+@pytest.mark.parametrize(
+    ("n", "odd", "games", "exchanged"), [(5, 1, 1, True), (10, 2, 1, True), (9, 2, 1, False), (5, 1, 3, False)]
+)
+def test_letters_are_exchanged_in_a_fifth_of_the_rallies_at_most(
+    n: int, odd: int, games: int, exchanged: bool, tmp_path: Path
+) -> None:
+    whole_game = game(three(number) for number in range(1, n + 1))
+    last = game(three(number, a_below=number > odd) for number in range(1, n + 1))
+    strokes = cleaned(tmp_path, *[whole_game] * (games - 1), last).strokes
+    players = strokes.filter(np.equal(strokes["game"], games))["player"].to_pylist()
+    assert players[0] == ("chen-long" if exchanged else "viktor-axelsen")
+    assert players[-1] == "viktor-axelsen"
+
+
+@pytest.mark.parametrize(
+    ("point", "y", "kept"),
+    [("hit", 0.4, True), ("hit", 0.6, False), ("player_location", -0.1, True), ("player_location", 0.1, False),
+     ("opponent_location", 0.1, True), ("opponent_location", -0.1, False)],
+)  # fmt: skip
+def test_points_where_nobody_can_be_are_unknown(point: str, y: float, kept: bool, tmp_path: Path) -> None:
+    rows = game([three(1), three(2)])
+    rows[2][f"{point}_x"], rows[2][f"{point}_y"] = pixel(0.3, -y)  # a point of A, who plays below
+    name = {"hit": "contact", "player_location": "striker", "opponent_location": "receiver"}[point]
+    result = cleaned(tmp_path, rows)
+    assert result.account.dropped == {}
+    assert result.strokes[f"{name}_y"][2].as_py() == (pytest.approx(y, abs=1e-3) if kept else None)
+
+
+@pytest.mark.parametrize(("y", "reason", "dropped"), [(-0.4, "對手落地致勝", 0), (-0.6, "對手落地致勝", 1), (-0.6, "掛網", 0)])
+def test_landings_on_the_own_side(y: float, reason: str, dropped: int, tmp_path: Path) -> None:
+    rows = rally(1, "A", [SERVE, LIFT, SMASH], (1, 0) if reason != "掛網" else (0, 1), reason=reason)
+    rows[2]["landing_x"], rows[2]["landing_y"] = pixel(0.3, -y)
+    assert cleaned(tmp_path, rows).account.dropped.get("landing on the striker's side", 0) == dropped
+
+
+def test_techniques_and_heights_of_raw_rows(tmp_path: Path) -> None:
+    around, back = Hit("長球", -1.8, 6.1, height=1, around_head=True), Hit("挑球", 1.9, 6.0, backhand=True)
+    rows = rally(1, "A", [SERVE, back, around, CLEAR], (0, 1), reason="出界", winner="B")
+    rows[0]["hit_height"] = "1"
+    rows[3]["backhand"] = rows[3]["aroundhead"] = "1"
+    result = cleaned(tmp_path, rows)
+    assert column(result, "technique") == [0, 1, 2, 1]
+    assert column(result, "height") == [0, 0, 1, 1], "serves are struck below the net"

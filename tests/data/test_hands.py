@@ -18,7 +18,6 @@ from shuttle_marl.data import Account, DataError, clean_matches, read_matches, w
 from shuttle_marl.data.hands import hands_of, telling_hands, unknown_hands
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import STROKES, violations
-from shuttle_marl.data.words import LANGUAGES, Words
 from shuttle_marl.game.court import HANDS
 from tests.data.upstream_layout import LIFT, SERVE, SMASH, Hit, Layout, game, rally
 
@@ -137,45 +136,6 @@ def test_a_column_gives_the_hand(both: Path, header: str, right: str, left: str)
     cleaned = import_matches(both)
     assert hand(cleaned.strokes) == {"ada": "right", "bea": "left"}
     assert not any("hand" in sentence for sentence in (*cleaned.provenance["inferred"], *cleaned.provenance["lost"]))
-
-
-def test_every_language_has_words_for_hands() -> None:
-    assert {language for language in LANGUAGES if Words("hand", ())._table[language]} == set(LANGUAGES)
-    assert [Words("hand", ()).meaning(word) for word in ("LH", "forehand", "both", "")] == ["left", None, None, None]
-
-
-def test_one_row_tells_the_hand_of_all(both: Path) -> None:
-    lines = both.read_text(encoding="utf-8").splitlines()
-    both.write_text("\n".join([f"{lines[0]},hand", *(f"{line}," for line in lines[1:-1]), f"{lines[-1]},left"]), encoding="utf-8")
-    assert hand(read_matches(both)) == {"ada": "left", "bea": "left"}
-
-
-def test_a_column_hand_with_techniques_is_the_technique(tmp_path: Path) -> None:
-    path = club(tmp_path, {"Ada": ["left"] * 12, "Bea": []})
-    path.write_text(path.read_text(encoding="utf-8").replace("technique", "hand", 1), encoding="utf-8")
-    strokes = read_matches(path)
-    assert strokes["technique"].to_pylist() == [1, 0, 2] * 12
-    assert hand(strokes) == {"ada": "right", "bea": "unknown"}
-
-
-@pytest.mark.parametrize(("words", "told"), [
-    ({"Ada": "both"}, "unknown hand 'both'; map it in [values.hand] to one of right, left"),
-    ({"Ada": "lefft"}, "unknown hand 'lefft'; did you mean left?"),
-])  # fmt: skip
-def test_a_word_that_is_no_hand(both: Path, words: dict[str, str], told: str) -> None:
-    with_column(both, words)
-    with pytest.raises(DataError) as caught:
-        import_matches(both)
-    assert told in str(caught.value)
-
-
-def test_two_hands_in_a_column(both: Path) -> None:
-    with_column(both, {"Ada": "left"})
-    text = both.read_text(encoding="utf-8")
-    last = text.rindex("Ada")
-    both.write_text(text[:last] + text[last:].replace(",left", ",right", 1), encoding="utf-8")
-    with pytest.raises(DataError, match=r"line \d+: ada is right-handed here, and not above; expected one hand"):
-        import_matches(both)
 
 
 def test_an_option_tells_the_hand_before_all_else(both: Path) -> None:

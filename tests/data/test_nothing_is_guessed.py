@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 
 from shuttle_marl.commands.data import main
 from shuttle_marl.data import DataError, load_account, read_matches
-from shuttle_marl.data.column_map import COLUMNS, TEMPLATE_CSV
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Cleaned
 from shuttle_marl.game import court
@@ -48,194 +47,6 @@ def read(folder: Path, rows: str = ROWS, fields: str = MAP) -> Cleaned:
     (folder / "own.csv").write_text(rows, encoding="utf-8")
     (folder / "map.toml").write_text(fields, encoding="utf-8")
     return import_matches(folder / "own.csv", folder / "map.toml")
-
-
-def test_the_command_that_lists_all_problems_of_a_file_without_a_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "own.csv"
-    path.write_text(TEMPLATE_CSV.replace("smash", "smahs").replace("push", "pusch"), encoding="utf-8")
-    with pytest.raises(DataError, match=r"and 1 more; `.*data validate .*own.csv` lists them all"):
-        import_matches(path)
-    assert main(["validate", str(path)]) == 1
-    assert len(capsys.readouterr().out.splitlines()) == 2
-    path.write_text(TEMPLATE_CSV, encoding="utf-8")
-    assert main(["validate", str(path)]) == 0
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "line", "says"),
-    [
-        ("right,Ada Alpha", "right,Ada Alfa", 4, "winner 'Ada Alfa'; expected one of the players, ada-alpha or bea-beta"),
-        ("right,Ada Alpha", "right,1", 4, "winner '1'; expected one of the players"),
-        ("right,Ada Alpha", "right,-", 4, "winner '-'; expected one of the players"),
-        ("Bea Beta", "-", 3, "who '-'; expected a name with letters or digits"),
-        ("Bea Beta", "(?)", 3, "expected a name with letters or digits"),
-        ("2,Ada Alpha", "2,Ada-Alpha", 5, "'Ada-Alpha' and 'Ada Alpha' would be one player, ada-alpha"),
-        ("2,Bea Beta", "2,BEA BETA", 6, "would be one player, bea-beta"),
-        ("smash", "Schläger" * 90, 4, "…'; map it in"),
-        ('middle-right,Ada Alpha\n', 'middle-right,"Ada Alpha\n', 6, "quotation mark"),
-        ("back-left,\n", '"back-left\nfinal,2,Ada Alpha,short serve,front-centre,",\n', 4, "lines that look like rows"),
-    ],
-)  # fmt: skip
-def test_what_is_not_understood_is_refused_with_its_line(tmp_path: Path, old: str, new: str, line: int, says: str) -> None:
-    with pytest.raises(DataError) as caught:
-        read(tmp_path, ROWS.replace(old, new) if old == "Bea Beta" else ROWS.replace(old, new, 1))
-    assert says in str(caught.value)
-    assert caught.value.problems[0].line == line
-
-
-def test_spreadsheets_state_the_delimiter_and_begin_with_a_mark(tmp_path: Path) -> None:
-    expected = read(tmp_path).strokes
-    assert read(tmp_path, "sep=,\n" + ROWS, "\ufeff" + MAP).strokes.equals(expected)
-    assert read(tmp_path, "\ufeffsep=,\r\n" + ROWS.replace("\n", "\r\n")).strokes.equals(expected)
-    with pytest.raises(DataError, match="several columns area; rename or remove all but one"):
-        read(tmp_path, "\n".join(f"{row},{'' if number else 'area'}" for number, row in enumerate(ROWS.splitlines())))
-    with pytest.raises(DataError, match="the delimiter is ';' here"):
-        read(tmp_path, "sep=;\n" + ROWS)
-    with pytest.raises(DataError, match="line 5: unknown shot 'smahs'"):
-        read(tmp_path, "sep=,\n" + ROWS.replace("smash", "smahs"))
-
-
-def test_names_are_compared_in_one_normal_form(tmp_path: Path) -> None:
-    rows = ROWS.replace("2,Bea Beta", "2,B\u00e9a Beta").replace("Bea Beta", "Be\u0301a Beta")
-    strokes = read(tmp_path, rows, MAP.replace("[columns]", '[values.shot]\n"Scha\u0308del" = "smash"\n[columns]')).strokes
-    assert set(strokes["player"].to_pylist()) == {"ada-alpha", "b\u00e9a-beta"}
-    with pytest.raises(DataError, match="twice, with different meanings"):
-        read(tmp_path, fields=MAP + '[values.shot]\n"Hit" = "smash"\n"HIT" = "clear"\n')
-    with pytest.raises(DataError, match="player and winner are both 'who'"):
-        read(tmp_path, fields=MAP.replace('winner = "winner"', 'winner = "who"'))
-
-
-SCORED = """\
-match,rally,who,shot,area,winner,p,q,t
-final,1,Ada,short serve,front-centre,,{0},{1},1.9
-final,1,Bea,lift,back-left,Ada,{1},{0},3.2
-final,2,Ada,short serve,front-centre,,{2},{3},20
-final,2,Bea,lift,back-left,Bea,{3},{2},21
-"""
-SCORE_MAP = MAP + 'points = "p"\npoints_opponent = "q"\nseconds = "t"\n'
-
-
-@pytest.mark.parametrize(
-    ("score", "says"),
-    [
-        (("10.7", 0, 5, 5), "p 10.7; expected a whole number from 0 to 30"),
-        ((10, 0, 5, 5), "does not follow from who won"),
-        ((1, 0, 2, 0), "score 0:2 after 0:1, 1 rallies before: it does not follow from who won"),
-        ((0, 1, 0, 2), "does not follow from who won"),
-        ((1, 0, 1, 2), "does not follow from who won"),
-    ],
-)
-def test_the_score_follows_from_who_won(tmp_path: Path, score: tuple[object, ...], says: str) -> None:
-    with pytest.raises(DataError, match=says):
-        read(tmp_path, SCORED.format(*score), SCORE_MAP)
-    fine = read(tmp_path, SCORED.format(1, 0, 1, 1), SCORE_MAP)
-    assert fine.warnings == ()
-    assert fine.strokes["clock"].to_pylist() == [1, 3, 20, 21]
-    with pytest.raises(DataError, match="points and points_opponent, or neither"):
-        read(tmp_path, SCORED.format(1, 0, 1, 1), SCORE_MAP.replace('points_opponent = "q"\n', ""))
-
-
-LI = SCORED.replace("Ada", "Ada Li").format(1, 0, 1, 1)
-
-
-@pytest.mark.parametrize(
-    ("match", "player", "servers", "says"),
-    [
-        ("second", "\u00c1da Li", "Ada", "'\u00c1da Li' and 'Ada Li' are alike: are they one player"),
-        ("second", "\uff21da Li", "Ada", "are alike: are they one player"),
-        ("second", "Li, Ada", "Ada", "'Li, Ada' and 'Ada Li' are alike"),
-        ("second", "\u0410da Li", "Ada", "are alike: are they one player"),
-        ("second", "\u0416da Li", "Ada", "mixes letters of cyrillic and latin"),
-        ("FINAL", "Ada Li", "Ada", "'FINAL' and 'final' are alike: are they one match"),
-        ("f\u00ednal", "Ada Li", "Ada", "are alike: are they one match"),
-        ("second", "Ada Li", "Bea", "line 8: the server did not win the rally before"),
-    ],
-)
-def test_names_that_are_alike_and_servers_are_told(tmp_path: Path, match: str, player: str, servers: str, says: str) -> None:
-    second = LI.replace("final", match).splitlines()[1:]
-    if servers == "Bea":
-        second[2:] = ["second,2,Bea,short serve,front-centre,,1,1,20", "second,2,Ada Li,lift,back-left,Bea,1,1,21"]
-    rows = LI + "\n".join(second).replace("Ada Li", f'"{player}"')
-    told = read(tmp_path, rows, SCORE_MAP).warnings
-    assert [says in text for text in told] == [True]
-    assert read(tmp_path, LI, SCORE_MAP).warnings == ()
-
-
-def test_games_times_and_numbers_that_cannot_be_are_told(tmp_path: Path) -> None:
-    fields, rows = SCORE_MAP + 'game = "g"\n', SCORED.format(1, 0, 1, 1).replace("final,", "final,1,").replace("h,r", "h,g,r")
-    later = rows.partition("\n")[2].replace("final,1", "final,3")
-    assert "line 6: games of the match are missing" in read(tmp_path, rows + later, fields).warnings[0]
-    with pytest.raises(DataError, match="line 3: the time is before that of the stroke before"):
-        read(tmp_path, rows.replace("1.9", "3.9"), fields)
-    with pytest.raises(DataError, match="t '1e308' is too large"):
-        read(tmp_path, rows.replace("1.9", "1e308"), fields)
-
-
-@pytest.mark.parametrize("word", ["let", "重发球", "Diulang"])
-@pytest.mark.parametrize("numbers", ["12234", "12345", None])
-def test_lets_are_no_rallies(tmp_path: Path, word: str, numbers: str | None) -> None:
-    lines = ["rally,who,shot,ending,score"]
-    for rally, score in enumerate(("1-0", "2-0", "2-0", "2-1", "2-2")):
-        number, ending = numbers[rally] if numbers else "", (word if rally == 1 else "out" if rally % 2 else "landed")
-        striker, other = ("Ada", "Bea") if rally < 4 else ("Bea", "Ada")
-        lines += [f"{number},{striker},short serve,,", f"{number},{other},lift,,", f"{number},{striker},smash,{ending},{score}"]
-    lines[9] = lines[9].replace("out", "landed")
-    rows = "\n".join(lines) if numbers else "\n".join(line.partition(",")[2] for line in lines)
-    (tmp_path / "own.csv").write_text(rows)
-    cleaned = import_matches(tmp_path / "own.csv")
-    assert cleaned.account.dropped == {"let": 3}
-    assert cleaned.strokes["rally"].to_pylist() == np.repeat([1, 2, 3, 4], 3).tolist()
-    assert cleaned.warnings == ()
-
-
-@pytest.mark.parametrize(
-    ("content", "rows"),
-    [
-        (ROWS.replace("smash", "smahs"), 5), (ROWS + ",,,,,\n\nfinal,3,Cleo,clear,middle,Cleo\n", 7), ("", 0),
-        (ROWS.splitlines()[0], 0), ("a,b\n1,2\n", 0), (ROWS + "final\n", 6), ("\x00\x01", 0), ("<x/>", 0), ("[1", 0),
-    ],
-)  # fmt: skip
-def test_a_refused_file_accounts_for_its_rows(
-    content: str, rows: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    read(tmp_path)
-    (tmp_path / "own.csv").write_text(content)
-    assert main(["import", str(tmp_path / "own.csv"), "--columns", str(tmp_path / "map.toml"), "--json"]) == 1
-    out, told = capsys.readouterr()
-    said = json.loads(out)
-    assert (said["rows"], said["kept"], sum(said["dropped"].values())) == (rows, 0, rows)
-    assert said["problems"][0] in told
-
-
-@pytest.mark.parametrize(("scale", "says"), [(1 / 13.4, "are these metres"), (0.3, "are these metres"), (1.4, "a third of")])
-def test_coordinates_are_metres(tmp_path: Path, scale: float, says: str) -> None:
-    fields = MAP.replace('area = "area"', 'landing_x = "x"\nlanding_y = "y"')
-    rng = np.random.default_rng(0)
-    lines = ["match,rally,who,shot,x,y,winner"]
-    for rally in range(1, 21):
-        for i, who in enumerate(("Ada", "Bea", "Ada")):
-            x, y = rng.uniform(-2.5, 2.5) * scale, rng.uniform(1, 6.7) * scale
-            lines.append(f"m,{rally},{who},{('short serve', 'lift', 'smash')[i]},{x:.3f},{y:.3f},{'Ada' if i == 2 else ''}")
-    try:
-        told = read(tmp_path, "\n".join(lines), fields).warnings
-    except DataError as error:
-        told = tuple(str(problem) for problem in error.problems)
-        assert scale < 0.1, "what is certainly wrong is refused"
-    assert any(says in text for text in told), told
-
-
-def test_decimal_commas_are_the_same_numbers(tmp_path: Path) -> None:
-    fields = MAP.replace('area = "area"', 'landing_x = "x"\nlanding_y = "y"')
-    lines = ["match;rally;who;shot;x;y;winner"]
-    for rally in range(1, 21):
-        for i, who in enumerate(("Ada", "Bea", "Ada")):
-            shot, winner = ("short serve", "lift", "smash")[i], "Ada" if i == 2 else ""
-            lines.append(f"m;{rally};{who};{shot};{-1.5 + 0.1 * rally + i / 7:.3f};{1.25 + rally / 9 + i:.3f};{winner}")
-    points = "\n".join(lines)
-    plain = read(tmp_path, points, 'delimiter = ";"\n' + fields).strokes
-    commas = read(tmp_path, points.replace(".", ","), 'delimiter = ";"\ndecimal = ","\n' + fields).strokes
-    assert commas.equals(plain)
-    assert plain["landing_y"][1].as_py() == pytest.approx(1.25 + 1 / 9 + 1, abs=1e-3)
 
 
 def whole_table(seed: int, rallies: int) -> list[dict[str, str]]:
@@ -314,22 +125,6 @@ def test_import_prints_what_became_of_every_row(tmp_path: Path, capsys: pytest.C
     assert main(["validate", str(tmp_path / "o.parquet")]) == 0
 
 
-def test_a_file_with_the_names_used_here_needs_no_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "own.csv").write_text(as_csv([{**row, "note": "x"} for row in whole_table(1, 3)]))
-    assert main(["import", str(tmp_path / "own.csv"), "--json"]) == 1
-    assert "are not on the sides" not in capsys.readouterr().err
-    rows = [{name: value for name, value in row.items() if name[-2:] not in ("_x", "_y")} for row in whole_table(1, 3)]
-    (tmp_path / "own.csv").write_text(as_csv([{**row, "note": "x"} for row in rows]))
-    assert main(["import", str(tmp_path / "own.csv"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["rows"] == told["kept"] == len(rows)
-    assert ["'note'" in text for text in told["warnings"]] == [True]
-    (tmp_path / "own.csv").write_text("a,b\n1,2\n")
-    assert main(["import", str(tmp_path / "own.csv")]) == 1
-    assert "lacks player, shot, or map your headers with --columns" in capsys.readouterr().err
-    assert "stroke" in COLUMNS
-
-
 def test_a_table_that_went_through_pandas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pandas = pytest.importorskip("pandas")
     assert read(tmp_path).strokes.num_rows == 5
@@ -352,17 +147,6 @@ def test_a_table_that_went_through_pandas(tmp_path: Path, capsys: pytest.Capture
         frame.assign(**change).to_parquet(tmp_path / "p.parquet")
         with pytest.raises(DataError, match=says):
             read_matches(tmp_path / "p.parquet")
-
-
-def test_too_little_memory_is_no_damage(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def too_little(*_: object) -> None:
-        raise pa.ArrowMemoryError("malloc of size 64 failed")
-
-    monkeypatch.setattr("shuttle_marl.data.table.table_files.read_parquet", too_little)
-    assert main(["validate", str(Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet")]) == 1
-    assert "not enough memory (malloc of size 64 failed)" in capsys.readouterr().err
 
 
 def hostile(folder: Path, kind: str) -> list[str]:

@@ -129,19 +129,18 @@ def as_json(rows: Sequence[dict[str, str]], names: dict[str, str], *, by_game: b
     return json.dumps([{"players": names if game % 2 else other, "strokes": inside} for game, inside in games.items()])
 
 
-def as_elan(rows: Sequence[dict[str, str]], *, dependent: bool = False, offset: int = 0, untimed: Sequence[int] = ()) -> str:
-    """Tiers at times, or of which all but the strokes belong to these; ``untimed``: strokes whose end has no time."""
+def as_elan(rows: Sequence[dict[str, str]], *, dependent: bool = False) -> str:
+    """Tiers at times, or of which all but the strokes belong to these."""
     times: list[str] = []
     tiers: dict[str, list[str]] = {}
 
-    def slot(seconds: float | None) -> str:
-        value = "" if seconds is None else f' TIME_VALUE="{round(1000 * seconds) - offset}"'
-        times.append(f'<TIME_SLOT TIME_SLOT_ID="ts{len(times)}"{value}/>')
+    def slot(seconds: float) -> str:
+        times.append(f'<TIME_SLOT TIME_SLOT_ID="ts{len(times)}" TIME_VALUE="{round(1000 * seconds)}"/>')
         return f"ts{len(times) - 1}"
 
     for number, row in enumerate(rows):
         start = float(row["seconds"])
-        shared = (slot(start), slot(None if number in untimed else start + 0.4))
+        shared = (slot(start), slot(start + 0.4))
         for name, value in row.items():
             if name == "seconds" or not value:
                 continue
@@ -155,7 +154,7 @@ def as_elan(rows: Sequence[dict[str, str]], *, dependent: bool = False, offset: 
                 at = f'ANNOTATION_ID="{name}{number}" TIME_SLOT_REF1="{slot(start)}" TIME_SLOT_REF2="{slot(start + 0.4)}"'
                 inside = f"<ALIGNABLE_ANNOTATION {at}>{told}</ALIGNABLE_ANNOTATION>"
             tiers.setdefault(name, []).append(f"<ANNOTATION>{inside}</ANNOTATION>")
-    media = f'<HEADER TIME_UNITS="milliseconds"><MEDIA_DESCRIPTOR MEDIA_URL="a.mp4" TIME_ORIGIN="{offset}"/></HEADER>'
+    media = '<HEADER TIME_UNITS="milliseconds"><MEDIA_DESCRIPTOR MEDIA_URL="a.mp4"/></HEADER>'
     body = "".join(f'<TIER TIER_ID="{"strokes" if name == "shot" else name}">{"".join(a)}</TIER>' for name, a in tiers.items())
     return f"<ANNOTATION_DOCUMENT>{media}<TIME_ORDER>{''.join(times)}</TIME_ORDER>{body}</ANNOTATION_DOCUMENT>"
 

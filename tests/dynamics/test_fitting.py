@@ -11,25 +11,22 @@ from scipy.stats import beta
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.card import strokes_hash
-from shuttle_marl.dynamics.choices import fit_choice_shifts
 from shuttle_marl.dynamics.compiled import (
     CREDIBLE,
     PRIOR_STROKES,
     SHOT_SHARE,
-    between_hands,
     catalogue_of,
     replies_of,
     support_of,
 )
-from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.models import fit_ridge
-from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
+from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match
 from shuttle_marl.dynamics.splits import resampled
 from shuttle_marl.game import default_game
-from shuttle_marl.game.court import BACK, FOREHAND, N_SIDES, area_of, mirrored, third_of
-from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, N_TECHNIQUES, SHOTS
+from shuttle_marl.game.court import area_of
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -81,20 +78,6 @@ def test_the_hash_of_strokes_is_that_of_their_columns() -> None:
     assert strokes_hash(table.slice(1)) != strokes_hash(table)
 
 
-def test_choice_shifts_move_towards_what_a_player_does() -> None:
-    rng = np.random.default_rng(1)
-    base = np.full((6000, 3), 1 / 3)
-    player = rng.integers(0, 2, 6000)
-    cell = rng.integers(0, 2, 6000)
-    truth = np.array([[0.6, 0.2, 0.2], [0.2, 0.2, 0.6]])
-    label = np.array([rng.choice(3, p=truth[i]) for i in player])
-    shift = fit_choice_shifts(base, cell, 2, player, 2, label, precision=1.0)
-    tilted = np.exp(shift) / np.exp(shift).sum(axis=-1, keepdims=True)
-    assert np.abs(tilted - truth[:, None]).max() < 0.05
-    firm = fit_choice_shifts(base, cell, 2, player, 2, label, precision=1e6)
-    assert np.abs(firm).max() < 0.01
-
-
 def test_ridge_learns_an_interaction() -> None:
     """A rule for one technique from above and for the other from below: no sum of single effects can say that."""
     rows = sample()
@@ -106,40 +89,6 @@ def test_ridge_learns_an_interaction() -> None:
         # Shrunk, but on the right side and most of the way.
         assert p[group].mean() == pytest.approx(truth[group].mean(), abs=0.15)
     assert p.mean() == pytest.approx(label.mean(), abs=1e-3)
-
-
-def test_unseen_uses_only_members_that_left_the_match_out() -> None:
-    match = np.array([5, 5, 9, 9, 2, 2])
-    fold = fold_of_match(match, 2)
-    assert fold.tolist() == [0, 0, 1, 1, 0, 0]
-    members = np.arange(4)[:, None] * np.ones(6)
-    assert unseen(members, match, 2).tolist() == [1, 1, 2, 2, 1, 1]
-
-
-def test_scores_have_known_values() -> None:
-    label = np.array([True, True, False, False])
-    assert area_under_curve(label, np.array([0.9, 0.4, 0.5, 0.1])) == 0.75
-    assert np.isnan(area_under_curve(np.ones(3, dtype=bool), np.ones(3)))
-    assert calibration_error(label, np.array([0.8, 0.8, 0.2, 0.2]), bins=2) == pytest.approx(0.2)
-    assert top_k(np.array([[0.5, 0.3, 0.2], [0.1, 0.2, 0.7]]), np.array([1, 2]), most=2) == [0.5, 1.0]
-    difference = difference_by_match(np.array([1.0, 3.0, 2.0]), np.array([0.5, 2.5, 1.5]), np.array([0, 0, 1]))
-    assert difference == {"mean": 0.5, "low": 0.5, "high": 0.5}
-
-
-def test_nobody_plays_from_the_back_what_belongs_to_the_net_or_around_the_head_on_the_forehand_side() -> None:
-    rows = rows_from_strokes(read_matches(SAMPLE))
-    for part in (rows, rows.take(rows.match % 2 == 0)):
-        catalogue = catalogue_of(part)
-        choices = np.full((len(catalogue), 2, N_SHOTS, N_TECHNIQUES), 0.5)  # every stroke is chosen often enough
-        replies = replies_of(part, catalogue, choices)
-        back = np.flatnonzero(third_of(catalogue.area) == BACK)
-        forehand = np.flatnonzero(catalogue.area % N_SIDES == FOREHAND)
-        front = np.isin(np.array(SHOTS)[catalogue.shot], FRONT_COURT)
-        around = catalogue.technique == AROUND_THE_HEAD
-        assert not replies[back][:, front].any()
-        assert not replies[forehand][:, around].any()
-        assert replies[:, front].any()
-        assert replies[:, around].any()
 
 
 def test_a_legal_stroke_is_one_that_the_average_player_chooses() -> None:
@@ -158,18 +107,6 @@ def test_a_legal_stroke_is_one_that_the_average_player_chooses() -> None:
     assert not fewer[:, of_drop & ~forehand].any(), "techniques that are hardly ever chosen"
     choices[:, :, drop] = SHOT_SHARE / 10
     assert not replies_of(rows, catalogue, choices)[lifts][:, of_drop].any()
-
-
-def test_between_different_hands_strokes_fly_to_the_other_side() -> None:
-    rows = rows_from_strokes(read_matches(SAMPLE))
-    catalogue = catalogue_of(rows)
-    side = catalogue.other_side
-    assert (side[side] == np.arange(len(catalogue))).all()
-    assert (catalogue.area[side] == mirrored(catalogue.area))[~catalogue.is_serve].all(), "the catalogue has both sides"
-    replies = np.zeros((len(catalogue) + 1, len(catalogue)), dtype=bool)
-    straight, cross = (catalogue.index(f"smash:middle-{side}:above:forehand") for side in ("left", "right"))
-    replies[0, straight] = True
-    assert np.argwhere(between_hands(replies, catalogue)).tolist() == [[0, cross]]
 
 
 N = 20_000

@@ -1,40 +1,23 @@
-"""Hurried strikers, effort and long duels: planted signals are recovered, and compiled games keep what the data bounds."""
+"""Hurried strikers, effort and long duels: planted signals are recovered, and strokes of a rally are counted."""
 
 import dataclasses
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pyarrow as pa
 import pytest
 from scipy.special import expit
 
-from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.arrays import Bools
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
-from shuttle_marl.dynamics.compiled import (
-    MIN_END,
-    Support,
-    compile_game,
-    is_duel_pair,
-    is_long_duel_pair,
-    is_serve_pair,
-    pair_probabilities,
-)
-from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes, states_of
-from shuttle_marl.dynamics.fit import _fit_hurried, _hurried_lines, _out_of_fold_hurried
+from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes
 from shuttle_marl.dynamics.hurried import SHARE, Hurry, fit_hurry
-from shuttle_marl.dynamics.models import HURRIED, sigmoid, was_timed
-from shuttle_marl.dynamics.situations import Situations, _hurried_shares, fit_situations
-from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import layout
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.dynamics.situations import Situations, fit_situations
+from shuttle_marl.game.stroke import SHOTS
 from tests import golden
 from tests.dynamics.rows import plain_rows
-from tests.exact.exact_games import game_without_outcomes
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 N, MATCHES = 12_000, 24
@@ -127,24 +110,6 @@ def test_an_index_is_the_same_after_saving(fitted: tuple[Rows, Bools, Hurry], tm
             Hurry.checked(tensors._replace(arrays={**tensors.arrays, name: broken}))
 
 
-def test_chances_of_hurried_receivers_are_recovered() -> None:
-    rows, _ = strokes()
-    rng = np.random.default_rng(1)
-    chance: F64 = np.where(rows.codes["area"] < 3, 0.4, 0.1) + 0.2 * rows.next_contact * (rows.codes["hurried"] == 0)
-    said = np.where(rows.next_contact >= 0, rng.random(N) < chance, -1).astype(np.int8)
-    rows = dataclasses.replace(rows, next_hurried=said)
-    met = rows.take(was_timed(rows))
-    trees, late = _fit_hurried(met, met.next_hurried == 1), met.next_hurried == 1
-    lines = _hurried_lines(_out_of_fold_hurried(met, late), met, late)
-    assert set(trees) == set(HURRIED)
-    golden.check("dynamics", {"lines of hurried receivers": lines})
-    for contact, name in enumerate(HURRIED):
-        those = met.next_contact == contact
-        p = sigmoid(lines[contact, 0] * trees[name].logits(met.take(those).codes) + lines[contact, 1])
-        assert p.mean() == pytest.approx((met.next_hurried[those] == 1).mean(), abs=0.01)
-        assert np.abs(p - chance[was_timed(rows)][those]).mean() < 0.04
-
-
 SERVE, SMASH, NETTED, CROSS, LIFTED = (
     SHOTS.index(shot) for shot in ("short-serve", "smash", "net-shot", "cross-court-net-shot", "lift")
 )
@@ -228,121 +193,3 @@ def test_what_is_not_known_is_averaged_over() -> None:
     neither = (rows.attacks < 0) & (rows.net_run < 0) & (rows.codes["shot"] == NETTED)
     assert neither.any()
     assert weights[neither] == pytest.approx(np.outer(np.ones(neither.sum()), [0.525, 0.15, 0.075, 0.175, 0.05, 0.025]))
-
-
-def duel_game(levels: int) -> Game:
-    """A serve, two net shots, a lift and a smash; anything answers anything, and nothing else happens."""
-    names = (
-        "short-serve:front-centre:below:backhand",
-        "lift:back-centre:below:forehand",
-        "smash:middle-left:above:forehand",
-        "net-shot:front-centre:below:forehand",
-        "cross-court-net-shot:front-left:below:forehand",
-    )
-    replies = np.array([[0, 1, 1, 1, 1]] * 5 + [[1, 0, 0, 0, 0]], dtype=bool)
-    tables = layout(Catalogue.from_names(names), replies, duels=True)
-    return game_without_outcomes(Catalogue.from_names(names), tables, [ONE] * levels)
-
-
-@pytest.mark.parametrize("levels", [1, 3])
-def test_states_of_recorded_strokes_hold_effort_and_duel(levels: int) -> None:
-    game = duel_game(levels)
-    table = rally([SERVE, LIFTED, SMASH, NETTED, CROSS, NETTED, NETTED, LIFTED, SMASH])
-    for dropped in (None, 3):
-        part = table if dropped is None else pa.concat_tables([table.slice(0, dropped), table.slice(dropped + 1)])
-        rows = rows_from_strokes(part)
-        index = np.array([0, 1, 2, 3, 4, 3, 3, 1, 2])
-        kept = np.delete(np.arange(9), [] if dropped is None else dropped)
-        own, incoming = (np.append(index, 5)[np.maximum(kept - lag, -1)] for lag in (2, 1))
-        state = states_of(game, rows, own, incoming)
-        counted = (rows.attacks >= 0) & (rows.opponent_attacks >= 0) if levels > 1 else rows.attacks < 99
-        assert ((state >= 0) == (counted & (rows.net_run >= 0))).all()
-        known = state[state >= 0]
-        assert game.effort(known).tolist() == np.clip(rows.attacks, 0, levels - 1)[state >= 0].tolist()
-        assert game.opponent_effort(known).tolist() == np.clip(rows.opponent_attacks, 0, levels - 1)[state >= 0].tolist()
-        assert game.duel(known).tolist() == np.minimum(rows.net_run, 3)[state >= 0].tolist()
-        assert game.incoming(known).tolist() == incoming[state >= 0].tolist()
-
-
-class Constant:
-    """Models that say the same of every stroke, but for a factor of the odds of a hurried striker's fault."""
-
-    knows_hurried = True
-    opposite = False
-
-    def __init__(self, situations: Situations, fault: float, returned: float, late: float) -> None:
-        self.situations, self.fault, self.returned, self.above, self.late = situations, fault, returned, 0.5, late
-        self.hurried = np.array([0.25, 0.5])
-
-    def averaged(self, probability: float | np.ndarray, codes: dict[str, np.ndarray], **_: object) -> np.ndarray:
-        size = len(codes["contact"])
-        if np.ndim(probability):
-            return np.tile(probability, (size, 1))
-        p = np.full(size, probability)
-        odds = p / (1 - p) * np.where(codes["hurried"] == 1, self.late if probability == self.fault else 1.0, 1.0)
-        return np.asarray(odds / (1 + odds))
-
-
-def compiled(
-    effort: list[float], fault: float, returned: float, fault_range: tuple[float, float], late: float = 1.0
-) -> tuple[Game, Situations]:
-    layout_of = duel_game(1)
-    edges = len(layout_of.edge_own)
-    shares = np.tile(np.array([0.5, 0.3, 0.2]) if len(effort) == 3 else np.ones(1), (SLOTS["own_shot"], 1))
-    hurried = np.full((SLOTS["incoming_shot"], SLOTS["shot"]), 0.25)
-    situations = Situations(effort=np.array(effort), duel=0.8, effort_share=shares, duel_share=0.25, hurried_share=hurried)
-    count = np.zeros(edges)
-    support = Support(
-        strokes=count, faults=count, winners=count,
-        fault_range=np.tile(fault_range, (edges, 1)), winner_range=np.tile([0.0, 1.0], (edges, 1)),
-    )  # fmt: skip
-    models = cast("Any", Constant(situations, fault, returned, late))
-    return compile_game(layout_of, pair_probabilities(models, layout_of, support)), situations
-
-
-def test_the_mean_over_situations_is_what_the_data_bounds() -> None:
-    game, situations = compiled([0.0, 0.6, 1.2], fault=0.5, returned=0.9, fault_range=(0.02, 0.10))
-    fault = game.limits[..., 0].astype(float) / ONE
-    duel, long = is_duel_pair(game), is_long_duel_pair(game)
-    golden.check("dynamics", {"compiled": golden.weighted_sum(game.threshold)})
-    # Half of the net shots of duels of two or more strokes belong to each of the twin states.
-    assert duel.sum() == 2 * long.sum() > 0
-    plain = fault[:, ~duel]
-    assert np.tensordot([0.5, 0.3, 0.2], plain, 1) == pytest.approx(0.10, abs=2e-4)
-    assert (plain[2] > 0.13).all(), "at high effort outside of the range"
-    means = [np.tensordot([0.5, 0.3, 0.2], fault[:, which], 1) for which in (duel & ~long, long)]
-    assert 0.75 * means[0][0] + 0.25 * means[1][0] == pytest.approx(0.10, abs=2e-4)
-    odds = fault / (1 - fault)
-    assert odds[1] / odds[0] == pytest.approx(np.exp(0.6), rel=2e-3)
-    assert (odds[0, long][0] / odds[0, duel & ~long][0]) == pytest.approx(np.exp(situations.duel), rel=2e-3)
-
-
-@pytest.mark.parametrize("effort", [[0.0, 0.2, 0.4], [0.0, -0.5, -1.0]])
-def test_every_stroke_but_a_serve_ends_some_rallies_at_every_level(effort: list[float]) -> None:
-    game, _ = compiled(effort, fault=0.0001, returned=0.9999, fault_range=(0.0, 1.0))
-    ending = 1 - np.diff(game.limits.astype(float), axis=2, append=ONE)[..., 1:].sum(axis=2) / ONE
-    rally = ~is_serve_pair(game)
-    assert ending[:, rally].min() >= MIN_END - 1 / ONE
-    assert ending[:, rally].min() <= MIN_END + 1e-4
-    assert (ending[:, ~rally] < MIN_END).all()
-
-
-def test_the_mean_over_hurried_strikers_and_others_is_what_the_data_bounds() -> None:
-    game, _ = compiled([0.0], fault=0.3, returned=0.9, fault_range=(0.02, 0.10), late=4.0)
-    fault, late = game.threshold[:, 0] / ONE, game.hurried(game.base_pair_state) == 1
-    plain = ~is_duel_pair(game)
-    calm, hurried = fault[plain & ~late], fault[plain & late]
-    assert 0.75 * calm + 0.25 * hurried == pytest.approx(0.10, abs=2e-4)
-    assert hurried / (1 - hurried) == pytest.approx(4 * calm / (1 - calm), rel=5e-3)
-    assert (hurried > 0.10).all()
-    assert (game.hurry == [64, 128]).all()
-
-
-def test_shares_of_hurried_strikers_are_shrunk_to_those_after_the_incoming_stroke() -> None:
-    count = np.zeros((2, 15, 13))
-    count[0, NET, :2], count[1, NET, :2] = (30, 10), (20, 0)  # not hurried and hurried, by own shot type
-    rows = SimpleNamespace(hurried=np.zeros(1), take=lambda _: SimpleNamespace(count=lambda *_: count))
-    found = _hurried_shares(cast(Rows, rows))
-    usual = 20 / 60
-    assert found[NET, :3] == pytest.approx([(20 + 20 * usual) / 70, 20 * usual / 30, usual])
-    assert (found[LIFT] == 0).all(), "nobody met one"

@@ -150,18 +150,6 @@ def test_lme4_finds_the_same() -> None:
     assert found.log_likelihood + constant == pytest.approx(-92.0266, abs=1e-3)
 
 
-def test_knots_as_of_a_day() -> None:
-    walks = Walks.of(np.array([4, 2, 4, 4]), np.array([30, 7, 10, 30]))
-    assert walks.player.tolist() == [2, 4, 4]
-    assert walks.day.tolist() == [7, 10, 30]
-    players, days = np.array([2, 2, 4, 4, 4, 4, 3, 9]), np.array([0, 99, 9, 10, 29, 31, 10, 10])
-    assert walks.index(players, days).tolist() == [0, 0, 1, 1, 1, 2, -1, -1]
-    difference, first, years = walks.innovations()
-    assert first.tolist() == [True, True, False]
-    assert years == pytest.approx([1, 1, 20 / 365.25])
-    assert (difference @ np.array([5.0, 1.0, 4.0])).tolist() == [5, 1, 3]
-
-
 PLAYERS, MATCHES, STROKES = 20, 36, 700
 SD = np.array([0.3, 0.25, 0.25, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1])
 """Standard deviations of the simulated_players players, in the order of :data:`~shuttle_marl.dynamics.skill.VARIANCES`."""

@@ -1,7 +1,6 @@
 """Files of a model, forged and of others; and its trees: the arrays say what LightGBM says."""
 
 import contextlib
-import dataclasses
 import hashlib
 import itertools
 import json
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from safetensors.numpy import save_file
 from scipy.special import expit
 
@@ -21,13 +19,12 @@ from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.boosting import PARAMETERS
-from shuttle_marl.dynamics.card import plot_reliability, write_card
+from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.compiled import load_support
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
-from shuttle_marl.dynamics.modules import MContact, MRet
 from shuttle_marl.dynamics.network import attributes
-from shuttle_marl.dynamics.trees import INPUTS, Trees, fit_trees
+from shuttle_marl.dynamics.trees import INPUTS, fit_trees
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, model_folder, read_model_card
 from shuttle_marl.game.stroke import Catalogue
@@ -197,61 +194,3 @@ def test_arrays_say_what_the_library_says() -> None:
     assert np.abs(expit(trees.logits(rows.codes)) - truth).mean() < 0.1
     again = fit_trees(rows.codes, label, leaves=6, rounds=40)
     assert all(np.array_equal(value, again.arrays[name]) for name, value in trees.arrays.items())
-
-
-def test_blends_are_means_of_logits() -> None:
-    """Trees have a third of the weight in the return, where there is a ridge regression too, and half of it in the contact."""
-    rows, label, _ = sample()
-    rows = rows.take(np.arange(2000))
-    codes, trees = rows.codes, fit_trees(rows.codes, label[:2000], rounds=10)
-    models = FittedModels.load(model_folder())
-    line, ridge = np.array([1.0, 0.0]), models.m_ret.ridge
-    returns, contacts = MRet(models.m_ret.network, trees, ridge, line), MContact(models.m_contact.network, trees, line)
-    models = dataclasses.replace(models, m_ret=returns, m_contact=contacts)
-    of_trees, of_ridge = trees.logits(codes), ridge.logits(codes)
-    of_return, of_contact = (part.network.logits(codes)[..., 0] for part in (returns, contacts))
-    assert models.returned(codes) == pytest.approx(expit((of_return + of_ridge + of_trees) / 3).mean(axis=0))
-    assert models.above(codes) == pytest.approx(expit((of_contact + of_trees) / 2).mean(axis=0))
-
-
-def with_trees(model: Path, trees: Trees) -> Path:
-    """The model, with other trees of contacts."""
-    models = FittedModels.load(model)
-    contacts = MContact(models.m_contact.network, trees, models.calibration[2])
-    dataclasses.replace(models, m_contact=contacts).save(model)
-    write_card(model, read_model_card(model))
-    return model
-
-
-def test_trees_are_stored_with_the_model(model: Path) -> None:
-    rows, label, _ = sample()
-    trees = fit_trees(rows.codes, label, rounds=10)
-    loaded = FittedModels.load(with_trees(model, trees)).m_contact.trees
-    assert np.array_equal(loaded.logits(rows.codes), trees.logits(rows.codes))
-
-
-@pytest.mark.parametrize(("name", "change"), [
-    ("attribute", lambda a: a * 0 + len(INPUTS)),
-    ("child", lambda a: a * 0),
-    ("child", lambda a: a * 0 - 1000),
-    ("value", lambda a: a * np.nan),
-    ("value", lambda a: a[:1]),
-])  # fmt: skip
-def test_forged_trees_are_refused(model: Path, name: str, change: Any) -> None:
-    rows, label, _ = sample()
-    trees = fit_trees(rows.codes, label, rounds=5)
-    trees.arrays[name] = np.ascontiguousarray(change(trees.arrays[name]))
-    with pytest.raises(ModelError, match="networks"):
-        FittedModels.load(with_trees(model, trees))
-
-
-def test_bars_of_a_reliability_diagram_are_intervals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bins = [{"predicted": 0.5, "observed": 0.4, "rows": 100}, {"predicted": 0.9, "observed": 0.8, "rows": 400}]
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
-    names = ("success", "return", "contact")
-    plot_reliability({"validation": {name: {"reliability": bins, "ece": 0.1} for name in names}}, tmp_path / "card.png")
-    for axes in drawn[0].axes:
-        (bars,) = axes.collections
-        found = np.ptp(np.array(bars.get_segments())[:, :, 1], axis=1) / 2  # type: ignore[attr-defined]
-        assert found == pytest.approx(1.96 * np.sqrt([0.4 * 0.6 / 100, 0.8 * 0.2 / 400]))

@@ -76,20 +76,7 @@ def test_rallies_of_the_modules_are_those_of_the_tables() -> None:
     tables, models = rally_v0.env(), rally_v0.env(outcomes="models")
     assert rallies(models, range(12)) == rallies(tables, range(12))
     again = pickle.loads(pickle.dumps(rally_v0.raw_env(outcomes="models")))
-    assert type(again._stepper).__name__ == "ModelStepper"
-
-
-def test_chances_of_the_modules_are_those_of_the_tables() -> None:
-    """Also after attacks, and of hurried strikers."""
-    game = default_game()
-    stepper, exact = rally_v0.raw_env(outcomes="models")._stepper, rally_v0.raw_env()._stepper
-    rng = np.random.default_rng(1)
-    for row in rng.integers(0, game.n_base_pairs, 40).tolist():
-        for column in range(3):
-            for level in range(game.levels):
-                assert stepper._limits[0][level][3 * row + column] == exact._limits[0][level][3 * row + column]
-        for column in range(2):
-            assert stepper._hurry[1][2 * row + column] == exact._hurry[1][2 * row + column]
+    assert rallies(again, range(3)) == rallies(tables, range(3))
 
 
 @pytest.mark.parametrize("game", ["default:men", "default:recovery", random_game(0)])

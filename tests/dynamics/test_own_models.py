@@ -9,7 +9,6 @@ import pytest
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import data, dynamics, league
 from shuttle_marl.data.upstream import matches_of
-from shuttle_marl.dynamics.evaluate import LIMITS
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.splits import (
     MIN_STROKES,
@@ -54,10 +53,6 @@ def test_published_matches_keep_their_split(club: Rows) -> None:
     assert matches(train) - own == {published["train"]}
     assert matches(validation) - own == {published["validation"]}
     assert len(matches(train) & own) == len(matches(validation) & own) == 1
-
-
-def test_every_warning_of_a_card_has_a_sentence_for_coaches() -> None:
-    assert {name.replace("_", " ") for name in LIMITS} == set(dynamics._WARNINGS)
 
 
 @pytest.mark.parametrize(

@@ -10,23 +10,20 @@ import pyarrow as pa
 import pytest
 from scipy.special import expit
 
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.card import as_markdown, write_card
-from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.recovery import (
     FEATURES,
     GROUPS,
     LEAST_SHARE,
     MIN_ROWS,
     FittedRecovery,
-    add_recovery,
     copied_recovery,
     fit_recovery,
     load_recovery,
-    people_at,
     save_recovery,
 )
 from shuttle_marl.dynamics.skill import Predicted
@@ -133,33 +130,6 @@ def test_shares_are_shrunk_to_those_of_the_cell_around() -> None:
     others = np.delete(np.arange(7), 3)
     ratio = inside[others] / people[5, 0, 0, 0, 1][others]  # of 25 among 100, as all of the 75 wait elsewhere
     assert ratio == pytest.approx(np.full(6, 0.25), abs=0.02)
-    # Strokes of unknown context change nothing.
-    unknown = changed.take(np.arange(len(changed)) % 2 == 0)
-    unknown = dataclasses.replace(
-        unknown, codes={**unknown.codes, "own_area": np.full(len(unknown), SLOTS["own_area"] - 1, np.int16)}
-    )
-    again = fit_recovery(Rows.joined([changed, unknown]), predicted)
-    assert again is not None
-    assert np.array_equal(again.recovery.people, found.recovery.people)
-    assert people_at(again.recovery, unknown)[0].sum() == 0
-
-
-def test_strokes_of_which_something_is_unknown_and_serves_have_no_effect() -> None:
-    rows, predicted = strokes(20_000)
-    part = np.arange(len(rows)) % 4
-    waiting, shot = np.where((part == 0)[:, None], np.nan, rows.waiting), np.where(part == 1, 0, rows.codes["shot"])
-    changed = dataclasses.replace(rows, waiting=waiting.astype(np.float32), codes={**rows.codes, "shot": shot.astype(np.int16)})
-    unknown = {
-        name: dataclasses.replace(each, rows=changed, logit=np.where(part == 2, np.nan, each.logit))
-        for name, each in predicted.items()
-    }
-    found, expected = (
-        fit_recovery(rows, {name: each.take(part == 3) if kept else each for name, each in given.items()})
-        for kept, given in ((False, unknown), (True, predicted))
-    )
-    assert found is not None
-    assert expected is not None
-    assert np.array_equal(found.coefficients, expected.coefficients)
 
 
 def test_positions_are_named_from_the_forehand_side_of_the_receiver() -> None:
@@ -175,15 +145,6 @@ def test_positions_are_named_from_the_forehand_side_of_the_receiver() -> None:
         # The area of the stroke, as the receiver's hand sees it, and the place where it is met have the same frame.
         assert (rows.game_codes["area"][0] != rows_from_strokes(table).codes["area"][0]) == (side < 0 and serve["area"] % 3 != 1)
     assert np.isnan(rows.meeting[1]).all(), "nobody met the last stroke of the table"
-
-
-def test_people_stand_where_they_meet_strokes(model: Path) -> None:
-    """In the shipped tables, a smash is less often a winner against who waits on its side."""
-    effect = load_game(f"{model}:recovery").recovery
-    assert effect is not None
-    smash = effect.effect[0, SHOTS.index("smash")]
-    assert smash[3, 3] < smash[3, 5]
-    assert smash[5, 5] < smash[5, 3]
 
 
 @pytest.fixture
@@ -226,17 +187,6 @@ def test_few_positions_give_no_file(model: Path) -> None:
     assert "The model has none" in as_markdown(read_model_card(model))
     with pytest.raises(GameError, match="without positions of receivers"):
         load_game(f"{model}:recovery")
-
-
-def test_positions_of_other_strokes_are_not_added(model: Path) -> None:
-    before = (model / POSITIONS).read_bytes()
-    with pytest.raises(ShuttleError, match="not the strokes that the model was fitted to"):
-        add_recovery(SAMPLE, model, report=lambda line: None)
-    card = read_model_card(model)
-    write_card(model, {**card, "chosen": {**card["chosen"], "prior": {}}})
-    with pytest.raises(ShuttleError, match="corrects another one"):
-        add_recovery(SAMPLE, model, report=lambda line: None)
-    assert (model / POSITIONS).read_bytes() == before
 
 
 def test_a_correction_takes_over_the_positions_of_its_prior(model: Path, tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base.pytorch import own_settings
-from shuttle_marl.commands import dynamics
 from shuttle_marl.dynamics.card import as_markdown
 from shuttle_marl.dynamics.compiled import (
     MIN_END,
@@ -138,14 +137,3 @@ def test_the_figures_of_the_model_card_are_those_of_the_solvers() -> None:
     numbers = {key for key, value in found.items() if isinstance(value, float)}
     assert {key: found[key] for key in numbers} == pytest.approx({key: expected[key] for key in numbers}, abs=2e-9)
     assert {key: found[key] for key in found.keys() - numbers} == {key: expected[key] for key in expected.keys() - numbers}
-
-
-@pytest.mark.parametrize("part", ["data", "health", "skill"])
-def test_a_card_without_a_part_is_an_error_message(
-    part: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    content = {**read_model_card(model_folder())}
-    content[part] = {}
-    monkeypatch.setattr(dynamics, "read_model_card", lambda _: content)
-    assert dynamics.main(["card"]) == 1
-    assert "fit the model again" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Each promise of SECURITY.md and docs/own_data.md has a test: ``python -m tests.package.test_promises`` lists them."""
 
 import ast
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -22,9 +23,13 @@ def test_every_promise_has_a_test() -> None:
     for promise in PROMISES:
         assert promise["tests"], promise["text"]
         for test in promise["tests"]:
-            file, name = test.split("::")
+            function, _, case = test.removesuffix("]").partition("[")
+            file, name = function.split("::")
             tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
             assert name in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, test
+            folder, _, label = case.partition(": ")
+            path = ROOT / "tests" / "data" / "cases" / folder / "expected.json"
+            assert not case or label in json.loads(path.read_text(encoding="utf-8")), test
 
 
 def test_every_guarantee_is_a_promise() -> None:
