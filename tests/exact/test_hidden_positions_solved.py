@@ -12,9 +12,7 @@ from shuttle_marl.exact.matrix_games import matrix_game
 from shuttle_marl.exact.optimal import restricted_response, restricted_value
 from shuttle_marl.exact.profile import moved, tabulated_pairs
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery
-from shuttle_marl.game.rules import strike
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions
@@ -194,38 +192,7 @@ def test_people_who_wait_as_people_play_the_game_without_recovery() -> None:
     assert np.abs(mean - game.threshold).max() < 1.01
 
 
-def test_strikes_against_a_position_have_its_frequencies() -> None:
-    game = with_recovery(random_game(3), 3)
-    state = int(np.flatnonzero((game.waiting.choices > 1) & (np.diff(game.base_pair_start) > 0))[-1])
-    draws = np.random.default_rng(0).integers(0, 1 << 24, 40_000)
-    position = int(game.waiting.position[state, 1])
-    same = np.full(len(draws), state)
-    outcome, _ = strike(game, same, np.zeros_like(same), draws, position=np.full(len(draws), position))
-    row = int(game.waiting.row(np.array(state), np.array(0), np.array(position)))
-    limits = [0, *game.waiting.limits[0, row].tolist(), ONE]
-    share = np.bincount(np.where(outcome > 3, outcome - 2, outcome), minlength=4) / len(draws)
-    np.testing.assert_allclose(share, np.diff(limits) / ONE, atol=0.012)
-
-
 def test_visits_of_a_mixing_pair_end_every_rally_once() -> None:
     found = solve(with_recovery(random_game(5), 5))
     seen = visits(*found.policy)
     assert sum(seen.endings().values()) == pytest.approx(1, abs=1e-7)
-
-
-def test_tables_keep_their_positions(tmp_path: Any) -> None:
-    game = with_recovery(random_game(4), 4)
-    policy = waiting(random_policy(game, 4), 4)
-    policy.save(tmp_path / "policy.safetensors")
-    assert TabulatedPolicy.load(tmp_path / "policy.safetensors", game).hash == policy.hash
-    assert TabulatedPolicy.unpacked(policy.packed(), game, "here").hash == policy.hash
-    assert policy.hash != dataclasses.replace(policy, waits=None).hash
-    assert policy.waits is not None
-    wrong = policy.waits.copy()
-    state = int(np.flatnonzero(game.waiting.choices < N_POSITIONS)[-1])
-    wrong[state] = CHOICE_ONE  # always the first position
-    wrong[state, : int(np.flatnonzero(~game.waiting.mask(np.array(state)))[0])] = 0
-    with pytest.raises(PolicyError, match="not feasible"):
-        TabulatedPolicy.checked(policy.cumulative, game, "here", waits=wrong)
-    with pytest.raises(PolicyError, match="this game has none"):
-        TabulatedPolicy.checked(policy.cumulative, dataclasses.replace(game, recovery=None), "here", waits=policy.waits)

@@ -70,12 +70,6 @@ def test_nash_average_is_an_equilibrium_that_treats_copies_alike(n: int, seed: i
     assert entropy >= -np.sum(other * np.log(np.maximum(other, 1e-300))) - 1e-6
 
 
-def test_nash_average_has_most_entropy() -> None:
-    # Policies 2 and 3 are copies but for a third that beats both alike: equilibria form an edge, of which this is the middle.
-    payoff = np.array([[0, 1, -1, -1], [-1, 0, 1, 1], [1, -1, 0, 0], [1, -1, 0, 0]], dtype=float)
-    assert np.allclose(nash_average(payoff), [1 / 3, 1 / 3, 1 / 6, 1 / 6], atol=1e-9)
-
-
 def test_maximal_lotteries_of_known_games() -> None:
     # Eleven votes of two to one in a circle, whatever the number of votes of a pair.
     votes = np.array([[0.0, 4, 8], [8, 0, 4], [4, 8, 0]])
@@ -155,10 +149,3 @@ def test_two_policies_are_ranked_by_their_advantage(alpha: float, population: in
     found = alpha_rank([[0.0, 1.0], [-1.0, 0.0]], alpha=alpha, population=population)
     assert found[0] / found[1] == pytest.approx(np.exp((population - 1) * 2 * alpha))
     assert found.sum() == pytest.approx(1)
-
-
-def test_the_fitter_of_two_policies_wins_but_for_noise() -> None:
-    for noise in (0.01, 0.25, 0.5):
-        assert np.allclose(alpha_rank([[0, 1], [-1, 0]], alpha=np.inf, noise=noise), [1 - noise, noise])
-    assert np.allclose(alpha_rank([[0, 1], [1, 0]], alpha=np.inf, noise=0.01), [0.5, 0.5])
-    assert np.allclose(alpha_rank(np.zeros((3, 3)), alpha=2.0), [1 / 3] * 3)

@@ -15,9 +15,7 @@ from shuttle_marl.exact.match import match_table
 from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import Rules, match_win_probability
 from shuttle_marl.game.tables import ROOT, Game, GameError
-from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import (
-    THREE_STROKES,
     games,
     hand_made,
     minimax_by_policy_iteration,
@@ -39,15 +37,6 @@ def test_three_strokes_solved_by_hand() -> None:
     assert solution.value_at_serve == pytest.approx(float(Fraction(-39, 368)), abs=2e-12)
     assert solution.value[0][4::2] == pytest.approx(float(below), abs=2e-12)
     assert solution.value[0][5::2] == pytest.approx(float(above), abs=2e-12)
-
-
-def test_a_worse_stroke_changes_nothing_and_is_not_played() -> None:
-    """A clear in place of the smash is worth -1/16 - 3/4 L - 3/16 A = 0.117 < 6/23."""
-    game = hand_made((*THREE_STROKES, "clear:back-centre:above:forehand"))
-    solution = solve(game, tolerance=1e-12)
-    assert solution.value_at_serve == pytest.approx(float(Fraction(-39, 368)), abs=2e-12)
-    played = game.catalogue.shot[game.pair_stroke[solution.policy[0].pair_probabilities() > 0]]
-    assert set(played) == {game.catalogue.shot[i] for i in range(3)}
 
 
 @settings(max_examples=15, deadline=None)
@@ -121,26 +110,6 @@ def test_games_of_different_layouts_are_refused(small: Game) -> None:
     object.__setattr__(moved, "reply_start", first.reply_start + 1)  # no such game can be made
     with pytest.raises(ExactError, match="differ in reply_start"):
         solve(first, moved)
-
-
-def test_three_strokes_that_hurried_strikers_miss() -> None:
-    """One receiver in four is hurried after a return from below, one in two from above, and then half of all strokes are faults.
-
-    A, L are the values above and below, H of a hurried striker from either height; X = 3/4 L + H/4 and Y = A/2 + H/2 are those of
-    a return from below and from above: A = 1/4 - X/4 - Y/4, L = -1/4 - X/4 - Y/2, and H = -1/2 - X/4 - Y/4.
-    """
-    game = hand_made(THREE_STROKES)
-    threshold = game.threshold.copy()
-    threshold[game.hurried(game.base_pair_state) == 1] = np.array([8, 8, 12]) * (ONE // 16)
-    hurry = np.tile(np.array([64, 128], np.uint8), (game.n_base_pairs, 1))
-    found = solve(dataclasses.replace(game, threshold=threshold, hurry=hurry), tolerance=1e-12)
-    # Unknowns A, L, H, X, Y.
-    stroke = [[1, 0, 0, 1 / 4, 1 / 4], [0, 1, 0, 1 / 4, 1 / 2], [0, 0, 1, 1 / 4, 1 / 4]]
-    matrix = [*stroke, [0, -3 / 4, -1 / 4, 1, 0], [-1 / 2, 0, -1 / 2, 0, 1]]
-    above, below, hurried, *returned = np.linalg.solve(matrix, [1 / 4, -1 / 4, -1 / 2, 0, 0])
-    for offset, value in enumerate((below, above, hurried, hurried)):
-        assert found.value[0][4 + offset :: 4] == pytest.approx(value, abs=2e-12)
-    assert found.value[0][ROOT] == pytest.approx(-1 / 8 - 7 / 16 * sum(returned), abs=2e-12)
 
 
 GAME = reduced_game()

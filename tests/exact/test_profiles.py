@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,17 +17,14 @@ from shuttle_marl.exact import (
     crossplay,
     evaluate,
     nash_conv,
-    occupancy,
     policy_regret,
     solve,
     visits,
 )
-from shuttle_marl.exact.fixed_point import solve_linear
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import (
     THREE_STROKES,
     games,
@@ -187,19 +184,6 @@ def test_a_policy_that_is_not_rounded_is_evaluated_too(bc: TabulatedPolicy) -> N
     assert nash_conv(exact).nash_conv == pytest.approx(nash_conv(bc).nash_conv, abs=1e-13)
 
 
-def test_rounding_leaves_no_negative_visits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A training run stopped where visits of -6e-20 were used as probabilities."""
-
-    def rounded(*args: Any, **kwargs: Any) -> tuple[Any, float, float]:
-        z, residual, error = solve_linear(*args, **kwargs)
-        return z - 1e-18, residual, error
-
-    monkeypatch.setattr(occupancy, "solve_linear", rounded)
-    policy = random_policy(random_game(3), 0, 40.0)
-    for states in visits(policy, best_response(policy).policy).states:
-        assert states.min() == 0
-
-
 def test_visits_are_expected_numbers_of_strokes() -> None:
     """On the three strokes, probabilities of continuing are 14/16 for the serve, 8/16 for the smash and 12/16 for the lift."""
     game = hand_made()
@@ -251,10 +235,3 @@ def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
         assert table.match()[i, j] == pytest.approx(odds.match(), abs=1e-7)
     assert table.match() + table.match().T == pytest.approx(np.ones((3, 3)), abs=1e-12)
     assert np.diag(table.rally) == pytest.approx(np.full(3, 0.5), abs=1e-12)
-
-
-def test_no_policies_and_other_games_are_refused(small: Game) -> None:
-    with pytest.raises(ExactError, match="no policies"):
-        crossplay([])
-    with pytest.raises(ExactError, match="differ in catalogue"):
-        crossplay([tabulate(resolve("safe", small), small), random_policy(random_game(0), 0)])

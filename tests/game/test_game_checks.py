@@ -173,21 +173,3 @@ def test_positions_are_of_one_seat_in_the_game_with_recovery() -> None:
     assert (hidden.n_actions, hidden.n_positions, GAME.n_actions, GAME.n_positions) == (N + 9, 9, N, 1)
     assert hidden.action_names[N : N + 2] == ("wait:front-forehand", "wait:front-centre")
     assert GAME.action_names == GAME.catalogue.names
-
-
-def test_strokes_may_be_forbidden() -> None:
-    found = GAME.without("smash")
-    assert found.legal_strokes(4 * edge(CLEAR, LIFT) + 1).tolist() == [CLEAR, 3, KILL]
-    assert found.legal_strokes(4 * edge(CLEAR, LIFT)).tolist() == [CROSS, LIFT, NET]
-    kept = GAME.base_pair_stroke != SMASH
-    assert np.array_equal(found.threshold, GAME.threshold[kept])
-    assert np.array_equal(found.hurry, GAME.hurry[kept])
-    names = GAME.catalogue.names
-    assert GAME.without(names[SMASH]).hash == found.hash
-    assert GAME.without("net-shot").legal_strokes(4 * edge(CLEAR, LIFT)).tolist() == [CROSS, LIFT]
-    with pytest.raises(GameError, match="no stroke 'slice'; shot types are: short-serve, "):
-        GAME.without("smash", "slice")
-    with pytest.raises(GameError, match=f"no stroke is legal after {names[0]} without lift, net-shot, cross-court-net-shot"):
-        GAME.without("lift", "net-shot", "cross-court-net-shot")
-    with pytest.raises(GameError, match="no stroke is legal after the start of a rally without short-serve"):
-        GAME.without("short-serve")

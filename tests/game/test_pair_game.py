@@ -95,14 +95,6 @@ def _chances(threshold: Any) -> tuple[Any, Any, Any]:
         return fault, (1 - winner) / (1 - fault), (1 - below) / (1 - winner)
 
 
-def test_the_tables_are_the_same_on_every_machine() -> None:
-    rng = np.random.Generator(np.random.PCG64(6))
-    offset = rng.integers(-1000, 1000, (3, len(SHOTS))) / 1024
-    table = pairs._with_skill(fixed_game(), offset)
-    assert hashlib.sha256(table.tobytes()).hexdigest()[:16] == "9f84ca9ec61e49be"
-    assert (table[:, 1:] >= table[:, :-1]).all()
-
-
 def test_exchanged_players_have_exchanged_tables() -> None:
     both, other = pair(), pair(B, A)
     assert both.seats[0].hash == other.seats[1].hash != both.seats[1].hash
@@ -331,16 +323,3 @@ def test_variances_of_both_players_add_up() -> None:
     assert np.array_equal(table.variances(A, B, "2020-01-01"), own + other)
     assert np.array_equal(table.variances("average", B, "2020-01-01"), other)
     assert table.variances("average", "average").tolist() == np.zeros((3, 7)).tolist()
-
-
-def test_offsets_are_limited_and_strokes_go_on_ending_rallies() -> None:
-    game = fixed_game()
-    threshold = game.threshold.copy()
-    threshold[::3, :2], threshold[1::3, :2] = (0, 1), 0
-    game = dataclasses.replace(game, threshold=threshold)
-    offset = np.zeros((3, len(SHOTS)))
-    tables = [pairs._with_skill(game, offset + sign * size) for sign in (1, -1) for size in (4, 5)]
-    assert np.array_equal(tables[0], tables[1])
-    assert np.array_equal(tables[2], tables[3])
-    assert (tables[0][::3, 1] == 1).all()
-    assert not tables[0][1::3, :2].any()

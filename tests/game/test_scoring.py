@@ -27,18 +27,6 @@ from shuttle_marl.game.scoring import (
     wins_game,
 )
 
-
-def play(score: Score, winners: str) -> Score:
-    """The score after rallies, given who wins them."""
-    for winner in winners:
-        score = score.after(int(winner))
-    return score
-
-
-def line(score: Score) -> str:
-    return " ".join(f"{a}-{b}" for a, b in score.by_game)
-
-
 SCORES = json.loads((Path(__file__).parent / "scores.json").read_text(encoding="utf-8"))
 """Scores that the page has to judge alike, see ``tests/watch/test_tagging.py``."""
 
@@ -63,35 +51,6 @@ def test_open_scores_come_after_all_that_can_follow() -> None:
         assert all(after.over or (after.games, after.points) in seen for after in following)
         seen.add((games, points))
     assert len(seen) == 4 * (3 * 3 + 3)  # in each of four games: below three points, or 2-3, 3-2, 3-3
-
-
-def test_a_match_in_two_games() -> None:
-    score = play(Score(server=1), "0" * 21)
-    assert line(score) == "21-0 0-0"
-    assert score.games == (1, 0)
-    assert score.points == (0, 0)
-    assert score.server == 0, "the winner of a game serves first in the next"
-    score = play(score, "1" * 19 + "0" * 20)
-    assert line(score) == "21-0 20-19"
-    assert not score.over
-    assert score.winner is None
-    score = play(score, "0")
-    assert score.over
-    assert score.winner == 0
-    assert line(score) == "21-0 21-19"
-    assert score.by_game[-1] == (21, 19)
-
-
-def test_a_third_game_decides() -> None:
-    score = play(Score(), "0" * 21 + "1" * 21 + "0" * 20 + "1" * 21)
-    assert line(score) == "21-0 0-21 20-21"
-    assert score.seen_by(1) == (21, 20, 1, 1)
-    assert score.seen_by(0) == (20, 21, 1, 1)
-    score = play(score, "1")
-    assert line(score) == "21-0 0-21 20-22"
-    assert score.winner == 1
-    assert score.games == (1, 2)
-    assert BWF.max_rallies == 3 * 59
 
 
 @pytest.mark.parametrize(

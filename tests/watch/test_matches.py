@@ -96,16 +96,6 @@ def test_rally_waits_for_a_person_and_plays_their_stroke(tables: PolicyTables) -
         match(tables, chosen={"0": {"0": game.n_strokes - 1}}).rally(0)
 
 
-def test_players_look_as_who_they_are_from_the_rally_in_which_they_come(tables: PolicyTables) -> None:
-    comes = {"rally": 1, "seat": 1, "side": {"policy": f"bc:{B}", "temperature": 0.5}}
-    agent = {"rally": 2, "seat": 0, "side": {"policy": "minimax"}}
-    woman = {"rally": 3, "seat": 0, "side": {"policy": "bc:an-se-young"}}
-    played = match(tables, changes=[comes, agent, woman])
-    looks = [(rally.hands, rally.athletes) for rally in map(played.rally, range(4))]
-    right, left, men = ("right", "right"), ("left", "left"), ("male", "male")
-    assert looks == [(right, men), (left, men), (left, men), (("right", "left"), ("female", "male"))]
-
-
 def test_persons_of_different_hands_meet_in_the_game_of_different_hands(tables: PolicyTables, tmp_path: Path) -> None:
     momota, woman = {"policy": "bc:kento-momota"}, {"policy": "bc:an-se-young"}
     plan = Plan.parse({"seed": 3, "sides": [momota, woman], "changes": [{"rally": 2, "seat": 0, "side": BC}]})
