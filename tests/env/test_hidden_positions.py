@@ -1,8 +1,7 @@
-"""Where a receiver waits is hidden: what the striker gets is the same whatever it is, and trees find nothing in it.
+"""Where a receiver waits is hidden: what the striker gets is the same whatever it is.
 
 A position may show in what follows only by the outcome of the stroke that it decides. So two copies of an episode in which a
-receiver waits at different places are told alike, up to a different outcome; and trees that get everything that a striker is
-given predict the position no better than who knows the state and the equilibrium.
+receiver waits at different places are told alike, up to a different outcome.
 """
 
 import copy
@@ -19,7 +18,6 @@ from shuttle_marl.env.words import TextRallyEnv, text_env
 from tests.recovery import Prefers, small_recovery_game
 
 GAME = small_recovery_game()
-N = GAME.n_strokes
 
 
 def received(env: Any, *, picture: bool = False) -> list[Any]:

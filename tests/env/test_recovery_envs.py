@@ -98,10 +98,6 @@ def test_without_a_mask_strikers_strike_and_receivers_wait() -> None:
     assert GAME.waiting.mask(GAME.base(states[waits]))[np.arange(waits.sum()), actions[waits] - GAME.n_strokes].all()
 
 
-def _states(state: int) -> States:
-    return States(game=GAME, state=np.array([state], np.int32))
-
-
 def to_a_choice(env: Any, seed: int) -> Any:
     """Play until an agent is to choose a position."""
     rng = np.random.default_rng(seed)

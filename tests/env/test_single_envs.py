@@ -58,7 +58,7 @@ def legal_stroke(seen: dict[str, np.ndarray], rng: np.random.Generator) -> int:
 def test_gymnasiums_check_passes_without_warnings(name: str, mode: str | None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = gymnasium.make(name, opponent="bc", render_mode=mode)
+        env = gymnasium.make(name, opponent="bc", render_mode=mode, game="default" if mode else "default:recovery")
         check_env(env.unwrapped, skip_render_check=mode is None)
         env.close()
 

@@ -78,10 +78,12 @@ def test_matrix_games_equal_linear_programs() -> None:
     for case in range(200):
         k, m = int(rng.integers(1, 30)), int(rng.integers(1, 10))
         matrix = rng.normal(size=(k, m)) if case % 2 else rng.integers(-2, 3, (k, m)).astype(float)  # many ties
+        unit, shift = ((1.0, 0.0), (1e-7, 0.0), (1e5, -3e5))[case % 3]
+        matrix = matrix * unit + shift
         x, y = np.empty(k), np.empty(m)
         low, high = matrix_game(matrix, x, y)
-        assert high - low < 1e-12
-        assert (low + high) / 2 == pytest.approx(value_by_program(matrix), abs=1e-9)
+        expected = pytest.approx(value_by_program((matrix - shift) / unit) * unit + shift, abs=1e-9 * unit)
+        assert (low, high, (x @ matrix).min(), (matrix @ y).max()) == (expected,) * 4
         assert x.sum() == pytest.approx(1)
         assert y.sum() == pytest.approx(1)
         assert min(x.min(), y.min()) >= 0

@@ -1,7 +1,6 @@
 """Minimax values against hand-solved games and strategy iteration; also with hurried strikers, and without some strokes."""
 
 import copy
-import dataclasses
 from fractions import Fraction
 
 import numpy as np
@@ -10,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.exact import ExactError, Solution, least_gain, nash_conv, solve
-from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import Rules, match_win_probability
-from shuttle_marl.game.tables import ROOT, Game, GameError
+from shuttle_marl.game.tables import Game, GameError
 from tests.exact.exact_games import (
     games,
     hand_made,
@@ -76,28 +74,6 @@ def test_the_bound_is_that_of_the_contraction(solution: Solution, small: Game) -
     assert solution.contraction == pytest.approx(d, abs=1e-12)
     assert solution.error_bound == pytest.approx(solution.residual * d / (1 - d), abs=1e-9)
     assert solution.error_bound <= 1e-9
-
-
-def test_the_minimax_policy_plays_one_legal_stroke_in_every_state(solution: Solution, small: Game) -> None:
-    p = solution.policy[0].pair_probabilities()
-    assert set(np.unique(p)) == {0.0, 1.0}
-    assert np.array_equal(np.bincount(small.pair_state, p, small.n_states), small.legal_count(np.arange(small.n_states)) > 0)
-
-
-def test_a_stroke_that_never_ends_the_rally_is_refused() -> None:
-    game = hand_made()
-    threshold = game.threshold.copy()
-    pair = int(np.flatnonzero(game.catalogue.names[2] == np.array(game.catalogue.names)[game.pair_stroke])[3])
-    threshold[pair, :2] = 0
-    endless = dataclasses.replace(game, threshold=threshold)
-    with pytest.raises(ExactError, match="lift:back-centre:below:forehand never ends the rally in state: own"):
-        solve(endless)
-    threshold = game.threshold.copy()
-    threshold[:1, :2] = 0
-    assert largest_continuation(dataclasses.replace(game, threshold=threshold)) < 1, "a serve may always continue"
-    serve_always_good = solve(dataclasses.replace(game, threshold=threshold), tolerance=1e-12)
-    expected = -(threshold[0, 2] / 65536 * -7 / 23 + (1 - threshold[0, 2] / 65536) * 6 / 23)
-    assert serve_always_good.value[0][ROOT] == pytest.approx(expected, abs=2e-12)
 
 
 def test_games_of_different_layouts_are_refused(small: Game) -> None:

@@ -57,6 +57,13 @@ def test_states_with_small_losses_are_no_holes() -> None:
     assert found.exploitability == answer.value.odds().value
 
 
+def test_losses_with_hidden_positions_are_those_of_the_policy_alone() -> None:
+    game = with_recovery(random_game(2), 2)
+    found = holes(waiting(random_policy(game, 2), 2), top=3)
+    assert found.given_up == 0
+    assert found.loss == pytest.approx(found.exploitability, abs=1e-6)
+
+
 def test_the_largest_continuation_of_strokes_and_of_policies() -> None:
     outcome, state = GAME.outcome_probabilities(), GAME.base(GAME.pair_state)
     continues = outcome[:, 2:].sum(axis=1)
@@ -149,7 +156,7 @@ def test_limits_make_rare_strokes_faults() -> None:
 
 
 def test_endless_states_are_named() -> None:
-    """The only state whose only stroke never ends the rally."""
+    """The only state whose only stroke never ends the rally; a serve may always go on."""
     single = np.flatnonzero(np.diff(GAME.base_pair_start) == 1)
     state = int(single[single >= FIRST_RALLY_STATE][2])
     threshold = GAME.threshold.copy()
@@ -157,6 +164,11 @@ def test_endless_states_are_named() -> None:
     endless = dataclasses.replace(GAME, threshold=threshold)
     stroke = GAME.catalogue.names[int(GAME.base_pair_stroke[GAME.base_pair_start[state]])]
     with pytest.raises(ExactError, match=re.escape(f"{stroke} never ends the rally in state: {GAME.describe(state)};")):
-        largest_continuation(endless)
+        solve(endless)
+    with pytest.raises(ExactError, match="never ends the rally against some position"):
+        solve(with_recovery(endless, 2))
     with pytest.raises(ExactError, match=re.escape(f"ever ends the rally in state: {GAME.describe(state)}")):
-        induced(random_policy(endless, 0))
+        evaluate(random_policy(endless, 0), random_policy(GAME, 0))
+    threshold = GAME.threshold.copy()
+    threshold[:1, :2] = 0
+    assert solve(dataclasses.replace(GAME, threshold=threshold)).error_bound < 1e-8

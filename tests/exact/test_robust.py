@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.exact import ExactError, best_response, solve, solve_robust
+from shuttle_marl.exact import best_response, solve, solve_robust
 from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
-from tests.exact.exact_games import THREE_STROKES, games, hand_made, random_game, seeds, with_probabilities
+from tests.exact.exact_games import THREE_STROKES, games, hand_made, seeds, with_probabilities
 
 Floats = np.ndarray
 
@@ -102,10 +102,3 @@ def test_no_opponent_and_no_game_takes_more(game: Game, seed: int) -> None:
         mixed = dataclasses.replace(game, threshold=tables)
         opponent = best_response(moved(found.policy, mixed)).value.odds()
         assert 1 - opponent.rally >= found.odds().rally - 1e-8
-
-
-def test_games_that_do_not_fit() -> None:
-    with pytest.raises(ExactError, match="robust play over no games"):
-        solve_robust([])
-    with pytest.raises(ExactError, match=r"different catalogues|differ in|count effort"):
-        solve_robust([random_game(1), random_game(2)])

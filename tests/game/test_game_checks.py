@@ -15,7 +15,7 @@ from tests.reduced import reduced_game, reduced_model
 
 GAME = tiring_game()
 N, EDGES, REPLIES = GAME.n_strokes, len(GAME.edge_own), len(GAME.reply_edge)
-CLEAR, CROSS, LIFT, NET, KILL, SMASH = 1, 2, 4, 5, 6, 7
+CLEAR, LIFT, NET, SMASH = 1, 4, 5, 7
 """Of the eight strokes: clear, half-smash (3), a net shot from above and smash from above the net, the others from below."""
 
 
