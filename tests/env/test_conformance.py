@@ -8,7 +8,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import pytest
 from pettingzoo import test as conformance
 from pettingzoo.utils import wrappers
@@ -71,14 +70,6 @@ def test_state(module: ModuleType) -> None:
         warnings.simplefilter("error")
         state_test.test_state_space(module.env())
         state_test.test_state(module.raw_env(), 0)
-    env = module.env()
-    env.reset(seed=1)
-    for _ in range(5):
-        seen, turn = np.split(env.state(), [-1])
-        assert np.array_equal(seen, env.observe("player_0")["observation"])
-        assert turn == (env.agent_selection == "player_0")
-        assert env.state() in env.state_space
-        env.step(int(env.last()[0]["action_mask"].argmax()))
 
 
 @both

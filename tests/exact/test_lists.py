@@ -134,11 +134,3 @@ def test_a_hole_says_what_is_played_and_what_is_better() -> None:
         assert names[int(values.argmax())] == hole.best
         assert hole.best_share == pytest.approx(probability[pairs][int(values.argmax())])
         assert names[int(probability[pairs].argmax())] == hole.played
-
-
-def test_perfect_play_has_no_holes() -> None:
-    game = tiring_game()
-    found = holes(solve(game).policy[0])
-    assert found.holes == ()
-    assert found.share == 1.0
-    assert np.isclose(found.exploitability, 0, atol=1e-8)

@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 
 from shuttle_marl.exact import (
     ExactError,
-    PairPolicy,
-    Solution,
     best_response,
     crossplay,
     evaluate,
@@ -21,11 +19,9 @@ from shuttle_marl.exact import (
     solve,
     visits,
 )
-from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from tests.exact.exact_games import (
-    THREE_STROKES,
     games,
     hand_made,
     linear_values,
@@ -37,41 +33,6 @@ from tests.exact.exact_games import (
 )
 
 sharpness = st.sampled_from([0.5, 1.0, 8.0])
-
-
-def test_rally_odds_of_three_strokes_by_hand() -> None:
-    """No choice: the values are those of perfect play, -39/368 at the serve (see test_minimax)."""
-    policy = random_policy(hand_made(), 0)
-    odds = evaluate(policy, policy, tolerance=1e-12).odds()
-    assert odds.serving == pytest.approx((1 - 39 / 368) / 2, abs=1e-12)
-    assert odds.receiving == pytest.approx((1 + 39 / 368) / 2, abs=1e-12)
-    assert (odds.rally, odds.value) == (pytest.approx(0.5, abs=1e-12), pytest.approx(0, abs=1e-12))
-
-
-def test_best_response_by_hand() -> None:
-    """Against one who always clears: C = -1/16 - 3/4 L - 3/16 A and N = -1/4 - C/2 - L/4, where the responder answers.
-
-    A = 1/4 - N/4 - C/4 (the smash) and L = -1/4 - N/4 - C/2 (the lift), N and C the opponent's values from below and above.
-    """
-    game = hand_made((*THREE_STROKES, "clear:back-centre:above:forehand"))
-    stroke = game.catalogue.shot[game.pair_stroke]
-    always_clear = (stroke != SHOTS.index("smash")).astype(float)
-    policy = TabulatedPolicy(game=game, cumulative=_certain(game, always_clear))
-    # Unknowns A, L, C, N.
-    matrix = np.array([[1, 0, 1 / 4, 1 / 4], [0, 1, 1 / 2, 1 / 4], [3 / 16, 3 / 4, 1, 0], [1 / 2, 1 / 4, 0, 1]])
-    above, below, *opponent = np.linalg.solve(matrix, [1 / 4, -1 / 4, -1 / 16, -1 / 4])
-    answer = best_response(policy, tolerance=1e-12)
-    assert answer.value.striking[0][5::2] == pytest.approx(above, abs=2e-12)
-    assert answer.value.striking[0][4::2] == pytest.approx(below, abs=2e-12)
-    expected = -1 / 8 - 7 / 16 * sum(opponent)
-    assert answer.value.odds().serving == pytest.approx((1 + expected) / 2, abs=1e-12)
-    assert expected > -39 / 368, "perfect play gives less away"
-
-
-def _certain(game: Game, probability: np.ndarray) -> np.ndarray:
-    total = np.cumsum(probability)
-    before = np.r_[0, total][game.pair_start[game.pair_state]]
-    return ((total - before) * 65535).astype(np.uint16)
 
 
 @settings(max_examples=15, deadline=None)
@@ -168,19 +129,6 @@ def test_regrets_add_up_to_what_is_lost(game: Game, seed: int, sharp: float) -> 
     assert loss.state.min() >= -1e-8
     top = loss.largest(3)
     assert (loss.state * loss.weight)[top[0]] == (loss.state * loss.weight).max()
-
-
-def test_perfect_play_has_no_regret(solution: Solution, bc: TabulatedPolicy) -> None:
-    loss = policy_regret(solution.policy[0], bc, solution=solution)
-    assert loss.per_rally == pytest.approx(0, abs=loss.error_bound)
-
-
-def test_a_policy_that_is_not_rounded_is_evaluated_too(bc: TabulatedPolicy) -> None:
-    exact = PairPolicy(game=bc.game, probability=bc.pair_probabilities())
-    # Weights of a table are whole numbers, others are not, so that sums are rounded elsewhere.
-    found, expected = evaluate(exact, bc).odds(), evaluate(bc, bc).odds()
-    assert (found.serving, found.receiving) == pytest.approx((expected.serving, expected.receiving), abs=1e-13)
-    assert nash_conv(exact).nash_conv == pytest.approx(nash_conv(bc).nash_conv, abs=1e-13)
 
 
 def test_visits_are_expected_numbers_of_strokes() -> None:

@@ -175,45 +175,40 @@ def test_a_model_without_skill(tmp_path: Path) -> None:
         load_skill(tmp_path)
 
 
-@pytest.mark.parametrize("name", [
-    "unsorted days", "same days", "unsorted players", "gap in players", "group", "discipline", "hand", "unknown hand", "shape",
-    "finite", "names", "no list", "numbers", "hash",
-])  # fmt: skip
-def test_damaged_skill(tmp_path: Path, name: str) -> None:
+def changed(name: str, at: Any, value: Any) -> Any:
+    def change(arrays: dict[str, Any], names: list[Any]) -> None:
+        arrays[name] = arrays[name].copy()
+        arrays[name][at] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda arrays, names: arrays.update(day=arrays["day"][::-1].copy()),
+        lambda arrays, names: arrays.update(player=arrays["player"][::-1].copy()),
+        lambda arrays, names: arrays.update(group=arrays["group"] + np.int8(1)),
+        lambda arrays, names: arrays.update(offset=arrays["offset"][:-1]),
+        changed("day", 1, 17897),  # that of the first row
+        changed("player", slice(-2, None), 99),
+        *(changed(*one) for one in (("discipline", 3, 2), ("hand", 3, 2), ("hand", 3, -2), ("deviation", 3, np.nan))),
+        *(lambda arrays, names, wrong=wrong: names.__setitem__(0, wrong) for wrong in ("average", 1)),
+    ],
+)
+def test_damaged_skill(damage: Any, tmp_path: Path) -> None:
     folder = shutil.copytree(reduced_model(), tmp_path / "model")
-    content = (folder / SKILL).read_bytes()
-    arrays, names = dict(load_arrays(content)), list[Any](skill().players)
-    if name == "unsorted days":
-        arrays["day"] = arrays["day"][::-1].copy()
-    if name == "same days":
-        arrays["day"][1] = arrays["day"][0]
-    if name == "gap in players":
-        arrays["player"][-2:] += 1
-    for part in ("discipline", "hand"):
-        if name == part:
-            arrays[part][3] = 2
-    if name == "unknown hand":
-        arrays["hand"][3] = -2
-    if name == "unsorted players":
-        arrays["player"] = arrays["player"][::-1].copy()
-    if name == "group":
-        arrays["group"] = arrays["group"] + np.int8(1)
-    if name == "shape":
-        arrays["offset"] = arrays["offset"][:-1]
-    if name == "finite":
-        arrays["deviation"][3] = np.nan
-    if name == "names":
-        names[0] = "average"
-    if name == "numbers":
-        names[0] = 1
-    changed = tensor_bytes(arrays, {"skill": json.dumps({"players": dict.fromkeys(names) if name == "no list" else names})})
-    (folder / SKILL).write_bytes(changed if name != "hash" else content + b" ")
-    if name != "hash":
-        card = read_model_card(folder)
-        card["sha256"][SKILL] = hashlib.sha256(changed).hexdigest()
-        (folder / CARD).write_bytes(seal(card))
-    with pytest.raises(GameError, match="no readable skill of players"):
-        load_skill(folder)
+    arrays, names = dict(load_arrays((folder / SKILL).read_bytes())), list[Any](skill().players)
+    damage(arrays, names)
+    content = tensor_bytes(arrays, {"skill": json.dumps({"players": names})})
+    card = read_model_card(folder)
+    for known in (False, True):  # first the hash of the card does not fit
+        (folder / SKILL).write_bytes(content)
+        (folder / CARD).write_bytes(
+            seal({**card, "sha256": card["sha256"] | ({SKILL: hashlib.sha256(content).hexdigest()} if known else {})})
+        )
+        with pytest.raises(GameError, match="no readable skill of players"):
+            load_skill(folder)
 
 
 def test_people_change_seats_with_their_hands() -> None:
