@@ -80,15 +80,6 @@ def test_maximal_lotteries_of_known_games() -> None:
     assert np.allclose(maximal_lottery(np.maximum(margins, 0)), np.array([2, 1, 3]) / 6, atol=1e-9)
 
 
-def test_alpha_rank_of_known_games() -> None:
-    assert np.allclose(alpha_rank(ROCK_PAPER_SCISSORS), 1 / 3)
-    assert np.allclose(alpha_rank(ROCK_PAPER_SCISSORS, alpha=np.inf), 1 / 3)
-    assert np.allclose(alpha_rank(TRANSITIVE), [1, 0, 0], atol=1e-9)
-    with_copy = alpha_rank(_with_copy(ROCK_PAPER_SCISSORS))
-    assert with_copy[0] == pytest.approx(with_copy[1])
-    assert alpha_rank([[0.0]]).tolist() == [1.0]
-
-
 @pytest.mark.parametrize("alpha", [0.1, 1.0, 10.0, np.inf])
 @pytest.mark.parametrize("seed", range(3))
 def test_alpha_rank_equals_open_spiel(alpha: float, seed: int) -> None:

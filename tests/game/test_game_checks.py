@@ -154,12 +154,6 @@ def test_the_game_of_a_pair_has_tables_for_each_seat() -> None:
     for wrong in ({"people": pair.people}, {"threshold": pair.threshold}):
         with pytest.raises(GameError, match="tables of two seats are those of a pair: make them with pair_game"):
             dataclasses.replace(average, **wrong)
-    first, second = pair.seats
-    assert [np.array_equal(seat.threshold, table) for seat, table in zip(pair.seats, pair.threshold, strict=True)] == [True] * 2
-    assert (first.seat, second.seat, first.whole, second.whole) == (0, 1, pair, pair)
-    assert (first.opposite, second.opposite, pair.opposite) == (second, first, pair)
-    assert (GAME.seats, GAME.swapped, GAME.average) == ((GAME, GAME), GAME, GAME)
-    assert np.array_equal(pair.swapped.threshold, pair.threshold[::-1])
     with pytest.raises(GameError, match=r"has the tables of both players; take those of a seat"):
         _ = pair.limits
 

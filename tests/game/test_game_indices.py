@@ -1,8 +1,5 @@
 """Index arithmetic of a game: states, legal pairs and numbers over them, against plain loops."""
 
-import dataclasses
-import tracemalloc
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,16 +14,6 @@ from tests.game.test_rally_layout import games
 
 GAME = default_game()
 STATES = np.arange(GAME.n_states)
-
-
-def test_what_is_asked_of_some_pairs_costs_no_memory_for_all() -> None:
-    game = dataclasses.replace(GAME, fault_odds=np.full(8, ONE, np.int32))
-    expected = game.limits[3][5:9]
-    start = 25 * game.n_base_pairs + 5
-    tracemalloc.start()
-    assert (game.limits_of(slice(start, start + 4)) == expected).all()
-    assert tracemalloc.get_traced_memory()[1] < 1 << 20
-    tracemalloc.stop()
 
 
 def test_a_state_and_its_observation_name_each_other() -> None:
@@ -49,11 +36,6 @@ def test_only_what_can_occur_has_a_state(made: tuple[Game, Bools]) -> None:
     sizes = (n + 3, n + 3, 4, 6, game.levels + 2, game.levels + 2, 4)
     expected[np.ravel_multi_index(tuple((seen + 1).T), sizes)] = np.arange(game.n_states)
     assert (game.state_of(*parts) == expected).all()
-
-
-def test_no_pair_of_no_state() -> None:
-    row, pair = GAME.pairs(np.empty(0, np.int32))
-    assert len(row) == len(pair) == 0
 
 
 def test_values_of_strokes_are_means_over_all_draws() -> None:

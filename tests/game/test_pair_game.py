@@ -15,7 +15,6 @@ from safetensors.numpy import load as load_arrays
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
-from shuttle_marl.game import pairs
 from shuttle_marl.game.pairs import (
     game_between,
     game_of_people,
@@ -209,16 +208,6 @@ def test_damaged_skill(damage: Any, tmp_path: Path) -> None:
         )
         with pytest.raises(GameError, match="no readable skill of players"):
             load_skill(folder)
-
-
-def test_people_change_seats_with_their_hands() -> None:
-    people = pairs.People(players=(A, B), date=datetime.date(2020, 5, 1), model=reduced_model(), hands=("right", "left"))
-    assert (people.swapped.players, people.swapped.hands) == ((B, A), ("left", "right"))
-    assert people.swapped.swapped == people
-    assert people.opposite
-    assert people.swapped.opposite
-    assert people.title == f"{A} against {B} as of 2020-05-01"
-    assert dataclasses.replace(people, date=None).title == f"{A} against {B}"
 
 
 LEFT_WOMAN = "kodai-naraoka"  # in the random skill of the small model; kento-momota is a left-handed man there

@@ -89,17 +89,6 @@ def test_steps_are_limited_to_a_byte(unit: int, most: int) -> None:
     assert steps_between(rare, half, unit)[:3].min() == most
 
 
-def test_chances_of_a_hurried_receiver_come_back() -> None:
-    game = load_game()
-    other = shaken(game, 3)
-    found = moved(game, steps_between(game, other))
-    # Half a step, and the rounding of both to 1/256; steps are limited, so what is almost certain may not be reached.
-    reached = (game.hurry > 8) & (game.hurry < 248)
-    assert reached.mean() > 0.2
-    assert np.abs(found.hurry.astype(int) - other.hurry)[reached].max() <= 6
-    assert (found.hurry != game.hurry).mean() > 0.9
-
-
 def even(*threshold: int, hurry: int = 64) -> Game:
     """A small game in which all strokes have the same probabilities."""
     game = tiring_game()

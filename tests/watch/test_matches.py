@@ -195,25 +195,6 @@ def test_invalid_plans_are_rejected(raw: object) -> None:
         Plan.parse(raw)
 
 
-def test_another_stroke_continues_the_motion_of_the_rally(tables: PolicyTables) -> None:
-    game, plan = tables.game, Plan.parse(PLAN)
-    answers = Answers(tables, plan, Stager())
-    played = Match(plan, tables)
-    number = next(k for k in range(40) if len(played.rally(k)) > 2)
-    rally = played.rally(number)
-    other = next(int(s) for s in game.legal_strokes(int(rally.states(game)[1])) if s != rally.stroke[1])
-    whole = answers(RallyRequest(id=1, plan=plan, rally=number))
-    tried = Plan.parse({**PLAN, "chosen": {str(number): {"1": other}}})
-    branch = answers(RallyRequest(id=2, plan=tried, rally=number))
-    rest = answers(RallyRequest(id=3, plan=tried, rally=number, have=True))
-    strokes = [json.loads(reply[4 : 4 + int.from_bytes(reply[:4], "little")])["rally"]["strokes"] for reply in (whole, branch)]
-    for name in ("stroke", "state", "time", "frame", "contact"):
-        assert strokes[0][0][name] == strokes[1][0][name]
-    assert strokes[1][1]["stroke"] == other
-    assert strokes[1][1]["person"]
-    assert len(rest) < len(branch), "the frames before the branch are left out"
-
-
 def test_pages_cannot_load_code_or_files(tables: PolicyTables) -> None:
     for name in ("os:getcwd", "table:/etc/passwd", "agent:/tmp", "tests.watch:x"):
         plan = Plan.parse({**PLAN, "sides": [BC, {"policy": name}]})

@@ -561,17 +561,9 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
     with serving(*flags) as server:
         viewer.open(server.address)
         assert viewer.state("phase", "rally", "inputs") == ["shot", 2, 13]
-        viewer.press("Backspace")
-        viewer.until(saved)
-        assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 12]
-        viewer.press("Backspace")
+        viewer.press("Backspace", "Backspace")
+        assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 11]
         box = page.locator("video").bounding_box()
-        page.keyboard.down("Shift")
-        click(0.5, CLICKS[2][1])  # on the line
-        assert viewer.state("phase", "rally") == ["shot", 1]
-        assert "the place does not tell" in page.inner_text(".refusal")
-        page.keyboard.up("Shift")
-        viewer.press("Backspace")
         page.keyboard.down("Shift")
         click(0.5, 0.25)
         page.keyboard.up("Shift")
