@@ -68,30 +68,6 @@ def waiting_state() -> RallyState:
     return after(RallyGame({"server": 0}, HIDDEN), 0, RETURNED_ABOVE)
 
 
-def test_a_receiver_chooses_a_position_before_the_stroke() -> None:
-    state = waiting_state()
-    feasible = np.flatnonzero(HIDDEN.waiting.mask(np.array([state.number % HIDDEN.n_base_states]))[0])
-    assert len(feasible) > 1
-    assert (state.striker, state.choosing, state.current_player()) == (1, True, 0)
-    assert state.legal_actions() == (HIDDEN.n_strokes + feasible).tolist()
-    assert str(state).startswith("player 0 to wait, player 1 to strike: ")
-    chosen = int(feasible[1])
-    assert state.action_to_string(0, HIDDEN.n_strokes + chosen) == HIDDEN.action_names[HIDDEN.n_strokes + chosen]
-    seen = state.seen().removeprefix("player 0 to wait, ")
-    state.apply_action(HIDDEN.n_strokes + chosen)
-    assert (state.choosing, state.current_player(), state.legal_actions()) == (
-        False,
-        1,
-        HIDDEN.legal_strokes(state.number).tolist(),
-    )
-    name = HIDDEN.action_names[HIDDEN.n_strokes + chosen].removeprefix("wait:")
-    assert (state.seen(), str(state)) == (seen, f"{seen}; receiver at {name}")
-    stroke = state.legal_actions()[0]
-    state.apply_action(stroke)
-    expected = HIDDEN.outcome_probabilities(HIDDEN.pair(state.number, stroke), chosen)
-    assert state.chance_outcomes() == [(i, p) for i, p in enumerate(expected.tolist()) if p > 0]
-
-
 def test_observers_say_whose_turn_it_is_and_who_waits() -> None:
     plain, state = RallyGame(tables=GAME).make_py_observer(), after(RallyGame({"server": 1}, GAME))
     assert (plain.tensor.shape, set(plain.dict)) == ((61,), {"rally", "turn"})

@@ -11,13 +11,12 @@ from shuttle_marl.env.single import SingleMatchEnv
 from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
 from shuttle_marl.game.observation import HURRIED, SWAP, observations
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import choose, stepper_of
+from shuttle_marl.game.policy import GamePolicy, PolicyError, States, UniformPolicy
+from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from tests.recovery import Prefers, small_recovery_game, with_recovery
 from tests.reduced import reduced_model
 
@@ -77,15 +76,6 @@ def test_outcomes_are_as_frequent_as_their_probabilities() -> None:
             expected = GAME.outcome_probabilities(np.array([number]), position)[0]
             found = np.bincount(outcome, minlength=len(OUTCOMES)) / size
             assert (np.abs(found - expected) < 5 * np.sqrt(expected * (1 - expected) / size) + 1e-9).all()
-
-
-@pytest.mark.parametrize("policy", [UniformPolicy(), FORWARD])
-def test_policies_wait_alike_with_and_without_a_table(policy: Policy) -> None:
-    table, rng = tabulate(policy, GAME), np.random.default_rng(4)
-    for state, number in zip(rng.integers(0, GAME.n_states, 60).tolist(), rng.integers(0, 65535, 60).tolist(), strict=True):
-        expected = int(table.choose_position(np.array([state]), np.array([number]))[0])
-        found = [choose(each, GAME, state, number, waits=True) - GAME.n_strokes for each in (policy, table)]
-        assert found == [expected, expected]
 
 
 def test_without_a_mask_strikers_strike_and_receivers_wait() -> None:

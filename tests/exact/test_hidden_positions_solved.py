@@ -182,16 +182,6 @@ def test_people_who_wait_as_people_play_the_game_without_recovery() -> None:
     policy = random_policy(without, 0)
     found, expected = evaluate(moved(policy, game), moved(policy, game)), evaluate(policy, policy)
     assert np.abs(found.striking[0] - expected.striking[0])[ROOT] < 2e-5
-    # By pair: within the rounding of the tables.
-    table = game.waiting
-    people = game.people_positions(game.base_pair_state)
-    base, rank = game.base_pair_state.astype(np.int64), game.base_pair_rank.astype(np.int64)
-    mean = np.zeros((game.n_base_pairs, 3))
-    for position in range(N_POSITIONS):
-        feasible = people[:, position] > 0
-        row = table.row(base[feasible], rank[feasible], np.full(int(feasible.sum()), position))
-        mean[feasible] += people[feasible, position, None] * table.limits[0, row]
-    assert np.abs(mean - game.threshold).max() < 1.01
 
 
 def test_visits_of_a_mixing_pair_end_every_rally_once() -> None:

@@ -18,9 +18,8 @@ from shuttle_marl.commands.watch import MatchOptions
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.pairs import looks_of, pair_game
-from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
+from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
@@ -50,27 +49,6 @@ PLAN = {"seed": 3, "sides": [BC, {"policy": "attacking", "temperature": 0.5}]}
 
 def match(tables: PolicyTables, **fields: object) -> Match:
     return Match(Plan.parse({**PLAN, **fields}), tables)
-
-
-def test_rally_is_determined_by_its_random_numbers(tables: PolicyTables) -> None:
-    game = tables.game
-    played = match(tables)
-    for number in range(6):
-        rally = played.rally(number)
-        key, state = stream(3, 0, number), ROOT
-        states = rally.states(game)
-        for i, stroke in enumerate(rally.stroke.tolist()):
-            assert (states[i], rally.hurried[i]) == (state, game.hurried(state))
-            table = tables.table(Plan.parse(PLAN).sides[rally.striker[i]])  # the same choices as a table's
-            bits = draw(key, i)
-            rank = game.rank(state, stroke)
-            assert int(rank) == int(
-                table.choose(np.array([state]), ((bits >> np.uint64(32)) * np.uint64(65535)) >> np.uint64(32))[0]
-            )
-            outcome, following = strike(game.seats[rally.striker[i]], np.array([state]), np.array([rank]), outcome_draw(bits))
-            assert (outcome[0] < RETURNED_BELOW) == (i == len(rally.stroke) - 1)
-            state = int(following[0])
-        assert played.rally(number + 1).score == rally.score.after(rally.winner or 0)
 
 
 def test_rally_waits_for_a_person_and_plays_their_stroke(tables: PolicyTables) -> None:

@@ -72,9 +72,6 @@ def test_rallies_are_played_to_their_end_or_to_the_turn_of_a_person() -> None:
                 assert mine.ending == RETURNED_BELOW or (before and mine.ending > RETURNED_BELOW)
             assert play(number, person=Person(seat=seat, rally=number + 1, stroke=0)).stroke.tolist() == rally.stroke.tolist()
         kept = len(rally) - 1
-        continued = play(number, begun=(rally, kept))
-        assert continued.stroke.tolist() == rally.stroke.tolist()
-        assert continued.hurried.tolist() == rally.hurried.tolist()
         with pytest.raises(WatchError, match=f"rally {number + 1}: the stroke chosen as number {len(rally)} is not legal there"):
             play(number, {kept: next(k for k in range(game.n_strokes) if k not in game.legal_strokes(states[kept]))})
     assert len(lengths) > 2
