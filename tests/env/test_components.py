@@ -29,8 +29,9 @@ def parts_of(game, action):
 
 
 @pytest.mark.parametrize("module", [rally_v0, match_v0])
-@pytest.mark.parametrize("game", [default_game(), small_recovery_game()], ids=["default", "recovery"])
-def test_the_game_is_the_same_as_with_catalogue_indices(module, game):
+@pytest.mark.parametrize("recovery", [False, True])
+def test_the_game_is_the_same_as_with_catalogue_indices(module, recovery):
+    game = small_recovery_game() if recovery else default_game()
     flat, components = module.env(game=game), module.env(game=game, action="components")
     flat.reset(seed=6)
     components.reset(seed=6)

@@ -30,7 +30,7 @@ def decode(part):
 
 
 @pytest.mark.parametrize("game", [default_game(), tiring_game()], ids=["default", "tiring"])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(12))
 def test_strokes_are_seen_by_name_and_told_with_their_probabilities(play, seed, game):
     env, own, other, told = rally_v0.env(game=game), None, None, {}
     good, returned, _ = game.stroke_probabilities()
