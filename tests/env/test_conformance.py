@@ -8,12 +8,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import pytest
 from pettingzoo import test as conformance
 from pettingzoo.utils import wrappers
 
 from shuttle_marl import match_v0, rally_v0
+from tests.recovery import small_recovery_game
 
 both = pytest.mark.parametrize("module", [rally_v0, match_v0])
 
@@ -32,11 +32,13 @@ def expected(message: str) -> bool:
 
 @both
 @pytest.mark.parametrize("raw", [False, True])
-def test_api(module: ModuleType, raw: bool) -> None:
+@pytest.mark.parametrize("recovery", [False, True])
+def test_api(module: ModuleType, raw: bool, recovery: bool) -> None:
     make = module.raw_env if raw else module.env
+    options = {"game": small_recovery_game()} if recovery else {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        conformance.api_test(make(), num_cycles=2000)
+        conformance.api_test(make(**options), num_cycles=1000)
     assert not [str(w.message) for w in caught if not expected(str(w.message))]
 
 
@@ -48,7 +50,14 @@ def test_api_of_whole_matches_with_rewards_by_rally() -> None:
 
 @pytest.mark.parametrize(
     "make",
-    [rally_v0.env, match_v0.env, rally_v0.raw_env, lambda: match_v0.env(reward="rally"), lambda: rally_v0.env(server=1)],
+    [
+        rally_v0.env,
+        match_v0.env,
+        rally_v0.raw_env,
+        lambda: match_v0.env(reward="rally"),
+        lambda: rally_v0.env(server=1),
+        lambda: match_v0.env(game=small_recovery_game()),
+    ],
 )
 def test_seed(make: Callable[[], Any]) -> None:
     conformance.seed_test(make, num_cycles=500)
@@ -61,14 +70,6 @@ def test_state(module: ModuleType) -> None:
         warnings.simplefilter("error")
         state_test.test_state_space(module.env())
         state_test.test_state(module.raw_env(), 0)
-    env = module.env()
-    env.reset(seed=1)
-    for _ in range(5):
-        seen, turn = np.split(env.state(), [-1])
-        assert np.array_equal(seen, env.observe("player_0")["observation"])
-        assert turn == (env.agent_selection == "player_0")
-        assert env.state() in env.state_space
-        env.step(int(env.last()[0]["action_mask"].argmax()))
 
 
 @both

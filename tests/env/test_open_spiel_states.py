@@ -1,19 +1,16 @@
 """States and observers of the rally in OpenSpiel, one action at a time, and what the game says of itself."""
 
-from typing import Any
-
 import numpy as np
 import pyspiel
 import pytest
 
-from shuttle_marl.env.open_spiel import RallyGame, RallyObserver, RallyState, open_spiel_policy
+from shuttle_marl.env.open_spiel import RallyGame, RallyObserver, RallyState
 from shuttle_marl.game import default_game
 from shuttle_marl.game.observation import SWAP, observations
-from shuttle_marl.game.rules import FAULT, HURRIED_ABOVE, HURRIED_BELOW, RETURNED_ABOVE, RETURNED_BELOW, WINNER
+from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.game.tabulated import tabulate
 from tests.exact.exact_games import hand_made, tiring_game
-from tests.recovery import Prefers, with_recovery
+from tests.recovery import with_recovery
 
 GAME = hand_made()
 SERVE, SMASH, LIFT = range(3)
@@ -38,24 +35,6 @@ def test_a_server_may_be_drawn() -> None:
     state.apply_action(1)
     assert (state.current_player(), state.legal_actions()) == (1, [SERVE])
     assert str(state) == "player 1 to strike: own none, incoming none, contact below"
-
-
-def test_a_stroke_is_followed_by_its_outcome() -> None:
-    game = RallyGame({"server": 0}, GAME)
-    state = after(game, SERVE)
-    assert state.current_player() == CHANCE
-    # 2 of 16 faults, 7 returned from below and 7 from above, of which a quarter hurries the receiver.
-    below = above = 7 / 16 * 3 / 4
-    hurried = 7 / 16 / 4
-    assert state.chance_outcomes() == [
-        (FAULT, 2 / 16), (RETURNED_BELOW, below), (RETURNED_ABOVE, above), (HURRIED_BELOW, hurried), (HURRIED_ABOVE, hurried),
-    ]  # fmt: skip
-    assert str(state).endswith(f"contact below; plays {GAME.catalogue.names[SERVE]}")
-    assert state.action_to_string(0, SERVE) == GAME.catalogue.names[SERVE]
-    assert state.action_to_string(CHANCE, HURRIED_BELOW) == "returned from below, hurried"
-    state.apply_action(HURRIED_ABOVE)
-    assert (state.current_player(), state.striker, state.strokes, state.legal_actions()) == (1, 1, 1, [SMASH])
-    assert str(state).endswith(f"own none, incoming {GAME.catalogue.names[SERVE]}, contact above, hurried")
 
 
 @pytest.mark.parametrize(
@@ -89,30 +68,6 @@ def waiting_state() -> RallyState:
     return after(RallyGame({"server": 0}, HIDDEN), 0, RETURNED_ABOVE)
 
 
-def test_a_receiver_chooses_a_position_before_the_stroke() -> None:
-    state = waiting_state()
-    feasible = np.flatnonzero(HIDDEN.waiting.mask(np.array([state.number % HIDDEN.n_base_states]))[0])
-    assert len(feasible) > 1
-    assert (state.striker, state.choosing, state.current_player()) == (1, True, 0)
-    assert state.legal_actions() == (HIDDEN.n_strokes + feasible).tolist()
-    assert str(state).startswith("player 0 to wait, player 1 to strike: ")
-    chosen = int(feasible[1])
-    assert state.action_to_string(0, HIDDEN.n_strokes + chosen) == HIDDEN.action_names[HIDDEN.n_strokes + chosen]
-    seen = state.seen().removeprefix("player 0 to wait, ")
-    state.apply_action(HIDDEN.n_strokes + chosen)
-    assert (state.choosing, state.current_player(), state.legal_actions()) == (
-        False,
-        1,
-        HIDDEN.legal_strokes(state.number).tolist(),
-    )
-    name = HIDDEN.action_names[HIDDEN.n_strokes + chosen].removeprefix("wait:")
-    assert (state.seen(), str(state)) == (seen, f"{seen}; receiver at {name}")
-    stroke = state.legal_actions()[0]
-    state.apply_action(stroke)
-    expected = HIDDEN.outcome_probabilities(HIDDEN.pair(state.number, stroke), chosen)
-    assert state.chance_outcomes() == [(i, p) for i, p in enumerate(expected.tolist()) if p > 0]
-
-
 def test_observers_say_whose_turn_it_is_and_who_waits() -> None:
     plain, state = RallyGame(tables=GAME).make_py_observer(), after(RallyGame({"server": 1}, GAME))
     assert (plain.tensor.shape, set(plain.dict)) == ((61,), {"rally", "turn"})
@@ -131,21 +86,3 @@ def test_observers_say_whose_turn_it_is_and_who_waits() -> None:
     waiting.apply_action(waiting.legal_actions()[0])
     hidden.set_from(waiting, 0)
     assert hidden.tensor[60:].tolist() == [0, 0]
-
-
-def test_policies_give_probabilities_of_strokes_and_of_positions() -> None:
-    game = RallyGame({"server": 0}, HIDDEN)
-    policy = Prefers(tuple(float(place + 1) for place in range(9)))
-    table, played = tabulate(policy, HIDDEN), open_spiel_policy(policy, game)
-    state = waiting_state()
-    feasible = [action - HIDDEN.n_strokes for action in state.legal_actions()]
-    found = played.action_probabilities(state)
-    assert list(found) == state.legal_actions()
-    whole = sum(place + 1 for place in feasible)
-    assert list(found.values()) == pytest.approx([(place + 1) / whole for place in feasible], abs=1e-4)
-    state.apply_action(state.legal_actions()[0])
-    strokes: dict[int, Any] = played.action_probabilities(state)
-    assert list(strokes) == HIDDEN.legal_strokes(state.number).tolist()
-    pairs = HIDDEN.pairs_of(state.number)
-    assert list(strokes.values()) == table.pair_probabilities()[pairs].tolist()
-    assert sum(strokes.values()) == pytest.approx(1)

@@ -1,31 +1,22 @@
 """The game with recovery where it is played one stroke at a time: conformance, rules, draws, forks, illegal positions."""
 
-import itertools
-import warnings
-from types import ModuleType
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from pettingzoo import test as conformance
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.env.single import Seat, SingleMatchEnv, SingleRallyEnv
-from shuttle_marl.env.snapshot import plan_of
+from shuttle_marl.env.single import SingleMatchEnv
 from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
-from shuttle_marl.env.wrappers import component_masks
-from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, position_draw, stream
 from shuttle_marl.game.observation import HURRIED, SWAP, observations
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import RallyDraws, choose, stepper_of
-from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, position_of
+from shuttle_marl.game.policy import GamePolicy, PolicyError, States, UniformPolicy
+from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import default_game
-from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.tables import Game
 from tests.recovery import Prefers, small_recovery_game, with_recovery
 from tests.reduced import reduced_model
 
@@ -37,23 +28,6 @@ both = pytest.mark.parametrize("module", [rally_v0, match_v0])
 def some_action(env: Any, rng: np.random.Generator) -> int:
     raw = env.unwrapped
     return int(rng.choice(np.flatnonzero(raw.observe(raw.agent_selection)["action_mask"])))
-
-
-@both
-@pytest.mark.parametrize("raw", [False, True])
-def test_pettingzoos_conformance(module: ModuleType, raw: bool) -> None:
-    make = module.raw_env if raw else module.env
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        conformance.api_test(make(game=GAME), num_cycles=1000)
-    conformance.seed_test(lambda: make(game=GAME), num_cycles=300)
-
-
-@pytest.mark.parametrize("make", [SingleRallyEnv, SingleMatchEnv])
-def test_gymnasiums_conformance(make: Any) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(make(opponent=FORWARD, game=GAME), skip_render_check=True)
 
 
 def test_the_ids_name_the_shipped_game() -> None:
@@ -104,22 +78,6 @@ def test_outcomes_are_as_frequent_as_their_probabilities() -> None:
             assert (np.abs(found - expected) < 5 * np.sqrt(expected * (1 - expected) / size) + 1e-9).all()
 
 
-@pytest.mark.parametrize("policy", [UniformPolicy(), FORWARD])
-def test_policies_wait_alike_with_and_without_a_table(policy: Policy) -> None:
-    table, rng = tabulate(policy, GAME), np.random.default_rng(4)
-    for state, number in zip(rng.integers(0, GAME.n_states, 60).tolist(), rng.integers(0, 65535, 60).tolist(), strict=True):
-        expected = int(table.choose_position(np.array([state]), np.array([number]))[0])
-        found = [choose(each, GAME, state, number, waits=True) - GAME.n_strokes for each in (policy, table)]
-        assert found == [expected, expected]
-
-
-def test_draws_of_positions_equal_those_by_counter() -> None:
-    draws = RallyDraws(7, 4)
-    for rally in (0, 31, 32, 5):
-        expected = position_draw(draw(stream(7, 4, rally), np.arange(40))).tolist()
-        assert [draws.position(rally, k) for k in range(40)] == expected
-
-
 def test_without_a_mask_strikers_strike_and_receivers_wait() -> None:
     states = np.tile(np.flatnonzero(GAME.playable)[[40, 90]], 2_000)
     rows, waits = observations(GAME, states), np.arange(len(states)) % 4 < 2
@@ -128,51 +86,6 @@ def test_without_a_mask_strikers_strike_and_receivers_wait() -> None:
     assert np.array_equal(actions >= GAME.n_strokes, waits)
     assert GAME.mask(states[~waits])[np.arange((~waits).sum()), actions[~waits]].all()
     assert GAME.waiting.mask(GAME.base(states[waits]))[np.arange(waits.sum()), actions[waits] - GAME.n_strokes].all()
-
-
-@pytest.mark.parametrize("seat", [0, 1])
-def test_a_rally_against_an_opponent_is_the_rule_with_the_draws_of_the_rally(seat: Seat) -> None:
-    env = SingleRallyEnv(opponent=FORWARD, game=GAME, seat=seat, render_mode="ansi")
-    theirs, own, rng = tabulate(FORWARD, GAME), GamePolicy(FORWARD, GAME), np.random.default_rng(5)
-    seen, _ = env.reset(seed=9)
-    for _ in range(60):
-        key, actions, over = stream(9, env.raw.episode), [], False
-        while not over:
-            assert env.observation_space.contains(seen)
-            state, waits = env.state_number, env.raw.chooses_position
-            row = observations(GAME, np.array([state]))[0]
-            assert np.array_equal(seen["observation"], np.append(row[SWAP] if waits else row, np.float32(waits)))
-            feasible = np.r_[np.zeros(GAME.n_strokes, np.bool_), GAME.waiting.mask(GAME.base(state))]
-            legal = np.r_[GAME.mask(np.array(state)), np.zeros(N_POSITIONS, np.bool_)]
-            assert np.array_equal(seen["action_mask"], feasible if waits else legal)
-            actions.append(int(own.act(seen, rng=rng)))
-            seen, reward, over, _, info = env.step(actions[-1])
-        strokes, waited, state, striker = iter(actions), [], ROOT, int(draw(key, 0)[0] >> np.uint64(24)) & 1
-        for i in itertools.count():
-            bits, at = draw(key, i), np.array([state])
-            if striker == seat:
-                stroke, position = next(strokes), int(theirs.choose_position(at, position_draw(bits))[0])
-            else:
-                stroke = int(GAME.stroke_at(state, theirs.choose(at, choice_draw(bits))[0]))
-                free = GAME.waiting.choices[GAME.base(state)] > 1
-                position = next(strokes) - GAME.n_strokes if free else int(GAME.waiting.position[GAME.base(state), 0])
-            waited.append(position)
-            k = GAME.pair(at, np.array([stroke])) - GAME.pair_start[state]
-            outcome, after = strike(GAME, at, k, outcome_draw(bits), None, np.array([position]))
-            if after[0] < 0:
-                break
-            state, striker = int(after[0]), 1 - striker
-        assert next(strokes, None) is None
-        assert env.raw.snapshot().positions == tuple(waited)
-        assert waited[0] == CENTRE
-        assert f"receiver waited {POSITIONS[waited[-1]]}" in str(env.render())
-        assert info["outcome"] == OUTCOMES[outcome[0]]
-        assert reward == (1.0 if (striker == seat) == (info["outcome"] == "winner") else -1.0)
-        seen, _ = env.reset()
-
-
-def _states(state: int) -> States:
-    return States(game=GAME, state=np.array([state], np.int32))
 
 
 def to_a_choice(env: Any, seed: int) -> Any:
@@ -230,52 +143,6 @@ def test_forks_draw_the_hidden_position_from_what_is_believed(make: Any) -> None
     assert {waited_in(env.fork(seed, np.eye(9)[last]), at) for seed in range(20)} == {last}
     with pytest.raises(PolicyError, match="illegal position"):
         env.fork(1, np.eye(9)[feasible.argmin()])
-
-
-def test_the_picture_shows_where_the_last_receiver_waited_after_the_rally() -> None:
-    env, rng, seen = rally_v0.raw_env(game=GAME), np.random.default_rng(1), 0
-    for seed in range(20):
-        env.reset(seed=seed)
-        while not env.terminations["player_0"]:
-            assert plan_of(env.snapshot()).waited is None
-            env.step(some_action(env, rng))
-        snapshot = env.snapshot()
-        waited = plan_of(snapshot).waited
-        assert waited is not None
-        receiver, where = 1 - snapshot.strokes[-1].player, snapshot.positions[-1]
-        assert where is not None
-        x, y = (waited[1], -waited[0]) if receiver == 0 else (-waited[1], waited[0])
-        assert position_of(np.array(x), np.array(y)) == where
-        seen |= 1 << where
-    assert seen.bit_count() > 3
-
-
-@both
-def test_positions_are_the_fifth_component(module: ModuleType) -> None:
-    flat, parts, rng = module.env(game=GAME), module.env(game=GAME, action="components"), np.random.default_rng(2)
-    c = GAME.catalogue
-    flat.reset(seed=6)
-    parts.reset(seed=6)
-    for agent, other in zip(flat.agent_iter(400), parts.agent_iter(400), strict=True):
-        assert agent == other
-        (seen, *rest), (in_parts, *others) = flat.last(), parts.last()
-        assert rest == others
-        assert parts.observation_space(agent).contains(in_parts)
-        masks = component_masks(in_parts["action_mask"])
-        assert [len(mask) for mask in masks] == [13, 9, 2, 3, 9]
-        assert np.array_equal(masks[4], seen["action_mask"][GAME.n_strokes :])
-        assert masks[0].any() == seen["action_mask"][: GAME.n_strokes].any()
-        if rest[1]:
-            flat.step(None)
-            parts.step(None)
-            if not flat.agents:
-                flat.reset()
-                parts.reset()
-            continue
-        action = int(rng.choice(np.flatnonzero(seen["action_mask"])))
-        flat.step(action)
-        stroke, position = min(action, GAME.n_strokes - 1), max(action - GAME.n_strokes, 0)
-        parts.step(np.array([c.shot[stroke], c.area[stroke], c.height[stroke], c.technique[stroke], position]))
 
 
 def test_rallies_in_words_ask_where_to_wait() -> None:

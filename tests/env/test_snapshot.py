@@ -3,9 +3,8 @@
 import dataclasses
 
 import numpy as np
-import pytest
 
-from shuttle_marl import match_v0, rally_v0
+from shuttle_marl import rally_v0
 from shuttle_marl.env.snapshot import in_words, plan_of
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of, mirrored
 from shuttle_marl.game.pairs import pair_game
@@ -81,16 +80,3 @@ def test_text_tells_the_whole_rally(play):
 
 
 AGENTS = ("player_0", "player_1")
-
-
-@pytest.mark.parametrize("reward", ["match", "rally"])
-def test_an_illegal_stroke_loses_the_match(reward):
-    env = match_v0.env(reward=reward)
-    env.reset(seed=0)
-    loser = env.agent_selection
-    env.step(env.unwrapped.game.n_strokes - 1)
-    winner = AGENTS[1 - AGENTS.index(loser)]
-    assert env.rewards == {loser: -1, winner: 1}
-    assert env.infos[loser]["reason"] == "illegal stroke"
-    assert all(env.terminations.values())
-    assert env.unwrapped.snapshot().match_winner == AGENTS.index(winner)

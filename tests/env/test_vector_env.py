@@ -17,8 +17,6 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel import MatchBatch
-from shuttle_marl.kernel.rally import MatchRows
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 from tests.kernel.recovery import with_positions
 from tests.recovery import small_recovery_game, with_recovery
@@ -197,26 +195,3 @@ def test_rows_play_the_matches_of_the_environment_of_one(
                 env.raw.episode += rows - 1  # in one row of B episodes b, b + B, … are played
                 expected[b] = env.reset()[0]
     assert episodes > 2
-
-
-def test_batch_and_threads_change_nothing() -> None:
-    opponent = random_policy(TIRING, 3)
-    batches = [
-        MatchBatch(TIRING, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True, threads=threads)
-        for threads in (1, 2)
-    ]
-    for _ in range(40):
-        strokes = [batch.random_strokes() for batch in batches]
-        assert np.array_equal(strokes[0], strokes[1])
-        found = [batch.step(stroke, reset=False) for batch, stroke in zip(batches, strokes, strict=True)]
-        assert np.array_equal(found[0][0], found[1][0])
-        assert np.array_equal(found[0][1], found[1][1])
-        for batch, (_, over) in zip(batches, found, strict=True):
-            batch.reset(rows=over)
-    fused = MatchBatch(TIRING, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True)
-    for _ in range(40):
-        fused.step(fused.random_strokes())
-    for name in MatchRows._fields:
-        first, *others = (np.asarray(getattr(batch.matches, name)) for batch in (*batches, fused))
-        assert all(np.array_equal(first, other) for other in others), name
-    assert batches[0].unseen == batches[1].unseen

@@ -9,7 +9,6 @@ from scipy import stats
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.exact import ExactError, best_response, evaluate, solve
 from shuttle_marl.exact.away import over, spread
-from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, newton
 from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
@@ -81,16 +80,3 @@ def test_over_keeps_the_order_of_the_games(refits: tuple[Game, ...]) -> None:
     assert seen["first"].value == 0.5
     with pytest.raises(ExactError, match="an interval needs at least 2 refits"):
         over(refits[:1], lambda game: {})
-
-
-@pytest.mark.parametrize("slope", [-0.9, 0.9, -5.0, 0.999999])
-def test_newton_converges_whatever_its_linear_part(slope: float) -> None:
-    """x = 1 - 0.9 |x|, with a linear part that is right for one of them and misleads with the others."""
-    start = np.zeros(FIRST_RALLY_STATE + 2)  # residuals count in rally states alone
-    found, sweeps, residual, bound = newton(
-        lambda x: (1 - 0.9 * np.abs(x), lambda change: slope * change), start, 0.9, 1e-10, affine=False
-    )
-    assert found == pytest.approx(1 / 1.9, abs=bound)
-    assert bound <= 1e-10
-    assert residual <= bound
-    assert sweeps <= (4 if slope == -0.9 else 600)

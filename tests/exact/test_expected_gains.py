@@ -53,11 +53,6 @@ def test_factors_come_from_training_matches_only(model: Path) -> None:
         factors_of(model)
 
 
-def test_an_estimate_is_scaled_with_its_interval() -> None:
-    assert Estimate(0.5, 0.25, 1.0).scaled(2.0) == Estimate(1.0, 0.5, 2.0)
-    assert Estimate(0.5, 0.25, 1.0).scaled(-1.0) == Estimate(-0.5, -1.0, -0.25)
-
-
 def test_best_responses_and_holes_state_the_part_to_expect(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def printed(*command: str) -> Any:
         assert main([*command, "--game", str(model), "--json"]) == 0

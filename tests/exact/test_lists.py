@@ -1,17 +1,13 @@
 """Lists that read little of the state, advice with enough real strokes behind it, and holes of a policy."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
 from shuttle_marl.exact import best_response, evaluate, holes, solve, visits
 from shuttle_marl.exact.lists import averaged, cells_of, lists
-from shuttle_marl.exact.play import impossible, play, unusual
 from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.shipped import default_game, least_support, load_game, real_strokes
-from shuttle_marl.game.stroke import FRONT_COURT, SHOTS
+from shuttle_marl.game.shipped import least_support, load_game, real_strokes
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
@@ -54,27 +50,6 @@ def test_the_mean_over_every_state_is_the_policy_itself() -> None:
     perfect = solve(game).policy[0]
     alike = averaged(perfect, perfect, np.arange(game.n_states))
     np.testing.assert_allclose(alike.pair_probabilities(), perfect.pair_probabilities(), atol=1e-4)
-
-
-def test_impossible_strokes_are_found() -> None:
-    game = default_game()
-    catalogue = dataclasses.replace(game.catalogue, area=np.full(len(game.catalogue), 8, np.int8))
-    moved = object.__new__(type(game))
-    moved.__dict__.update({**vars(game), "catalogue": catalogue})
-    front = np.isin(np.array(SHOTS)[game.catalogue.shot[game.base_pair_stroke]], FRONT_COURT)
-    assert (impossible(moved) == front).all()
-
-
-def test_play_counts_strokes_and_rare_ones() -> None:
-    game = reduced_game()
-    uniform, perfect = tabulate(UniformPolicy(), game), solve(game).policy[0]
-    own = play(uniform, perfect, unusual(uniform))
-    assert sum(own["shots"].values()) == pytest.approx(1)
-    assert own["rare"] == 0, "a uniform player plays every legal shot type in more than 1 % of cases"
-    assert own["types"] == sum(share > 0.02 for share in own["shots"].values())
-    # Everything but its own single stroke is rare for a player who always plays the same one.
-    assert play(uniform, uniform, unusual(perfect))["rare"] > 0.3
-    assert play(perfect, perfect, unusual(perfect))["rare"] == 0
 
 
 GAME = load_game(reduced_model())
@@ -159,11 +134,3 @@ def test_a_hole_says_what_is_played_and_what_is_better() -> None:
         assert names[int(values.argmax())] == hole.best
         assert hole.best_share == pytest.approx(probability[pairs][int(values.argmax())])
         assert names[int(probability[pairs].argmax())] == hole.played
-
-
-def test_perfect_play_has_no_holes() -> None:
-    game = tiring_game()
-    found = holes(solve(game).policy[0])
-    assert found.holes == ()
-    assert found.share == 1.0
-    assert np.isclose(found.exploitability, 0, atol=1e-8)

@@ -1,7 +1,6 @@
 """Minimax values against hand-solved games and strategy iteration; also with hurried strikers, and without some strokes."""
 
 import copy
-import dataclasses
 from fractions import Fraction
 
 import numpy as np
@@ -10,14 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.exact import ExactError, Solution, least_gain, nash_conv, solve
-from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import Rules, match_win_probability
-from shuttle_marl.game.tables import ROOT, Game, GameError
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.tables import Game, GameError
 from tests.exact.exact_games import (
-    THREE_STROKES,
     games,
     hand_made,
     minimax_by_policy_iteration,
@@ -39,15 +35,6 @@ def test_three_strokes_solved_by_hand() -> None:
     assert solution.value_at_serve == pytest.approx(float(Fraction(-39, 368)), abs=2e-12)
     assert solution.value[0][4::2] == pytest.approx(float(below), abs=2e-12)
     assert solution.value[0][5::2] == pytest.approx(float(above), abs=2e-12)
-
-
-def test_a_worse_stroke_changes_nothing_and_is_not_played() -> None:
-    """A clear in place of the smash is worth -1/16 - 3/4 L - 3/16 A = 0.117 < 6/23."""
-    game = hand_made((*THREE_STROKES, "clear:back-centre:above:forehand"))
-    solution = solve(game, tolerance=1e-12)
-    assert solution.value_at_serve == pytest.approx(float(Fraction(-39, 368)), abs=2e-12)
-    played = game.catalogue.shot[game.pair_stroke[solution.policy[0].pair_probabilities() > 0]]
-    assert set(played) == {game.catalogue.shot[i] for i in range(3)}
 
 
 @settings(max_examples=15, deadline=None)
@@ -89,28 +76,6 @@ def test_the_bound_is_that_of_the_contraction(solution: Solution, small: Game) -
     assert solution.error_bound <= 1e-9
 
 
-def test_the_minimax_policy_plays_one_legal_stroke_in_every_state(solution: Solution, small: Game) -> None:
-    p = solution.policy[0].pair_probabilities()
-    assert set(np.unique(p)) == {0.0, 1.0}
-    assert np.array_equal(np.bincount(small.pair_state, p, small.n_states), small.legal_count(np.arange(small.n_states)) > 0)
-
-
-def test_a_stroke_that_never_ends_the_rally_is_refused() -> None:
-    game = hand_made()
-    threshold = game.threshold.copy()
-    pair = int(np.flatnonzero(game.catalogue.names[2] == np.array(game.catalogue.names)[game.pair_stroke])[3])
-    threshold[pair, :2] = 0
-    endless = dataclasses.replace(game, threshold=threshold)
-    with pytest.raises(ExactError, match="lift:back-centre:below:forehand never ends the rally in state: own"):
-        solve(endless)
-    threshold = game.threshold.copy()
-    threshold[:1, :2] = 0
-    assert largest_continuation(dataclasses.replace(game, threshold=threshold)) < 1, "a serve may always continue"
-    serve_always_good = solve(dataclasses.replace(game, threshold=threshold), tolerance=1e-12)
-    expected = -(threshold[0, 2] / 65536 * -7 / 23 + (1 - threshold[0, 2] / 65536) * 6 / 23)
-    assert serve_always_good.value[0][ROOT] == pytest.approx(expected, abs=2e-12)
-
-
 def test_games_of_different_layouts_are_refused(small: Game) -> None:
     first, second = random_game(1, rallies=5), random_game(2, rallies=5)
     with pytest.raises(ExactError, match="differ in"):
@@ -121,26 +86,6 @@ def test_games_of_different_layouts_are_refused(small: Game) -> None:
     object.__setattr__(moved, "reply_start", first.reply_start + 1)  # no such game can be made
     with pytest.raises(ExactError, match="differ in reply_start"):
         solve(first, moved)
-
-
-def test_three_strokes_that_hurried_strikers_miss() -> None:
-    """One receiver in four is hurried after a return from below, one in two from above, and then half of all strokes are faults.
-
-    A, L are the values above and below, H of a hurried striker from either height; X = 3/4 L + H/4 and Y = A/2 + H/2 are those of
-    a return from below and from above: A = 1/4 - X/4 - Y/4, L = -1/4 - X/4 - Y/2, and H = -1/2 - X/4 - Y/4.
-    """
-    game = hand_made(THREE_STROKES)
-    threshold = game.threshold.copy()
-    threshold[game.hurried(game.base_pair_state) == 1] = np.array([8, 8, 12]) * (ONE // 16)
-    hurry = np.tile(np.array([64, 128], np.uint8), (game.n_base_pairs, 1))
-    found = solve(dataclasses.replace(game, threshold=threshold, hurry=hurry), tolerance=1e-12)
-    # Unknowns A, L, H, X, Y.
-    stroke = [[1, 0, 0, 1 / 4, 1 / 4], [0, 1, 0, 1 / 4, 1 / 2], [0, 0, 1, 1 / 4, 1 / 4]]
-    matrix = [*stroke, [0, -3 / 4, -1 / 4, 1, 0], [-1 / 2, 0, -1 / 2, 0, 1]]
-    above, below, hurried, *returned = np.linalg.solve(matrix, [1 / 4, -1 / 4, -1 / 2, 0, 0])
-    for offset, value in enumerate((below, above, hurried, hurried)):
-        assert found.value[0][4 + offset :: 4] == pytest.approx(value, abs=2e-12)
-    assert found.value[0][ROOT] == pytest.approx(-1 / 8 - 7 / 16 * sum(returned), abs=2e-12)
 
 
 GAME = reduced_game()

@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -11,25 +11,17 @@ from hypothesis import strategies as st
 
 from shuttle_marl.exact import (
     ExactError,
-    PairPolicy,
-    Solution,
     best_response,
     crossplay,
     evaluate,
     nash_conv,
-    occupancy,
     policy_regret,
     solve,
     visits,
 )
-from shuttle_marl.exact.fixed_point import solve_linear
-from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy.registry import resolve
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from tests.exact.exact_games import (
-    THREE_STROKES,
     games,
     hand_made,
     linear_values,
@@ -41,41 +33,6 @@ from tests.exact.exact_games import (
 )
 
 sharpness = st.sampled_from([0.5, 1.0, 8.0])
-
-
-def test_rally_odds_of_three_strokes_by_hand() -> None:
-    """No choice: the values are those of perfect play, -39/368 at the serve (see test_minimax)."""
-    policy = random_policy(hand_made(), 0)
-    odds = evaluate(policy, policy, tolerance=1e-12).odds()
-    assert odds.serving == pytest.approx((1 - 39 / 368) / 2, abs=1e-12)
-    assert odds.receiving == pytest.approx((1 + 39 / 368) / 2, abs=1e-12)
-    assert (odds.rally, odds.value) == (pytest.approx(0.5, abs=1e-12), pytest.approx(0, abs=1e-12))
-
-
-def test_best_response_by_hand() -> None:
-    """Against one who always clears: C = -1/16 - 3/4 L - 3/16 A and N = -1/4 - C/2 - L/4, where the responder answers.
-
-    A = 1/4 - N/4 - C/4 (the smash) and L = -1/4 - N/4 - C/2 (the lift), N and C the opponent's values from below and above.
-    """
-    game = hand_made((*THREE_STROKES, "clear:back-centre:above:forehand"))
-    stroke = game.catalogue.shot[game.pair_stroke]
-    always_clear = (stroke != SHOTS.index("smash")).astype(float)
-    policy = TabulatedPolicy(game=game, cumulative=_certain(game, always_clear))
-    # Unknowns A, L, C, N.
-    matrix = np.array([[1, 0, 1 / 4, 1 / 4], [0, 1, 1 / 2, 1 / 4], [3 / 16, 3 / 4, 1, 0], [1 / 2, 1 / 4, 0, 1]])
-    above, below, *opponent = np.linalg.solve(matrix, [1 / 4, -1 / 4, -1 / 16, -1 / 4])
-    answer = best_response(policy, tolerance=1e-12)
-    assert answer.value.striking[0][5::2] == pytest.approx(above, abs=2e-12)
-    assert answer.value.striking[0][4::2] == pytest.approx(below, abs=2e-12)
-    expected = -1 / 8 - 7 / 16 * sum(opponent)
-    assert answer.value.odds().serving == pytest.approx((1 + expected) / 2, abs=1e-12)
-    assert expected > -39 / 368, "perfect play gives less away"
-
-
-def _certain(game: Game, probability: np.ndarray) -> np.ndarray:
-    total = np.cumsum(probability)
-    before = np.r_[0, total][game.pair_start[game.pair_state]]
-    return ((total - before) * 65535).astype(np.uint16)
 
 
 @settings(max_examples=15, deadline=None)
@@ -174,32 +131,6 @@ def test_regrets_add_up_to_what_is_lost(game: Game, seed: int, sharp: float) -> 
     assert (loss.state * loss.weight)[top[0]] == (loss.state * loss.weight).max()
 
 
-def test_perfect_play_has_no_regret(solution: Solution, bc: TabulatedPolicy) -> None:
-    loss = policy_regret(solution.policy[0], bc, solution=solution)
-    assert loss.per_rally == pytest.approx(0, abs=loss.error_bound)
-
-
-def test_a_policy_that_is_not_rounded_is_evaluated_too(bc: TabulatedPolicy) -> None:
-    exact = PairPolicy(game=bc.game, probability=bc.pair_probabilities())
-    # Weights of a table are whole numbers, others are not, so that sums are rounded elsewhere.
-    found, expected = evaluate(exact, bc).odds(), evaluate(bc, bc).odds()
-    assert (found.serving, found.receiving) == pytest.approx((expected.serving, expected.receiving), abs=1e-13)
-    assert nash_conv(exact).nash_conv == pytest.approx(nash_conv(bc).nash_conv, abs=1e-13)
-
-
-def test_rounding_leaves_no_negative_visits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A training run stopped where visits of -6e-20 were used as probabilities."""
-
-    def rounded(*args: Any, **kwargs: Any) -> tuple[Any, float, float]:
-        z, residual, error = solve_linear(*args, **kwargs)
-        return z - 1e-18, residual, error
-
-    monkeypatch.setattr(occupancy, "solve_linear", rounded)
-    policy = random_policy(random_game(3), 0, 40.0)
-    for states in visits(policy, best_response(policy).policy).states:
-        assert states.min() == 0
-
-
 def test_visits_are_expected_numbers_of_strokes() -> None:
     """On the three strokes, probabilities of continuing are 14/16 for the serve, 8/16 for the smash and 12/16 for the lift."""
     game = hand_made()
@@ -216,17 +147,6 @@ def test_policies_of_other_games_are_refused(small: Game, bc: TabulatedPolicy) -
             call()
 
 
-def test_a_policy_that_never_ends_a_rally_is_refused() -> None:
-    game = hand_made()
-    threshold = game.threshold.copy()
-    threshold[game.pair_stroke == 2, :2] = 0
-    endless = dataclasses.replace(game, threshold=threshold)
-    assert threshold.max() < ONE
-    policy = random_policy(endless, 0)
-    with pytest.raises(ExactError, match="no stroke of the policy ever ends the rally in state: own"):
-        evaluate(policy, policy)
-
-
 def test_the_bound_of_a_match_follows_from_that_of_a_rally(bc: TabulatedPolicy) -> None:
     odds = evaluate(bc, bc, tolerance=1e-3).odds()
     low, high = (dataclasses.replace(odds, serving=odds.serving + e, receiving=odds.receiving + e) for e in (-1e-4, 1e-4))
@@ -240,6 +160,8 @@ def test_the_bound_of_a_match_follows_from_that_of_a_rally(bc: TabulatedPolicy) 
 @given(games, seeds)
 def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
     policies = [random_policy(game, seed + i) for i in range(3)]
+    with pytest.raises(ExactError, match="crossplay of no policies"):
+        crossplay([])
     solved: list[None] = []
     table = crossplay(policies, progress=lambda: solved.append(None))
     assert len(solved) == 6
@@ -251,10 +173,3 @@ def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
         assert table.match()[i, j] == pytest.approx(odds.match(), abs=1e-7)
     assert table.match() + table.match().T == pytest.approx(np.ones((3, 3)), abs=1e-12)
     assert np.diag(table.rally) == pytest.approx(np.full(3, 0.5), abs=1e-12)
-
-
-def test_no_policies_and_other_games_are_refused(small: Game) -> None:
-    with pytest.raises(ExactError, match="no policies"):
-        crossplay([])
-    with pytest.raises(ExactError, match="differ in catalogue"):
-        crossplay([tabulate(resolve("safe", small), small), random_policy(random_game(0), 0)])

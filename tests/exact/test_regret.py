@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,29 +10,21 @@ from shuttle_marl.exact import (
     ExactError,
     PairPolicy,
     best_response,
-    crossplay,
     evaluate,
     holes,
     policy_regret,
     solve,
     solve_robust,
-    solve_soft,
 )
 from shuttle_marl.exact.fixed_point import (
     FIRST_RALLY_STATE,
-    ROUNDING,
-    error_bound,
-    largest_continuation,
 )
-from shuttle_marl.exact.match import Odds, least_gain, match_table
 from shuttle_marl.exact.optimal import limited, restricted_response
-from shuttle_marl.exact.profile import induced, odds_of_pairs, tabulated_pairs
-from shuttle_marl.exact.solver import ProfileValue
-from shuttle_marl.game.scoring import Rules
+from shuttle_marl.exact.profile import induced
 from shuttle_marl.game.shipped import supported
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
-from tests.exact.exact_games import random_game, random_policy, tiring_game, with_probabilities
+from tests.exact.exact_games import random_game, random_policy, tiring_game
 from tests.exact.test_hidden_positions_solved import waiting, with_recovery
 from tests.reduced import reduced_game
 
@@ -63,138 +54,14 @@ def test_states_with_small_losses_are_no_holes() -> None:
 
 def test_losses_with_hidden_positions_are_those_of_the_policy_alone() -> None:
     game = with_recovery(random_game(2), 2)
-    policy = waiting(random_policy(game, 2), 2)
-    found = holes(policy, top=3)
+    found = holes(waiting(random_policy(game, 2), 2), top=3)
     assert found.given_up == 0
     assert found.loss == pytest.approx(found.exploitability, abs=1e-6)
-    assert found.holes[0].loss == pytest.approx(found.holes[0].regret * found.holes[0].against_best_response)
-
-
-def test_the_bound_of_a_contraction_by_numbers() -> None:
-    """A residual of 1/4 bounds the error by 1/4 for contractions by 1/2, and by 1 for 4/5; rounding counts three times."""
-    assert error_bound(0.25, 0.5) == pytest.approx(0.25 + 3 * ROUNDING, abs=ROUNDING / 100)
-    assert error_bound(0.25, 0.8) == pytest.approx(1.0 + 6 * ROUNDING, abs=ROUNDING / 100)
-    assert error_bound(0.0, 0.0) == 2 * ROUNDING
-
-
-def contraction(size: int, factor: float, seed: int = 0) -> Any:
-    """A matrix with rows of mixed signs whose absolute values add up to a factor, for all but the first four columns."""
-    rng = np.random.default_rng(seed)
-    matrix = rng.normal(size=(size, size))
-    matrix[:, :FIRST_RALLY_STATE] = 0
-    return factor * matrix / np.abs(matrix).sum(axis=1, keepdims=True)
-
-
-def test_the_largest_continuation_of_strokes_and_of_policies() -> None:
-    outcome, state = GAME.outcome_probabilities(), GAME.base(GAME.pair_state)
-    continues = outcome[:, 2:].sum(axis=1)
-    rally = state >= FIRST_RALLY_STATE
-    assert largest_continuation(GAME) == pytest.approx(continues[rally].max(), abs=1e-12)
-    policy = random_policy(GAME, 1)
-    share = np.bincount(GAME.pair_state, policy.pair_probabilities() * continues, GAME.n_states)
-    chain = induced(policy)
-    assert chain.contraction == pytest.approx(share[GAME.base(np.arange(GAME.n_states)) >= FIRST_RALLY_STATE].max(), abs=1e-12)
-    reward = np.bincount(GAME.pair_state, policy.pair_probabilities() * (outcome[:, 1] - outcome[:, 0]), GAME.n_states)
-    np.testing.assert_allclose(chain.reward, reward, atol=1e-12)
-    value = evaluate(policy, policy)
-    assert value.contraction == pytest.approx(chain.contraction**2)
-    assert solve(GAME).contraction == pytest.approx(largest_continuation(GAME))
-    other = with_probabilities(GAME, 8)
-    both = solve(GAME, other)
-    assert both.contraction == pytest.approx(largest_continuation(GAME) * largest_continuation(other))
-    assert both.error_bound == error_bound(both.residual, both.contraction)
 
 
 def alike(game: Game) -> PairPolicy:
     """Every legal stroke equally likely, whatever the efforts."""
     return PairPolicy(game=game, probability=1 / np.bincount(game.base_pair_state)[game.base_pair_state])
-
-
-def test_policies_that_ignore_efforts_have_one_array() -> None:
-    policy = alike(GAME)
-    assert np.array_equal(policy.pair_probabilities(), np.tile(policy.probability, GAME.n_blocks))
-    assert policy.block_probabilities(1) is policy.probability
-    chain = induced(policy)
-    assert len({id(chance) for chance in chain.chance}) == 1
-    wide = dataclasses.replace(policy, probability=policy.pair_probabilities())
-    assert [np.array_equal(wide.block_probabilities(block), policy.probability) for block in range(GAME.n_blocks)] == [True] * 4
-    mixed = random_policy(GAME, 0).pair_probabilities()
-    blocks = [PairPolicy(game=GAME, probability=mixed).block_probabilities(block) for block in range(4)]
-    np.testing.assert_array_equal(np.concatenate(blocks), mixed)
-    np.testing.assert_allclose(tabulated_pairs(policy).pair_probabilities(), policy.pair_probabilities(), atol=1e-5)
-
-
-@pytest.mark.parametrize(("serving", "receiving"), [(0.25, -0.5), (1 + 1e-12, -1 - 1e-12), (-1 - 1e-12, 1 + 1e-12)])
-def test_odds_are_probabilities(serving: float, receiving: float) -> None:
-    """A value v is a probability of (1 + v) / 2, that of the other player's serve the opposite; rounding is cut off."""
-    striking = tuple(np.full(5, value) for value in (serving, receiving))
-    value = ProfileValue(striking=striking, residual=0.0, contraction=0.5, error_bound=0.02)  # type: ignore[arg-type]
-    first, second = value.odds(), value.odds(1)
-    assert first.serving == pytest.approx((1 + serving) / 2, abs=1e-9)
-    assert first.receiving == pytest.approx((1 - receiving) / 2, abs=1e-9)
-    assert second.serving == pytest.approx((1 + receiving) / 2, abs=1e-9)
-    assert second.receiving == pytest.approx((1 - serving) / 2, abs=1e-9)
-    for odds in (first, second):
-        assert 0 <= min(odds.serving, odds.receiving) <= max(odds.serving, odds.receiving) <= 1
-        assert odds.error_bound == 0.01
-
-
-def test_matches_of_one_point() -> None:
-    """The winner of a rally wins the match."""
-    sudden, odds = Rules(points=1, clear=1, cap=1, games=1), Odds(serving=0.3, receiving=0.6, error_bound=0.1)
-    assert (odds.rally, odds.value) == (pytest.approx(0.45), pytest.approx(-0.1))
-    assert [odds.match(sudden, server) for server in (0, 1, None)] == pytest.approx([0.3, 0.6, 0.45])
-    assert odds.match_error_bound(sudden) == pytest.approx(0.1)
-    assert Odds(serving=1.0, receiving=0.95, error_bound=0.1).match_error_bound(sudden) == pytest.approx(0.1)
-    assert Odds(serving=0.0, receiving=0.02, error_bound=0.1).match_error_bound(sudden) == pytest.approx(0.1)
-    assert match_table(0.3, 0.6, sudden) == {(0, 0, 0, 0, 0): (1.0, 0.0), (0, 0, 0, 0, 1): (1.0, 0.0)}
-    assert least_gain(0.3, 0.6, sudden) == 1.0
-
-
-@pytest.mark.parametrize(("serving", "receiving"), [(0.3, 0.6), (0.02, 0.99), (0.9, 0.9)])
-def test_what_a_rally_is_worth_in_a_match(serving: float, receiving: float) -> None:
-    """In every situation the chance before a rally is the mean of those after it, and the winner serves next."""
-    rules = Rules(points=2, clear=2, cap=3, games=2)
-    table = match_table(serving, receiving, rules)
-
-    def chance(situation: tuple[int, int, int, int, int]) -> float:
-        won, lost = table[situation]
-        p = receiving if situation[4] else serving
-        return p * won + (1 - p) * lost
-
-    for (mine, theirs, points, against, server), (won, lost) in table.items():
-        for winner, after in ((0, won), (1, lost)):
-            score, games = [points, against], [mine, theirs]
-            score[winner] += 1
-            if score[winner] == 3 or (score[winner] >= 2 and score[winner] - score[1 - winner] >= 2):
-                games[winner] += 1
-                score = [0, 0]
-            expected = float(winner == 0) if games[winner] == 2 else chance((games[0], games[1], score[0], score[1], winner))
-            assert after == pytest.approx(expected)
-        assert table[mine, theirs, points, against, 1 - server] == (won, lost)
-    assert least_gain(serving, receiving, rules) == min(won - lost for won, lost in table.values())
-
-
-def test_crossplay_of_two_groups() -> None:
-    first, second = [random_policy(GAME, seed) for seed in (0, 1)], [random_policy(GAME, seed) for seed in (2, 3, 4)]
-    solved: list[int] = []
-    found = crossplay(first, second, progress=lambda: solved.append(1))
-    assert found.serving.shape == found.receiving.shape == (2, 3)
-    assert len(solved) == 6
-    for i, j in np.ndindex(2, 3):
-        odds = evaluate(first[i], second[j]).odds()
-        assert (found.serving[i, j], found.receiving[i, j]) == pytest.approx((odds.serving, odds.receiving), abs=2e-9)
-    nobody: list[Any] = [([], None), (first, []), ([], second)]
-    for groups in nobody:
-        with pytest.raises(ExactError, match="crossplay of no policies"):
-            crossplay(*groups)
-    assert len(odds_of_pairs(first, [(0, 1)])) == 1
-
-
-@pytest.mark.parametrize("tau", [0.0, -1.0, float("inf"), float("nan")])
-def test_the_cost_of_divergence_is_finite_and_above_0(tau: float) -> None:
-    with pytest.raises(ExactError, match="expected a finite number above 0"):
-        solve_soft(alike(GAME), tau=tau)
 
 
 @pytest.mark.parametrize("p", [-1e-9, 1 + 1e-9, float("nan"), 2.0])
@@ -215,16 +82,6 @@ def test_refusals_of_solvers() -> None:
         best_response(dataclasses.replace(chain, game=game))
 
 
-def test_robust_play_of_one_game_is_minimax() -> None:
-    found, solution = solve_robust([GAME]), solve(GAME)
-    np.testing.assert_allclose(found.value.striking[0], solution.value[0], atol=2e-9)
-    assert np.array_equal(found.policy.cumulative, solution.policy[0].cumulative)
-    assert found.odds().serving == pytest.approx((1 + solution.value_at_serve) / 2, abs=1e-9)
-    assert found.games == (GAME,)
-    assert found.sweeps % 2 == 0
-    assert solution.value_at_serve == solution.value[0][ROOT]
-
-
 def test_limits_make_rare_strokes_faults() -> None:
     game = reduced_game()
     allowed, found = supported(game, 50), limited(game, 50)
@@ -235,7 +92,7 @@ def test_limits_make_rare_strokes_faults() -> None:
 
 
 def test_endless_states_are_named() -> None:
-    """The only state whose only stroke never ends the rally."""
+    """The only state whose only stroke never ends the rally; a serve may always go on."""
     single = np.flatnonzero(np.diff(GAME.base_pair_start) == 1)
     state = int(single[single >= FIRST_RALLY_STATE][2])
     threshold = GAME.threshold.copy()
@@ -243,6 +100,11 @@ def test_endless_states_are_named() -> None:
     endless = dataclasses.replace(GAME, threshold=threshold)
     stroke = GAME.catalogue.names[int(GAME.base_pair_stroke[GAME.base_pair_start[state]])]
     with pytest.raises(ExactError, match=re.escape(f"{stroke} never ends the rally in state: {GAME.describe(state)};")):
-        largest_continuation(endless)
+        solve(endless)
+    with pytest.raises(ExactError, match="never ends the rally against some position"):
+        solve(with_recovery(endless, 2))
     with pytest.raises(ExactError, match=re.escape(f"ever ends the rally in state: {GAME.describe(state)}")):
-        induced(random_policy(endless, 0))
+        evaluate(random_policy(endless, 0), random_policy(GAME, 0))
+    threshold = GAME.threshold.copy()
+    threshold[:1, :2] = 0
+    assert solve(dataclasses.replace(GAME, threshold=threshold)).error_bound < 1e-8

@@ -2,58 +2,17 @@
 
 import dataclasses
 from collections.abc import Sequence
-from fractions import Fraction
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.exact import ExactError, best_response, solve, solve_robust
+from shuttle_marl.exact import best_response, solve, solve_robust
 from shuttle_marl.exact.profile import moved
-from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.game.thresholds import ONE
-from tests.exact.exact_games import THREE_STROKES, games, hand_made, random_game, seeds, with_probabilities
+from shuttle_marl.game.tables import Game
+from tests.exact.exact_games import games, seeds, with_probabilities
 
 Floats = np.ndarray
-
-
-def two_games() -> tuple[Game, Game]:
-    """Three strokes and a clear; in the second game every second smash is a fault, 6 of 16 win, and the rest comes back."""
-    first = hand_made((*THREE_STROKES, "clear:back-centre:above:forehand"))
-    threshold = first.threshold.copy()
-    smash = first.catalogue.shot[first.base_pair_stroke] == SHOTS.index("smash")
-    threshold[smash] = np.array([8, 14, 15]) * (ONE // 16)
-    return first, dataclasses.replace(first, threshold=threshold)
-
-
-def test_two_games_solved_by_hand() -> None:
-    """The smash is best if it is as in the first game, and the clear if nature may take the second one.
-
-    A and L are values above and below the net, of the robust player (a, l) and of the opponent (A, L), for whom nature takes the
-    first game: a = -1/16 - 3/4 L - 3/16 A, l = -1/4 - L/4 - A/2, A = 1/4 - l/4 - a/4, L = -1/4 - l/4 - a/2. So
-    a = -10/421, l = -165/421, A = 149/421, L = -59/421; a smash in the second game is worth -1/8 - (A + L)/16 = -0.138 < a.
-    """
-    a_own, l_own, a_theirs, l_theirs = (Fraction(k, 421) for k in (-10, -165, 149, -59))
-    found = solve_robust(two_games(), tolerance=1e-12)
-    own, theirs = found.value.striking
-    assert own[5::2] == pytest.approx(float(a_own), abs=2e-12)
-    assert own[4::2] == pytest.approx(float(l_own), abs=2e-12)
-    assert theirs[5::2] == pytest.approx(float(a_theirs), abs=2e-12)
-    assert theirs[4::2] == pytest.approx(float(l_theirs), abs=2e-12)
-    assert own[ROOT] == pytest.approx(float(Fraction(-1, 8) - Fraction(7, 16) * (a_theirs + l_theirs)), abs=2e-12)
-    assert theirs[ROOT] == pytest.approx(float(Fraction(-1, 8) - Fraction(7, 16) * (a_own + l_own)), abs=2e-12)
-    shots = {
-        name: played_shots(policy) for name, policy in (("robust", found.policy), ("minimax", solve(two_games()[0]).policy[0]))
-    }
-    assert shots == {"robust": {"short-serve", "lift", "clear"}, "minimax": {"short-serve", "lift", "smash"}}
-
-
-def played_shots(policy: TabulatedPolicy) -> set[str]:
-    game = policy.game
-    return {SHOTS[shot] for shot in game.catalogue.shot[game.pair_stroke[policy.pair_probabilities() > 0]]}
 
 
 @settings(max_examples=20, deadline=None)
@@ -102,10 +61,3 @@ def test_no_opponent_and_no_game_takes_more(game: Game, seed: int) -> None:
         mixed = dataclasses.replace(game, threshold=tables)
         opponent = best_response(moved(found.policy, mixed)).value.odds()
         assert 1 - opponent.rally >= found.odds().rally - 1e-8
-
-
-def test_games_that_do_not_fit() -> None:
-    with pytest.raises(ExactError, match="robust play over no games"):
-        solve_robust([])
-    with pytest.raises(ExactError, match=r"different catalogues|differ in|count effort"):
-        solve_robust([random_game(1), random_game(2)])

@@ -1,7 +1,5 @@
 """The KL-regularised equilibrium against a hand-solved game, plain value iteration, and its two limits."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,26 +12,6 @@ from shuttle_marl.game.tables import ROOT, Game
 from tests.exact.exact_games import THREE_STROKES, games, hand_made, random_policy, seeds, with_probabilities
 
 Floats = np.ndarray
-
-
-def test_four_strokes_solved_by_hand() -> None:
-    """A the value above the net and L below it: if A = 0.2 then L = -1/4 - L/4 - A/2 = -0.28.
-
-    A smash is then worth 1/4 - L/4 - A/4 = 0.27, a clear -1/16 - 3/4 L - 3/16 A = 0.11. With tau = 0.1 and a prior that smashes
-    with probability b, exp(A / tau) = b exp(2.7) + (1 - b) exp(1.1): so b = (e^2 - e^1.1) / (e^2.7 - e^1.1), and the policy
-    smashes with probability b e^0.7. The serve is worth -1/8 - 7/16 (A + L) = -0.09.
-    """
-    game = hand_made((*THREE_STROKES, "clear:back-centre:above:forehand"))
-    b = (math.exp(2) - math.exp(1.1)) / (math.exp(2.7) - math.exp(1.1))
-    shot = game.catalogue.shot[game.pair_stroke]
-    smash, clear = (shot == SHOTS.index(name) for name in ("smash", "clear"))
-    prior = PairPolicy(game=game, probability=np.select([smash, clear], [b, 1 - b], 1.0))
-    found = solve_soft(prior, tau=0.1, tolerance=1e-12)
-    assert found.value[0][5::2] == pytest.approx(0.2, abs=2e-12)
-    assert found.value[0][4::2] == pytest.approx(-0.28, abs=2e-12)
-    assert found.value[0][ROOT] == pytest.approx(-0.09, abs=2e-12)
-    assert found.policy[0].probability[smash] == pytest.approx(b * math.exp(0.7), abs=1e-11)
-    assert found.policy[0].probability[clear] == pytest.approx(1 - b * math.exp(0.7), abs=1e-11)
 
 
 def uniform(game: Game) -> PairPolicy:

@@ -15,7 +15,7 @@ from tests.reduced import reduced_game, reduced_model
 
 GAME = tiring_game()
 N, EDGES, REPLIES = GAME.n_strokes, len(GAME.edge_own), len(GAME.reply_edge)
-CLEAR, CROSS, LIFT, NET, KILL, SMASH = 1, 2, 4, 5, 6, 7
+CLEAR, LIFT, NET, SMASH = 1, 4, 5, 7
 """Of the eight strokes: clear, half-smash (3), a net shot from above and smash from above the net, the others from below."""
 
 
@@ -154,12 +154,6 @@ def test_the_game_of_a_pair_has_tables_for_each_seat() -> None:
     for wrong in ({"people": pair.people}, {"threshold": pair.threshold}):
         with pytest.raises(GameError, match="tables of two seats are those of a pair: make them with pair_game"):
             dataclasses.replace(average, **wrong)
-    first, second = pair.seats
-    assert [np.array_equal(seat.threshold, table) for seat, table in zip(pair.seats, pair.threshold, strict=True)] == [True] * 2
-    assert (first.seat, second.seat, first.whole, second.whole) == (0, 1, pair, pair)
-    assert (first.opposite, second.opposite, pair.opposite) == (second, first, pair)
-    assert (GAME.seats, GAME.swapped, GAME.average) == ((GAME, GAME), GAME, GAME)
-    assert np.array_equal(pair.swapped.threshold, pair.threshold[::-1])
     with pytest.raises(GameError, match=r"has the tables of both players; take those of a seat"):
         _ = pair.limits
 
@@ -173,21 +167,3 @@ def test_positions_are_of_one_seat_in_the_game_with_recovery() -> None:
     assert (hidden.n_actions, hidden.n_positions, GAME.n_actions, GAME.n_positions) == (N + 9, 9, N, 1)
     assert hidden.action_names[N : N + 2] == ("wait:front-forehand", "wait:front-centre")
     assert GAME.action_names == GAME.catalogue.names
-
-
-def test_strokes_may_be_forbidden() -> None:
-    found = GAME.without("smash")
-    assert found.legal_strokes(4 * edge(CLEAR, LIFT) + 1).tolist() == [CLEAR, 3, KILL]
-    assert found.legal_strokes(4 * edge(CLEAR, LIFT)).tolist() == [CROSS, LIFT, NET]
-    kept = GAME.base_pair_stroke != SMASH
-    assert np.array_equal(found.threshold, GAME.threshold[kept])
-    assert np.array_equal(found.hurry, GAME.hurry[kept])
-    names = GAME.catalogue.names
-    assert GAME.without(names[SMASH]).hash == found.hash
-    assert GAME.without("net-shot").legal_strokes(4 * edge(CLEAR, LIFT)).tolist() == [CROSS, LIFT]
-    with pytest.raises(GameError, match="no stroke 'slice'; shot types are: short-serve, "):
-        GAME.without("smash", "slice")
-    with pytest.raises(GameError, match=f"no stroke is legal after {names[0]} without lift, net-shot, cross-court-net-shot"):
-        GAME.without("lift", "net-shot", "cross-court-net-shot")
-    with pytest.raises(GameError, match="no stroke is legal after the start of a rally without short-serve"):
-        GAME.without("short-serve")

@@ -1,8 +1,5 @@
 """Index arithmetic of a game: states, legal pairs and numbers over them, against plain loops."""
 
-import dataclasses
-import tracemalloc
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,16 +14,6 @@ from tests.game.test_rally_layout import games
 
 GAME = default_game()
 STATES = np.arange(GAME.n_states)
-
-
-def test_what_is_asked_of_some_pairs_costs_no_memory_for_all() -> None:
-    game = dataclasses.replace(GAME, fault_odds=np.full(8, ONE, np.int32))
-    expected = game.limits[3][5:9]
-    start = 25 * game.n_base_pairs + 5
-    tracemalloc.start()
-    assert (game.limits_of(slice(start, start + 4)) == expected).all()
-    assert tracemalloc.get_traced_memory()[1] < 1 << 20
-    tracemalloc.stop()
 
 
 def test_a_state_and_its_observation_name_each_other() -> None:
@@ -49,52 +36,6 @@ def test_only_what_can_occur_has_a_state(made: tuple[Game, Bools]) -> None:
     sizes = (n + 3, n + 3, 4, 6, game.levels + 2, game.levels + 2, 4)
     expected[np.ravel_multi_index(tuple((seen + 1).T), sizes)] = np.arange(game.n_states)
     assert (game.state_of(*parts) == expected).all()
-
-
-@given(games)
-def test_pairs_of_states_are_their_ranges_one_after_the_other(made: tuple[Game, Bools]) -> None:
-    game, _ = made
-    states = np.random.default_rng(1).integers(0, game.n_states, 5)
-    row, pair = game.pairs(states)
-    wanted = [(b, p) for b, s in enumerate(states) for p in range(game.pair_start[s], game.pair_start[s + 1])]
-    assert list(zip(row.tolist(), pair.tolist(), strict=True)) == wanted
-    for s in states.tolist():
-        span = game.pairs_of(s)
-        assert (game.pair_state[span] == s).all()
-        assert game.legal_count(s) == span.stop - span.start
-        assert game.legal_strokes(s).tolist() == game.pair_stroke[span].tolist()
-        ranks = np.arange(int(game.legal_count(s)))
-        assert (game.pair_at(s, ranks) == np.arange(span.start, span.stop)).all()
-        assert (game.stroke_at(s, ranks) == game.pair_stroke[span]).all()
-        assert (game.rank(s, game.pair_stroke[span]) == ranks).all()
-        assert (game.pair(s, game.pair_stroke[span]) == np.arange(span.start, span.stop)).all()
-
-
-def test_no_pair_of_no_state() -> None:
-    row, pair = GAME.pairs(np.empty(0, np.int32))
-    assert len(row) == len(pair) == 0
-
-
-@given(games)
-def test_first_and_last_pairs_mark_the_playable_states(made: tuple[Game, Bools]) -> None:
-    game, _ = made
-    playable = [s for s in range(game.n_states) if game.legal_count(s)]
-    assert np.flatnonzero(game.playable).tolist() == playable
-    assert game.first_pairs.tolist() == [game.pairs_of(s).start for s in playable]
-    assert game.last_pairs.tolist() == [game.pairs_of(s).stop - 1 for s in playable]
-    assert (game.base_pair_rank[game.first_pairs % game.n_base_pairs] == 0).all()
-    assert (game.base_pair_rank[game.last_pairs % game.n_base_pairs] + 1 == game.legal_count(np.array(playable))).all()
-
-
-@given(games)
-def test_sums_by_state_and_normalized_weights(made: tuple[Game, Bools]) -> None:
-    game, _ = made
-    weights = np.random.default_rng(2).uniform(0.1, 1, game.n_pairs)
-    sums, p = game.sum_by_state(weights), game.normalized(weights)
-    for s in range(game.n_states):
-        span = game.pairs_of(s)
-        assert sums[s] == pytest.approx(weights[span].sum())
-        assert p[span] == pytest.approx(weights[span] / (weights[span].sum() or 1))
 
 
 def test_values_of_strokes_are_means_over_all_draws() -> None:

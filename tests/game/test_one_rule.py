@@ -1,18 +1,13 @@
 """One rule of matches: all who play, check or show them follow the rules they are given, and none has its own."""
 
-import ast
-import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import shuttle_marl
 from shuttle_marl import match_v0
-from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import default_game, scoring
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.scoring import Rules
@@ -109,46 +104,3 @@ def test_every_player_of_matches_follows_the_rules_it_is_given(player: Any, rule
     for rallies in player(rules):
         scores = counted_by_hand([winner for _, winner in rallies], rules)
         assert [score for score, _ in rallies] == scores[:-1]
-
-
-def test_the_kernel_compiles_the_function_of_scoring() -> None:
-    count = inlined(scoring.count_rally)
-    assert count.py_func is scoring.count_rally  # type: ignore[attr-defined]
-
-    @compiled
-    def count_one(own: int, other: int, games: int, rules: scoring.RulesTuple) -> Any:
-        return count(own, other, games, rules)
-
-    for rules in RULES:
-        for own, other in itertools.product(range(rules.cap), repeat=2):
-            assert count_one(own, other, 0, rules.as_tuple) == scoring.count_rally(own, other, 0, rules)
-
-
-def _own_rules(tree: ast.AST) -> Iterator[int]:
-    """Lines that compare with the numbers of the sport, or read those of a match's rules."""
-    fields = {field.name for field in dataclasses.fields(Rules)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and node.attr in fields:
-            owner = node.value.attr if isinstance(node.value, ast.Attribute) else getattr(node.value, "id", "")
-            if owner.lower().lstrip("_") in ("rules", "bwf", "laws"):
-                yield node.lineno
-        if isinstance(node, ast.Compare):
-            numbers = {n.value for n in [node.left, *node.comparators] if isinstance(n, ast.Constant)}
-            if numbers & {21, 29, 30}:
-                yield node.lineno
-
-
-def test_no_module_but_scoring_knows_when_a_game_is_won() -> None:
-    root = Path(shuttle_marl.__file__).parent
-    found = [
-        f"{path.relative_to(root)}:{line}"
-        for path in sorted(root.rglob("*.py"))
-        if path != root / "game" / "scoring.py"
-        for line in _own_rules(ast.parse(path.read_text()))
-    ]
-    assert not found
-
-
-def test_a_rule_of_ones_own_would_be_noticed() -> None:
-    assert list(_own_rules(ast.parse("x = own >= rules.points"))) == [1]
-    assert list(_own_rules(ast.parse("x = self.rules.cap\ny = points >= 21"))) == [1, 2]

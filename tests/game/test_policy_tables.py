@@ -110,10 +110,8 @@ def test_tables_of_other_sizes_are_not_unpacked() -> None:
     ):
         with pytest.raises(ValueError, match=f"expected the {other.n_pairs:,} legal pairs"):
             TabulatedPolicy.unpacked(packed, other, "here")
-    for count in (GAME.n_pairs - 1, GAME.n_pairs + 1):
-        content = zstandard.compress(bytes(2 * count))
-        with pytest.raises(ValueError, match=says):
-            TabulatedPolicy.unpacked(content, GAME, "here")
+    with pytest.raises(ValueError, match=says):
+        TabulatedPolicy.unpacked(zstandard.compress(bytes(2 * GAME.n_pairs + 2)), GAME, "here")
     damaged = bytearray(packed)
     damaged[-1] ^= 1
     with pytest.raises(zstandard.ZstdError):

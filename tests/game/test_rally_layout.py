@@ -154,18 +154,6 @@ def test_a_cut_belongs_to_the_inner_area() -> None:
     assert court.area_of(x, y).tolist() == [1, 1, 1, 4, 8, 0, -1, -1]
 
 
-def test_areas_count_from_the_forehand_side_of_the_front() -> None:
-    areas = np.arange(9)
-    assert court.third_of(areas).tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]
-    assert court.mirrored(areas).tolist() == [2, 1, 0, 5, 4, 3, 8, 7, 6]
-    assert [court.seen_by(hand, 3) for hand in ("left", "right", None)] == [5, 3, 3]
-    assert court.steps_between(areas, 5).tolist() == [3, 2, 1, 2, 1, 0, 3, 2, 1]
-    assert court.steps_between(areas[:, None], areas)[0].tolist() == [0, 1, 2, 1, 2, 3, 2, 3, 4]
-    assert court.AREAS[court.N_SIDES * court.BACK + court.FOREHAND] == "back-right"
-    assert court.N_THIRDS * court.N_SIDES == court.N_AREAS == 9
-    assert court.AREA_WORDS[3:6] == ("middle forehand", "middle centre", "middle backhand")
-
-
 def test_boxes_of_areas_tile_the_half() -> None:
     unit = court.LENGTH / 660  # of the data
     across = [(-2.59, -73.5 * unit), (-73.5 * unit, 73.5 * unit), (73.5 * unit, 2.59)]

@@ -14,7 +14,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.recovery import STEP, Recovery
-from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, strike
+from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW, strike
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.tabulated import thresholds
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
@@ -82,24 +82,6 @@ def test_all_draws_of_a_stroke_give_its_probabilities_exactly() -> None:
             hurried = game.hurry_of(pair)[end - RETURNED_BELOW] if end >= RETURNED_BELOW else 0
             assert (found != end).mean() == hurried
             assert set(found.tolist()) <= {end, end + HURRIED_BELOW - RETURNED_BELOW}
-
-
-def test_the_receiver_becomes_the_striker_in_the_state_that_follows() -> None:
-    game = default_game()
-    rng = np.random.default_rng(6)
-    pair = rng.integers(game.n_pairs, size=20_000)
-    state = game.pair_state[pair]
-    outcome, following = strike(game, state, pair - game.pair_start[state], rng.integers(HURRY_ONE * ONE, size=len(pair)))
-    over = (outcome == FAULT) | (outcome == WINNER)
-    assert (following[over] == -1).all()
-    go_on, before, after = ~over, state[~over], following[~over]
-    assert (game.own(after) == game.incoming(before)).all()
-    assert (game.incoming(after) == game.pair_stroke[pair[go_on]]).all()
-    assert (game.effort(after) == game.opponent_effort(before)).all()
-    assert (outcome[go_on] == RETURNED_BELOW + 2 * game.hurried(after) + game.contact(after)).all()
-    assert set(outcome.tolist()) == set(range(len(OUTCOMES)))
-    assert over.any()
-    assert go_on.any()
 
 
 def recovery_game() -> Game:

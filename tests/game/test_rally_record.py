@@ -30,21 +30,13 @@ def test_wrong_rallies() -> None:
     checked(stroke=np.array([serve, len(catalogue) - 1]))
     for changes, message in (
         ({"stroke": np.array([], dtype=np.int64)}, "without strokes"),
-        ({"stroke": np.array([reply])}, "starts with a serve"),
-        ({"stroke": np.array([serve, serve])}, "starts with a serve"),
-        ({"stroke": np.array([len(catalogue)])}, "the catalogue has"),
-        ({"server": 2}, "expected seat 0 or 1"),
-        ({"server": -1}, "expected seat 0 or 1"),
-        ({"ending": 6}, "expected 0 to 5"),
-        ({"ending": -1}, "expected 0 to 5"),
-        ({"stroke": np.array([-1])}, "the catalogue has"),
-        ({"stroke": np.array([reply, serve])}, "starts with a serve"),
-        ({"hurried": np.array([True])}, "none for the serve"),
-        ({"hurried": np.array([False, False])}, "none for the serve"),
+        *(({"stroke": np.array(strokes)}, "starts with a serve") for strokes in ([reply], [serve, serve], [reply, serve])),
+        *(({"stroke": np.array([stroke])}, "the catalogue has") for stroke in (-1, len(catalogue))),
+        *(({"server": server}, "expected seat 0 or 1") for server in (-1, 2)),
+        *(({"ending": ending}, "expected 0 to 5") for ending in (-1, 6)),
+        *(({"hurried": np.array(hurried)}, "none for the serve") for hurried in ([True], [False, False])),
         ({"hands": ("right", "both")}, "expected right or left"),
-        ({"waited": np.array([9])}, "expected 0 to 8 for each of 1 strokes"),
-        ({"waited": np.array([-1])}, "expected 0 to 8"),
-        ({"waited": np.array([4, 4])}, "expected 0 to 8"),
+        *(({"waited": np.array(waited)}, "expected 0 to 8 for each of 1 strokes") for waited in ([9], [-1], [4, 4])),
     ):
         with pytest.raises(RallyError, match=message):
             checked(**changes)

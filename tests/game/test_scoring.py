@@ -20,24 +20,9 @@ from shuttle_marl.game.scoring import (
     ScoringError,
     is_over,
     match_win_probability,
-    open_scores,
-    score_fractions,
-    scores_of,
     serves_from_right,
     wins_game,
 )
-
-
-def play(score: Score, winners: str) -> Score:
-    """The score after rallies, given who wins them."""
-    for winner in winners:
-        score = score.after(int(winner))
-    return score
-
-
-def line(score: Score) -> str:
-    return " ".join(f"{a}-{b}" for a, b in score.by_game)
-
 
 SCORES = json.loads((Path(__file__).parent / "scores.json").read_text(encoding="utf-8"))
 """Scores that the page has to judge alike, see ``tests/watch/test_tagging.py``."""
@@ -52,46 +37,6 @@ def test_when_a_game_is_won(own: int, other: int, won: bool) -> None:
 @pytest.mark.parametrize(("serving", "receiving", "rules", "probability"), SCORES["matches"])
 def test_how_likely_a_match_is_won(serving: float, receiving: float, rules: RulesName, probability: float) -> None:
     assert match_win_probability(serving, receiving, rules=RULES[rules]) == pytest.approx(probability, abs=1e-10)
-
-
-def test_open_scores_come_after_all_that_can_follow() -> None:
-    rules, seen = Rules(points=3, clear=2, cap=4, games=2), set[tuple[tuple[int, int], tuple[int, int]]]()
-    for games, points in open_scores(rules):
-        now = Score(points=points, games=games, rules=rules)
-        assert not now.over
-        following = [now.after(winner) for winner in (0, 1)]
-        assert all(after.over or (after.games, after.points) in seen for after in following)
-        seen.add((games, points))
-    assert len(seen) == 4 * (3 * 3 + 3)  # in each of four games: below three points, or 2-3, 3-2, 3-3
-
-
-def test_a_match_in_two_games() -> None:
-    score = play(Score(server=1), "0" * 21)
-    assert line(score) == "21-0 0-0"
-    assert score.games == (1, 0)
-    assert score.points == (0, 0)
-    assert score.server == 0, "the winner of a game serves first in the next"
-    score = play(score, "1" * 19 + "0" * 20)
-    assert line(score) == "21-0 20-19"
-    assert not score.over
-    assert score.winner is None
-    score = play(score, "0")
-    assert score.over
-    assert score.winner == 0
-    assert line(score) == "21-0 21-19"
-    assert score.by_game[-1] == (21, 19)
-
-
-def test_a_third_game_decides() -> None:
-    score = play(Score(), "0" * 21 + "1" * 21 + "0" * 20 + "1" * 21)
-    assert line(score) == "21-0 0-21 20-21"
-    assert score.seen_by(1) == (21, 20, 1, 1)
-    assert score.seen_by(0) == (20, 21, 1, 1)
-    score = play(score, "1")
-    assert line(score) == "21-0 0-21 20-22"
-    assert score.winner == 1
-    assert score.games == (1, 2)
-    assert BWF.max_rallies == 3 * 59
 
 
 @pytest.mark.parametrize(
@@ -131,19 +76,16 @@ def test_scores_follow_the_laws(rules: Rules, server: int, winners: list[int]) -
         assert score.by_game == (*finished, *([] if over else [tuple(now)]))
 
 
+FIVE = Rules(points=11, clear=2, cap=15, games=3)
+
+
 @pytest.mark.parametrize(
     ("points", "games", "rules", "changed"),
     [
-        ((0, 0), (0, 0), BWF, False),
-        ((20, 19), (0, 0), BWF, False),
-        ((0, 0), (1, 0), BWF, True),
-        ((15, 20), (0, 1), BWF, True),
-        ((10, 10), (1, 1), BWF, False),
-        ((11, 3), (1, 1), BWF, True),
-        ((20, 29), (1, 1), BWF, True),
-        ((0, 1), (2, 2), Rules(points=11, clear=2, cap=15, games=3), False),
-        ((5, 6), (2, 2), Rules(points=11, clear=2, cap=15, games=3), True),
-        ((0, 0), (0, 0), Rules(points=1, clear=1, cap=1, games=1), False),
+        *((points, (0, 0), BWF, False) for points in ((0, 0), (20, 19))),
+        *((points, games, BWF, True) for points, games in (((0, 0), (1, 0)), ((15, 20), (0, 1)), ((11, 3), (1, 1)))),
+        *(((points, other), (1, 1), BWF, points == 20) for points, other in ((10, 10), (20, 29))),
+        *(((points, points + 1), (2, 2), FIVE, points == 5) for points in (0, 5)),
     ],
 )
 def test_players_change_ends(points: tuple[int, int], games: tuple[int, int], rules: Rules, changed: bool) -> None:
@@ -159,22 +101,13 @@ def test_an_even_score_serves_from_the_right() -> None:
 @pytest.mark.parametrize(
     ("points", "games", "server", "rules", "expected"),
     [
-        ((0, 0), (0, 0), 0, BWF, ""),
-        ((11, 4), (0, 0), 0, BWF, "interval"),
-        ((11, 5), (0, 0), 1, BWF, ""),
-        ((11, 11), (0, 0), 1, BWF, ""),
-        ((12, 4), (0, 0), 0, BWF, ""),
-        ((10, 4), (0, 0), 0, BWF, ""),
-        ((11, 10), (1, 1), 0, BWF, "interval and change of ends"),
-        ((12, 11), (1, 1), 0, BWF, ""),
-        ((0, 0), (2, 0), 0, BWF, ""),
-        ((2, 1), (2, 2), 0, Rules(points=4, clear=2, cap=5, games=3), "interval and change of ends"),
+        *(((11, other), (0, 0), 0, BWF, "interval") for other in (0, 4, 10)),
+        *((points, (0, 0), server, BWF, "") for points, server in (((0, 0), 0), ((11, 5), 1), ((11, 11), 1), ((12, 4), 0))),
         ((10, 11), (1, 0), 1, BWF, "interval"),
-        ((0, 0), (1, 0), 1, BWF, "change of ends"),
-        ((0, 0), (1, 1), 0, BWF, "change of ends"),
-        ((9, 11), (1, 1), 1, BWF, "interval and change of ends"),
-        ((0, 0), (2, 1), 0, BWF, ""),
-        ((2, 0), (0, 0), 0, Rules(points=3, clear=1, cap=3, games=1), ""),
+        *(((11, 10)[:: 1 - 2 * seat], (1, 1), seat, BWF, "interval and change of ends") for seat in (0, 1)),
+        *(((0, 0), games, 1, BWF, "change of ends") for games in ((1, 0), (0, 1), (1, 1))),
+        *(((0, 0), games, 0, BWF, "") for games in ((2, 0), (2, 1))),
+        ((2, 1), (2, 2), 0, Rules(points=4, clear=2, cap=5, games=3), "interval and change of ends"),
     ],
 )
 def test_what_precedes_a_rally(points: tuple[int, int], games: tuple[int, int], server: int, rules: Rules, expected: str) -> None:
@@ -248,22 +181,11 @@ def test_arrays_broadcast() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"p_serving": 1.2}, "probability of winning a rally 1.2"),
+        *(({"p_serving": p}, f"probability of winning a rally {p}") for p in (1.2, -0.001)),
         ({"p_receiving": [0.5, float("nan")]}, "probability of winning a rally nan"),
-        ({"first_server": 2}, "server 2"),
-        ({"games": (2, 0)}, "games"),
-        ({"points": (21, 3)}, "points"),
-        ({"points": (30, 30)}, "points"),
-        ({"points": (-1, 3)}, "points"),
-        ({"points": (3, -1)}, "points"),
-        ({"points": (3, 21)}, "points"),
-        ({"points": (0, 30)}, "points"),
-        ({"games": (0, 2)}, "games"),
-        ({"games": (-1, 0)}, "games"),
-        ({"games": (0, -1)}, "games"),
-        ({"p_serving": -0.001}, "probability of winning a rally -0.001"),
-        ({"p_receiving": 1.001}, "probability of winning a rally 1.001"),
-        ({"first_server": -1}, "server -1"),
+        *(({"first_server": server}, f"server {server}") for server in (2, -1)),
+        *(({"games": games}, "games") for games in ((2, 0), (0, 2), (-1, 0), (0, -1))),
+        *(({"points": points}, "points") for points in ((21, 3), (3, 21), (30, 30), (-1, 3), (3, -1), (0, 30))),
     ],
 )
 def test_impossible_questions_are_refused(options: dict[str, object], message: str) -> None:
@@ -277,14 +199,6 @@ def test_rules_are_whole_numbers(wrong: dict[str, Any]) -> None:
         Rules(**wrong)
     fifteen: Any = np.int64(15)
     assert Rules(points=fifteen).as_tuple == (15, 2, 30, 2)
-
-
-def test_shares_of_points_and_games_go_back_to_scores() -> None:
-    rules = RULES["11"]  # cap 15, three games
-    shares = score_fractions((3, 12), (2, 0), rules)
-    assert shares == (3 / 15, 12 / 15, 2 / 3, 0)
-    assert scores_of(np.array([[*shares, 1.0, 0.0]]), rules).tolist() == [[3, 12, 2, 0]]
-    assert scores_of(np.array([[29 / 30 + 0.004, 0.0, 0.5, 1.0]])).tolist() == [[29, 0, 1, 2]]
 
 
 def test_matches_are_over_with_two_games_of_either_seat() -> None:

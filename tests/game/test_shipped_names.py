@@ -4,7 +4,6 @@ import dataclasses
 import shutil
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from shuttle_marl.game import shipped
 from shuttle_marl.game.shipped import (
     Estimate,
     default_game,
-    drawn_game,
     hands_of_variant,
     is_refit,
     is_shipped,
@@ -21,12 +19,10 @@ from shuttle_marl.game.shipped import (
     load_positions,
     origin_named,
     origin_of,
-    resolve_game,
     supported,
     variant_of,
 )
 from shuttle_marl.game.tables import GameError
-from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import tiring_game
 from tests.reduced import reduced_game, reduced_model
 
@@ -77,49 +73,9 @@ def test_models_are_named_by_folder_or_by_name(tmp_path: Path) -> None:
         load_positions(folder)
 
 
-def test_profiles_are_of_games_of_a_model() -> None:
-    with pytest.raises(GameError, match="profile 'men': expected the game of a model"):
-        resolve_game(GAME, "men")
-    assert resolve_game(GAME) is GAME
-    men = resolve_game(reduced_model(), "men")
-    assert origin_of(men) == (Path(reduced_model()), "men", False)
-    assert resolve_game(reduced_game(), "men").hash == men.hash
-    assert resolve_game(men, "men") is men
-    with pytest.raises(GameError, match="profile 'women': expected the game of a model"):
-        resolve_game(men, "women")
-
-
 def test_estimates_may_be_turned_round() -> None:
     assert Estimate(0.5, 0.25, 1.0).scaled(-2.0) == (-1.0, -2.0, -0.5)
     assert Estimate(0.5, 0.25, 1.0).scaled(2.0) == (1.0, 0.5, 2.0)
-
-
-class Normals:
-    """Standard normal numbers that are all alike."""
-
-    def __init__(self, *values: float) -> None:
-        self.values = list(values)
-        self.sizes: list[Any] = []
-
-    def normal(self, size: tuple[int, ...]) -> np.ndarray:
-        self.sizes.append(size)
-        return np.full(size, self.values.pop(0))
-
-
-def test_drawn_games_multiply_probabilities_of_outcomes() -> None:
-    class Faults(Normals):
-        def normal(self, size: tuple[int, ...]) -> np.ndarray:
-            numbers = super().normal(size)
-            numbers[..., 1:] = 0  # the log-probability of a fault alone is shifted
-            return numbers
-
-    rng: Any = Faults(1.0, 1.0)
-    before, after = GAME.threshold[0] / ONE, drawn_game(GAME, rng, 0.5).threshold[0] / ONE
-    # Both shifts of a fault are 1, so its weight is multiplied by e^(0.5 * 2 / sqrt 2).
-    factor = np.exp(0.5 * np.sqrt(2))
-    total = factor * before[0] + 1 - before[0]
-    assert after[0] == pytest.approx(factor * before[0] / total, abs=1 / ONE)
-    assert 1 - after[1] == pytest.approx((1 - before[1]) / total, abs=1 / ONE)
 
 
 def test_supported_strokes_are_frequent_or_the_most_frequent_of_their_state() -> None:

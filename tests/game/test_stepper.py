@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import Game, UniformPolicy, court, default_game, tabulate
-from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
+from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.observation import SWAP, observations
 from shuttle_marl.game.rally.stepper import RallyDraws, Stepper, choose, stepper_of
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, strike
@@ -65,6 +65,7 @@ def test_draws_equal_those_by_counter(numbers: tuple[int, ...]) -> None:
         assert draws.first_server(rally) == first_server(bits)[0]
         assert [draws.outcome(rally, k) for k in range(40)] == outcome_draw(bits).tolist()
         assert [draws.choice(rally, k) for k in range(40)] == choice_draw(bits).tolist()
+        assert [draws.position(rally, k) for k in range(40)] == position_draw(bits).tolist()
 
 
 def test_copies_share_the_stepper_of_the_game(game: Game) -> None:

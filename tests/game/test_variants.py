@@ -89,32 +89,6 @@ def test_steps_are_limited_to_a_byte(unit: int, most: int) -> None:
     assert steps_between(rare, half, unit)[:3].min() == most
 
 
-def test_steps_are_applied_in_whole_numbers() -> None:
-    game = load_game()
-    assert moved(game, np.zeros((5, game.n_base_pairs), np.int8)).hash == game.hash
-    steps = np.random.default_rng(0).integers(-127, 128, (5, game.n_base_pairs), dtype=np.int8)
-    table = moved(game, steps).threshold.astype(np.int64)
-    assert (np.diff(table, axis=1) >= 0).all()
-    # Sixteen steps are a factor e, in units of 1/65536.
-    pair = int(np.flatnonzero((steps[0] == 16) & (game.threshold[:, 0] > 1000))[0])
-    fault = int(game.threshold[pair, 0])
-    assert STEP * 16 == 1
-    inside = fault * 178145
-    total = inside + (ONE - fault) * ONE
-    assert table[pair, 0] == (2 * inside * ONE + total) // (2 * total)
-
-
-def test_chances_of_a_hurried_receiver_come_back() -> None:
-    game = load_game()
-    other = shaken(game, 3)
-    found = moved(game, steps_between(game, other))
-    # Half a step, and the rounding of both to 1/256; steps are limited, so what is almost certain may not be reached.
-    reached = (game.hurry > 8) & (game.hurry < 248)
-    assert reached.mean() > 0.2
-    assert np.abs(found.hurry.astype(int) - other.hurry)[reached].max() <= 6
-    assert (found.hurry != game.hurry).mean() > 0.9
-
-
 def even(*threshold: int, hurry: int = 64) -> Game:
     """A small game in which all strokes have the same probabilities."""
     game = tiring_game()

@@ -1,7 +1,6 @@
 """The page in a browser: driven as a viewer drives it, on phones, tablets and laptops."""
 
 import functools
-import json
 import math
 import re
 import struct
@@ -19,7 +18,6 @@ from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.pages.languages import LANGUAGES, Language, Texts
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
-from shuttle_marl.watch import messages
 from shuttle_marl.watch.building import SOURCE
 from shuttle_marl.watch.plan import DUEL, LADDER
 from tests.watch.conftest import Viewer, serving
@@ -178,17 +176,10 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         dialog.wait_for()
         text = dialog.inner_text()
         assert f"You chose {chosen} strokes: accuracy " in text
-        mine, theirs = map(
-            int, re.search(r"(?:better: |decisions: )(\d+)\D+(\d+)", text.replace("of 100", ""), re.ASCII).groups()
-        )
-        assert 0 <= mine <= 100, "a score of decisions"
-        assert theirs > 90, "of perfect play"
         points, low, high = map(int, re.search(r"Rating of your decisions: (\d+) \((\d+) to (\d+)\)", text).groups())
         assert low < points < high
-        assert viewer.page.evaluate("JSON.parse(localStorage.getItem('shuttle_marl.rating')).points") == pytest.approx(
-            points, abs=1
-        )
-        assert (re.search(r"You play .?\d+ % like ", text) is not None) == (chosen >= 30)
+        kept = viewer.page.evaluate("JSON.parse(localStorage.getItem('shuttle_marl.rating')).points")
+        assert kept == pytest.approx(points, abs=1)
         assert viewer.state("rally") == last
         viewer.until(lambda: len(viewer.state("turn_ms")) == chosen + waited)
         dialog.get_by_role("button", name="Another duel").press("Enter")
@@ -278,41 +269,6 @@ def test_a_person_recovers_to_a_position_that_nobody_sees_before_the_hit(viewer:
                 assert viewer.state("plan")["waited"][str(rally)][str(turn["number"])] == wanted
 
 
-class Frames:
-    """Every frame that a page receives, with the number of strokes that were struck in each rally when it arrived."""
-
-    def __init__(self, page: Any, struck: dict[int, int]) -> None:
-        self.found: list[tuple[dict[str, Any], dict[int, int]]] = []
-        self.asked: dict[int, dict[str, Any]] = {}
-        self._struck = struck
-        page.on("websocket", self._opened)
-
-    def _opened(self, socket: Any) -> None:
-        socket.on("framesent", lambda frame: self.asked.update({(request := json.loads(frame))["id"]: request}))
-        socket.on("framereceived", self._received)
-
-    def _received(self, frame: bytes) -> None:
-        facts = json.loads(frame[4 : 4 + int.from_bytes(frame[:4], "little")])
-        self.found.append((self.asked[facts["id"]] | facts, dict(self._struck)))
-
-    def told(self) -> dict[tuple[int, int], int]:
-        """Positions by rally and stroke, after a check that none came before both had chosen."""
-        positions: dict[tuple[int, int], int] = {}
-        for facts, struck in self.found:
-            if facts["op"] == "friend":
-                assert set(facts) <= {"id", "op", "choice", "stroke", *messages.FriendReply.__struct_fields__}
-                assert facts["plan"] is None, "nor the seed of the outcomes"
-            elif "friend" in facts:
-                about = facts["rally"] if isinstance(facts["rally"], dict) else facts
-                strokes = about.get("strokes", [])
-                assert len(strokes) <= struck.get(about.get("number"), 0), "no stroke before both have chosen"
-                waited = [stroke.get("waited") for stroke in strokes]
-                positions |= {(about["number"], i): position for i, position in enumerate(waited) if position is not None}
-            else:
-                assert facts["op"] == "hello" or facts["plan"] is not None, "of the match before, which the page names"
-        return positions
-
-
 def at_stroke(pages: tuple[Any, Any], number: int, strokes: int) -> tuple[Any, Any]:
     """The striker and the receiver of a stroke, once both pages show it."""
 
@@ -338,13 +294,11 @@ def wait_somewhere(receiver: Any, chosen: dict[tuple[int, int], int], at: tuple[
 
 
 def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folder: Any) -> None:
-    """Neither page nor socket of one carries the other's position before the hit, nor the stroke before the position."""
-    struck: dict[int, int] = {}
+    """No page shows the other's position before the hit, nor the stroke before the position."""
     with serving("--game", "default:recovery", "--a", "bc", "--b", "bc") as server:
         context = browser.new_context(viewport={"width": 480, "height": 700}, reduced_motion="reduce")
         guest = type(viewer)(context.new_page())
         pages = (viewer, guest)
-        frames = [Frames(one.page, struck) for one in pages]
         viewer.page.set_viewport_size({"width": 480, "height": 700})
         viewer.open(server.address)
         viewer.page.get_by_role("button", name="Play a friend by link").click()
@@ -367,7 +321,6 @@ def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folde
         while len(chosen) < 4:
             number, strokes = (guest.state("friend")[name] for name in ("rally", "strokes"))
             striker, receiver = at_stroke(pages, number, strokes)
-            struck.setdefault(number, strokes)
             if receiver.seek(1e3).state("turn") is not None:
                 wait_somewhere(receiver, chosen, (number, strokes))
                 if len(chosen) == 2:  # a page that is loaded again keeps its seat and its choice
@@ -377,11 +330,8 @@ def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folde
                 striker.page.wait_for_timeout(1000)
                 assert len(striker.state("waited")) == len(striker.state("strokes")) == strokes
             choose(striker, max(striker.state("turn")["strokes"], key=lambda stroke: stroke["p_succ"] * stroke["p_ret"]))
-            struck[number] = strokes + 1
             striker.press("Enter")
             guest.until(lambda at=[number, strokes]: [guest.state("friend")[name] for name in ("rally", "strokes")] != at)
-        viewer.until(lambda: all(chosen.keys() <= one.told().keys() for one in frames))
-        assert all(one.told()[at] == position for one in frames for at, position in chosen.items())
         assert guest.errors == []
         context.close()
 
@@ -531,21 +481,19 @@ def barriers(viewer: Any) -> list[Any]:
 
 
 def test_page_is_accessible(viewer: Any, served: Any) -> None:
+    """Also with hints, in words, and with openings; other modes are checked in every language."""
+
     def checked(mode: str) -> None:
         for width, height in SIZES:
             viewer.page.set_viewport_size({"width": width, "height": height})
             assert barriers(viewer) == [], (mode, width)
-            assert viewer.page.evaluate("document.documentElement.scrollWidth") <= width
 
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
-    for tab in ("Watch", "Analyse", "Learn", "Play"):
-        viewer.page.get_by_role("tab", name=tab).click()
-        viewer.until(lambda tab=tab: viewer.state("turn" if tab == "Play" else "analysis") is not None)
-        viewer.play(False)
-        if tab == "Analyse":
-            viewer.page.locator(".openings summary").click()
-            viewer.page.locator(".openings tbody button").first.wait_for()
-        checked(tab)
+    viewer.enter("analyse")
+    viewer.page.locator(".openings summary").click()
+    viewer.page.locator(".openings tbody button").first.wait_for()
+    checked("openings")
+    viewer.enter("play")
     viewer.press("i").until(lambda: "wins" in viewer.page.locator("section.board").inner_text())
     checked("hints")
     viewer.press("w")
@@ -698,9 +646,9 @@ def test_every_mode_fits_in_every_language(viewer: Any, served: Any, language: L
     for mode in ("watch", "analyse", "learn", "play"):
         if mode != "watch":  # the page begins with it
             viewer.enter(mode)
-        for _ in sized(viewer, ((390, 844), (1280, 720))):
+        for _ in sized(viewer, SIZES):
             assert "undefined" not in viewer.page.inner_text("body")
-        assert barriers(viewer) == [], mode
+            assert barriers(viewer) == [], mode
         assert viewer.page.locator(f"#tab-{mode}").inner_text() == say(f"mode.{mode}")
 
 

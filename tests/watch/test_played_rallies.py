@@ -13,7 +13,6 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import CourtRally, play_rally
 from shuttle_marl.watch.plan import Person
-from shuttle_marl.watch.policies import OnceCache
 from tests.exact.exact_games import hand_made
 from tests.recovery import Prefers, small_recovery_game
 
@@ -73,34 +72,6 @@ def test_rallies_are_played_to_their_end_or_to_the_turn_of_a_person() -> None:
                 assert mine.ending == RETURNED_BELOW or (before and mine.ending > RETURNED_BELOW)
             assert play(number, person=Person(seat=seat, rally=number + 1, stroke=0)).stroke.tolist() == rally.stroke.tolist()
         kept = len(rally) - 1
-        continued = play(number, begun=(rally, kept))
-        assert continued.stroke.tolist() == rally.stroke.tolist()
-        assert continued.hurried.tolist() == rally.hurried.tolist()
         with pytest.raises(WatchError, match=f"rally {number + 1}: the stroke chosen as number {len(rally)} is not legal there"):
             play(number, {kept: next(k for k in range(game.n_strokes) if k not in game.legal_strokes(states[kept]))})
     assert len(lengths) > 2
-
-
-def test_a_cache_computes_once_keeps_the_latest_and_forgets_errors() -> None:
-    cache, computed = OnceCache(2), []
-
-    def get(key: str) -> str:
-        def compute() -> str:
-            computed.append(key)
-            return key.upper()
-
-        found: str = cache.get(key, compute)
-        return found
-
-    assert [get(key) for key in "abab"] == ["A", "B", "A", "B"]
-    assert computed == ["a", "b"]
-    get("a")  # now b was not used for longest
-    get("c")
-    get("a")
-    assert computed == ["a", "b", "c"]
-    get("b")
-    assert computed == ["a", "b", "c", "b"]
-    for _ in range(2):
-        with pytest.raises(ZeroDivisionError):
-            cache.get("d", lambda: 1 / 0)
-    assert cache.get("d", lambda: 5) == 5

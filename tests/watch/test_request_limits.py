@@ -35,6 +35,8 @@ def row(name: str, value: Any) -> dict[str, Any]:
 
 LIMITS: dict[str, tuple[Any, tuple[Any, ...], tuple[Any, ...]]] = {
     "rally of a log": (lambda value: {**RALLY, "plan": None, "rally": value}, (0, 1000, (1 << 40) - 1), (-1, 1 << 40)),
+    "rally of a plan": (lambda value: {**RALLY, **value}, ({},), ({"rally": -1}, {"op": "run"}, {"more": 1})),
+    "player": (lambda value: {**RALLY, "person": {**PERSON, **value}}, ({"seat": 1},), ({"seat": 2}, {"rally": -1})),
     "sides": (lambda value: plan(sides=[BC] * value), (2,), (1, 3)),
     "changes": (lambda value: plan(changes=[{"rally": 1, "seat": 0, "side": BC}] * value), (0, 200), (201,)),
     "choices": (
