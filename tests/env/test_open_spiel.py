@@ -9,7 +9,7 @@ import numpy as np
 import pyspiel
 import pytest
 from open_spiel.python import rl_environment
-from open_spiel.python.algorithms import best_response, expected_game_score, exploitability
+from open_spiel.python.algorithms import best_response, cfr, expected_game_score, exploitability
 
 from shuttle_marl import exact, rally_v0
 from shuttle_marl.env.open_spiel import NAME, RECOVERY_NAME, RallyGame, open_spiel_policy
@@ -79,6 +79,33 @@ def test_minimax_equals_open_spiel(value_iteration: ModuleType, tables: Game) ->
         assert (own if striker == 0 else -own) == pytest.approx(value, abs=1e-8), tables.describe(state)
         seen += 1
     assert seen > len(tables.catalogue)
+
+
+@pytest.fixture(scope="module")
+def reduced() -> tuple[Game, RallyGame]:
+    """A game that ends after a few strokes but for one rally in 65,536^3, so that trees of it are finite."""
+    tables = ladder(5)
+    return tables, RallyGame({"server": 0, "max_strokes": 7}, tables)
+
+
+def test_best_responses_equal_those_of_open_spiel(reduced: tuple[Game, RallyGame]) -> None:
+    tables, game = reduced
+    policy = random_policy(tables, 2)
+    theirs = open_spiel_policy(policy, game)
+    ours = exact.best_response(policy, tolerance=1e-12)
+    for player in (0, 1):
+        value = best_response.BestResponsePolicy(game, player, theirs).value(game.new_initial_state())
+        # Player 0 serves: the response itself, or the policy that it answers.
+        expected = ours.value.striking[player][ROOT] * (1 if player == 0 else -1)
+        assert value == pytest.approx(expected, abs=1e-6), player
+
+
+def test_values_of_policies_equal_those_of_open_spiel(reduced: tuple[Game, RallyGame]) -> None:
+    tables, game = reduced
+    first, second = random_policy(tables, 2), random_policy(tables, 3)
+    policies = [open_spiel_policy(first, game), open_spiel_policy(second, game)]
+    expected = expected_game_score.policy_value(game.new_initial_state(), policies)[0]
+    assert exact.evaluate(first, second, tolerance=1e-12).striking[0][ROOT] == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_shipped_game_is_registered_and_plays_by_its_rules() -> None:
@@ -164,6 +191,16 @@ def test_best_responses_to_hidden_positions_equal_those_of_open_spiel(hidden: tu
     other = waiting_at_random(tables, 4)
     value = expected_game_score.policy_value(game.new_initial_state(), [theirs, open_spiel_policy(other, game)])[0]
     assert exact.evaluate(policy, other, tolerance=1e-12).striking[0][ROOT] == pytest.approx(value, abs=5e-5)
+
+
+def test_counterfactual_regret_minimisation_finds_the_exact_value(hidden: tuple[Game, RallyGame]) -> None:
+    tables, game = hidden
+    solver = cfr.CFRPlusSolver(game)
+    for _ in range(20):
+        solver.evaluate_and_update_policy()
+    average = solver.average_policy()
+    value = expected_game_score.policy_value(game.new_initial_state(), [average, average])[0]
+    assert value == pytest.approx(solve(tables).value_at_serve, abs=1e-3)
 
 
 def test_only_the_name_of_the_node_contains_the_position(hidden: tuple[Game, RallyGame]) -> None:
