@@ -108,7 +108,7 @@ def test_a_case_gives_what_is_right(folder: Path, case: dict[str, Any], tmp_path
             return
         cleaned = import_matches(file, columns)
         compare(case, cleaned, file)
-        write_parquet(cleaned.strokes, Path("table.parquet"), account=cleaned.account, provenance=cleaned.provenance)
+        write_parquet(cleaned.strokes, Path("table.parquet"), account=cleaned.account, provenance=dict(cleaned.provenance))
     if "commands" in case:
         *before, last = case["commands"]
         for command in before:

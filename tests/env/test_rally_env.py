@@ -1,6 +1,7 @@
 """``rally_v0``: the rules of the rally module, one stroke at a time."""
 
 import copy
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +33,8 @@ def decode(part):
 @pytest.mark.parametrize("game", [default_game(), tiring_game()], ids=["default", "tiring"])
 @pytest.mark.parametrize("seed", range(12))
 def test_strokes_are_seen_by_name_and_told_with_their_probabilities(play, seed, game):
-    env, own, other, told = rally_v0.env(game=game), None, None, {}
+    env, own, other = rally_v0.env(game=game), None, None
+    told: dict[str, Any] = {}
     good, returned, _ = game.stroke_probabilities()
     for agent, seen, _, over, _, info, action in play(env, seed, policy_seed=seed):
         raw = env.unwrapped
