@@ -28,7 +28,7 @@ def test_wrong_rallies() -> None:
     checked(stroke=np.array([serve, reply]), waited=np.array([0, 8]), hurried=np.array([False, True]), ending=5)
     assert checked(stroke=np.array([], dtype=np.int64), ending=2).open
     checked(stroke=np.array([serve, len(catalogue) - 1]))
-    wrong: tuple[tuple[dict[str, Any], str], ...] = (
+    cases: tuple[tuple[dict[str, Any], str], ...] = (
         ({"stroke": np.array([], dtype=np.int64)}, "without strokes"),
         *(({"stroke": np.array(strokes)}, "starts with a serve") for strokes in ([reply], [serve, serve], [reply, serve])),
         *(({"stroke": np.array([stroke])}, "the catalogue has") for stroke in (-1, len(catalogue))),
@@ -38,7 +38,7 @@ def test_wrong_rallies() -> None:
         ({"hands": ("right", "both")}, "expected right or left"),
         *(({"waited": np.array(waited)}, "expected 0 to 8 for each of 1 strokes") for waited in ([9], [-1], [4, 4])),
     )
-    for changes, message in wrong:
+    for changes, message in cases:
         with pytest.raises(RallyError, match=message):
             checked(**changes)
     with pytest.raises(RallyError, match="without strokes; expected at least the serve"):
