@@ -28,7 +28,7 @@ from shuttle_marl.commands import (
 from tests.reduced import reduced_model
 
 ROOT = Path(__file__).parents[2]
-SAMPLES = ROOT / "tests" / "data" / "samples"
+SAMPLES = ROOT / "tests" / "data" / "cases" / "samples_of_each_format"
 CHEAP = {
     "analysis": ["log.mcap --rallies 50 --game {model} --out pictures", "matches.csv"],
     "data download": ["--out raw --base-url http://127.0.0.1:9/"],

@@ -268,7 +268,7 @@ def build(root: Path) -> None:
     run("csv", "data import strokes.csv --columns columns.toml --out out.parquet")
     shutil.copy(root / "csv" / "out.parquet", root / "parquet_types" / "strokes.parquet")
     (root / "csv" / "out.parquet").rename(root / "parquet" / "strokes.parquet")
-    samples = Path(__file__).parents[1] / "data" / "samples"
+    samples = Path(__file__).parents[1] / "data" / "cases" / "samples_of_each_format"
     for name, sample in (("elan", "club.eaf"), ("sportscode", "sportscode.xml"), ("pipeline", "strokes.json")):
         shutil.copy(samples / sample, root / name / f"file.{sample.split('.')[1]}")
     shutil.copy(next(samples.glob("2031*.json")), root / "badminton_db" / "file.json")
