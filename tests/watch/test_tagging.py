@@ -562,7 +562,7 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         viewer.open(server.address)
         assert viewer.state("phase", "rally", "inputs") == ["shot", 2, 13]
         viewer.press("Backspace", "Backspace")
-        assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 11]
+        assert viewer.state("phase", "rally", "inputs") == ["place", 1, 11]
         box = page.locator("video").bounding_box()
         page.keyboard.down("Shift")
         click(0.5, 0.25)
