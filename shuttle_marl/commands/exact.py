@@ -235,13 +235,12 @@ def best_response(
         "saved": None if save is None else str(save),
         **cli.home_and_away_json(home, spreads),
     }
-    notes = [
-        "support: fractions of its strokes with so few real ones behind them, where a state has any better; " + _AT_LEAST + "."
-    ]
-    if expected is not None:
-        notes.append(f"expected: {_EXPECTED}.")
-    if save is not None:
-        notes.append(f"saved as table:{save}")
+    notes = (
+        f"player 0 is the response, player 1 {policy}. support: fractions of its strokes with so few real ones behind them "
+        f"({_AT_LEAST}).",
+        f"expected: {_EXPECTED}." if expected is not None else "",
+        f"saved as table:{save}" if save is not None else "",
+    )
     cli.show(figures, json_output, *notes, *cli.home_and_away([("the response", home, spreads)], others, asked=away))
 
 
