@@ -48,10 +48,9 @@ def scout(
 
     if list_players:
         listed = players_of(game)
-        if output.json_output:
-            cli.print_json({"players": [plain(each) for each in listed]})
-        else:
-            cli.console().print(cli.scouted_rows(listed))
+        rows = ((p.name, p.discipline, p.strokes, p.matches, str(p.last), "yes" if p.imitated else "no") for p in listed)
+        headings = ("player", "discipline", "strokes", "matches", "last match", "own choices")
+        cli.show({"players": [plain(each) for each in listed]}, output.json_output, cli.table("Players", headings, rows))
         return
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
