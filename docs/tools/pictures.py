@@ -46,11 +46,11 @@ def _module(*command: str) -> Callable[[], None]:
 
 def _stroke_value() -> None:
     from experiments.stroke_value import draw_ranking, groups_of  # noqa: PLC0415  matplotlib
-    from shuttle_marl.analysis import PlayerValue, pictures  # noqa: PLC0415
+    from shuttle_marl.analysis import PlayerValue, charts  # noqa: PLC0415
 
     found = saved("experiments", "stroke_value")["players"]
     players = [PlayerValue(**{name: value for name, value in each.items() if name != "away"}) for each in found]
-    pictures.save(draw_ranking(groups_of(players), "Value added by strokes"), IMAGES / "stroke_value.png")
+    charts.save(draw_ranking(groups_of(players), "Value added by strokes"), IMAGES / "stroke_value.png")
 
 
 def _human() -> None:

@@ -375,27 +375,27 @@ def _recorded(
 
 def _strokes_to_plot(game: Game, chart: PlotOptions) -> tuple[int | None, int | None]:
     """Catalogue indices of the incoming and the own stroke of a chart, checked before anything is computed."""
-    from shuttle_marl.analysis import pictures  # noqa: PLC0415
+    from shuttle_marl.analysis import charts, rally  # noqa: PLC0415
 
     if chart.plot is None:
         if chart.incoming is not None or chart.own is not None:
             raise ExactError("--incoming and --own select the content of a chart; name its file with --plot FILE")
         return None, None
-    pictures.check_format(chart.plot)
-    incoming, own = (None if name is None else pictures.stroke_index(game, name) for name in (chart.incoming, chart.own))
+    charts.check_format(chart.plot)
+    incoming, own = (None if name is None else rally.stroke_index(game, name) for name in (chart.incoming, chart.own))
     if incoming is not None:
-        pictures.edges_of(game, incoming, own)
+        rally.edges_of(game, incoming, own)
     return incoming, own
 
 
 def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:
-    from shuttle_marl.analysis import pictures  # noqa: PLC0415
+    from shuttle_marl.analysis import charts  # noqa: PLC0415
 
     if incoming is None:
         tables = solution.games[0]
         stroke = tables.incoming(np.arange(tables.n_states))
         incoming = int(np.bincount(stroke, exact.visits(*solution.policy).states[0])[: tables.n_strokes].argmax())
-    pictures.save(pictures.best_replies(solution, incoming, own), path)
+    charts.save(charts.best_replies(solution, incoming, own), path)
 
 
 def _check_at_least(number: int | None) -> None:

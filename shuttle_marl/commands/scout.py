@@ -40,9 +40,9 @@ def scout(
     """
     from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
+    from shuttle_marl.analysis.words import words  # noqa: PLC0415
     from shuttle_marl.coach.scout_page import scouting_page  # noqa: PLC0415
     from shuttle_marl.coach.sources import gaps  # noqa: PLC0415
-    from shuttle_marl.coach.words import words  # noqa: PLC0415
     from shuttle_marl.data import read_matches  # noqa: PLC0415
     from shuttle_marl.game.pairs import people_of  # noqa: PLC0415
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.pictures import aims, best_replies
+from shuttle_marl.analysis.charts import best_replies
+from shuttle_marl.analysis.rally import aims
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
