@@ -24,7 +24,7 @@ from rich.progress import track
 
 from docs.tools.results import show
 from experiments.truth.matches import RESAMPLES, Strokes, of_splits, ratio_by_match, states_of, strokes_of
-from shuttle_marl.analysis import pictures
+from shuttle_marl.analysis import charts
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Outcome, Split, read_matches
@@ -173,7 +173,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
         AnalysisError: the file's suffix is of no known format.
         ModuleNotFoundError: matplotlib is not installed.
     """
-    drawn = pictures.figure(7.2, 4.6)
+    drawn = charts.figure(7.2, 4.6)
     axes = drawn.subplots()
     points = result["curve"]
     x = [point["cross_entropy"]["value"] for point in points]
@@ -196,7 +196,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
     axes.set_title("human:TAU, points labelled by TAU", fontsize=11)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, loc="lower right")
-    pictures.save(drawn, path)
+    charts.save(drawn, path)
 
 
 def measure(game: Game, strokes: Strokes, console: Console) -> dict[str, Any]:

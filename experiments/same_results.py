@@ -84,7 +84,7 @@ LEFT_OUT: Final = (
 )
 """What is not compared."""
 _SKIPPED: Final = ("manifest.json", "tensorboard", "checkpoints", ".lock")
-_TIMES: Final = ("second", "time", "per_s", "checksum")
+_TIMES: Final = ("second", "time", "per_s", "overhead", "checksum")
 
 
 class SameResultsError(ShuttleError):

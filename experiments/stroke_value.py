@@ -20,8 +20,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from docs.tools.results import show
-from shuttle_marl.analysis import PlayerValue, add_values, pictures, rank_players, strokes_of
-from shuttle_marl.analysis.pictures import COLOURS, INK
+from shuttle_marl.analysis import PlayerValue, add_values, charts, rank_players, strokes_of
+from shuttle_marl.analysis.charts import COLOURS, INK
 from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import anonymised
@@ -97,7 +97,7 @@ def groups_of(players: Sequence[PlayerValue]) -> dict[str, list[PlayerValue]]:
 def draw_ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:
     """Value added by each player and the part due to decisions, with intervals; one panel per group."""
     sizes = [len(players) for players in groups.values()]
-    drawn = pictures.figure(8.8, 1.4 + 0.29 * sum(sizes))
+    drawn = charts.figure(8.8, 1.4 + 0.29 * sum(sizes))
     panels = np.atleast_1d(drawn.subplots(len(groups), 1, sharex=True, height_ratios=sizes))
     extreme = 100 * max(max(abs(p.value), abs(p.decision)) for players in groups.values() for p in players)
     for axes, (group, players) in zip(panels, groups.items(), strict=True):

@@ -46,11 +46,11 @@ def _module(*command: str) -> Callable[[], None]:
 
 def _stroke_value() -> None:
     from experiments.stroke_value import draw_ranking, groups_of  # noqa: PLC0415  matplotlib
-    from shuttle_marl.analysis import PlayerValue, pictures  # noqa: PLC0415
+    from shuttle_marl.analysis import PlayerValue, charts  # noqa: PLC0415
 
     found = saved("experiments", "stroke_value")["players"]
     players = [PlayerValue(**{name: value for name, value in each.items() if name != "away"}) for each in found]
-    pictures.save(draw_ranking(groups_of(players), "Value added by strokes"), IMAGES / "stroke_value.png")
+    charts.save(draw_ranking(groups_of(players), "Value added by strokes"), IMAGES / "stroke_value.png")
 
 
 def _human() -> None:
@@ -170,7 +170,6 @@ def _reports() -> None:
 
 
 _COURT: Final = {
-    ("tagging.jpg",): "tagging_picture",
     (
         "film.webp",
         "watch_players.jpg",
@@ -215,9 +214,10 @@ def digest(source: str) -> str:
 
 
 KEPT: Final = frozenset({
-    "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png", "foxglove_side.png", "strokes.png"
+    "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png", "foxglove_side.png", "strokes.png",
+    "tagging.jpg",
 })  # fmt: skip
-"""Pictures whose program ended; CONTRIBUTING.md names it."""
+"""Pictures whose program ended; docs/truth_record.md names it."""
 
 
 def outdated() -> list[str]:

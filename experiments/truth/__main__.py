@@ -18,7 +18,6 @@ from experiments.truth.decisions import Promises
 from experiments.truth.legality import illegal, judged_strokes
 from experiments.truth.matches import Strokes, of_splits, strokes_of
 from experiments.truth.memory import memory
-from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.recovery import recovery_effects
 from experiments.truth.transfer import thin_support, transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, judged_by, marked, shipped_world
@@ -49,8 +48,6 @@ def truth(
     halvings: int = 2,
     seed: int = 0,
     fits: Path = Path("runs/truth"),
-    values: Path | None = None,
-    against: Path | None = None,
     out: Path | None = None,
     json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
@@ -67,8 +64,6 @@ def truth(
         halvings: halvings of the training matches for the transfer; two games are fitted for each; 0: no transfer.
         seed: random seed of the fits, halvings and simulated matches.
         fits: cache folder of fitted games.
-        values: file for the values and advantages of all strokes, for --against.
-        against: file of --values of another game on the same matches; adds the paired differences to it.
         out: JSON file for the result, with its provenance.
         json_output: print JSON.
     """
@@ -95,10 +90,6 @@ def truth(
     result: dict[str, Any] = {**about, **compare(parts, real, promised, seed, training)}
     if cross is not None or factors is not None:
         result["calibration"] = calibration(real, promised, parts_of(parts), factors, seed)
-    if values is not None:
-        save_values(values, real, promised)
-    if against is not None:
-        result["against"] = differences(real, promised, load_values(against, real), seed)
     if halvings:
         result["transfer"] = transfer(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
     show(result, "truth", "truth_shots", "truth_memory", "truth_forecasts", "truth_told_apart", as_json=json_output, out=out)

@@ -6,7 +6,7 @@ minus the mean over the strokes that elite players choose there, calibrated.
 
 A stroke is judged only if at least :data:`~shuttle_marl.game.shipped.RELIABLE` real strokes stand behind it and behind the best
 one. It is marked if its change is larger than the disagreement of the refits, and if elite players play its shot type there in
-less than :data:`RARE` of the cases. Thresholds were chosen on the training matches (``experiments.marks``).
+less than :data:`RARE` of the cases. Thresholds were chosen on the training matches.
 """
 
 import dataclasses

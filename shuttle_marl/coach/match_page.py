@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from shuttle_marl.analysis import Players
+from shuttle_marl.analysis import Players, charts
 from shuttle_marl.analysis.match import MatchReport, ShotValue
 from shuttle_marl.analysis.outlook import Met
+from shuttle_marl.analysis.words import signed, words
 from shuttle_marl.analysis.worth import LEAST_REFITS
-from shuttle_marl.coach import charts
 from shuttle_marl.coach.examples import shared, viewer
 from shuttle_marl.coach.rendering import Drill, drills, page
-from shuttle_marl.coach.words import signed, words
 from shuttle_marl.game.scoring import is_over, wins_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game

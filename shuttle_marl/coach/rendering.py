@@ -6,9 +6,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
+from shuttle_marl.analysis import charts
 from shuttle_marl.analysis.waits import LEAST_METRES, Wait
-from shuttle_marl.coach import charts
-from shuttle_marl.coach.words import between, metres, of_100, parts, ranged, signed, words
+from shuttle_marl.analysis.words import between, metres, of_100, parts, ranged, signed, words
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.recovery import ACROSS, DEPTHS
 from shuttle_marl.game.shipped import RELIABLE

@@ -5,16 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from shuttle_marl.analysis import Players
+from shuttle_marl.analysis import Players, charts
 from shuttle_marl.analysis.advice import LEAST_STEADY
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.scouting import ScoutingReport
+from shuttle_marl.analysis.words import ranged, words
 from shuttle_marl.analysis.worth import LEAST_REFITS
 from shuttle_marl.base.errors import printable
-from shuttle_marl.coach import charts
 from shuttle_marl.coach.examples import shared, staged_advice, viewer
 from shuttle_marl.coach.rendering import Drill, drills, page
-from shuttle_marl.coach.words import ranged, words
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.pages import Viewer

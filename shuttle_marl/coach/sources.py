@@ -17,9 +17,9 @@ from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.outlook import met
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.analysis.words import of_100, words
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.coach.match_page import Footage
-from shuttle_marl.coach.words import of_100, words
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import area_inferred
 from shuttle_marl.data.schema import Outcome

@@ -154,15 +154,15 @@ def _ratings(path: Path) -> dict[str, float]:
 
 def _draw(out: Path, summaries: dict[str, "play.Summary"], name: str, reference: "play.Summary") -> None:
     """Draw the first players and the last one, compared with a reference."""
-    from shuttle_marl.analysis import pictures  # noqa: PLC0415
+    from shuttle_marl.analysis import charts  # noqa: PLC0415
 
     names = list(summaries)
     drawn = {name: summaries[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
-    pictures.save(pictures.landings(drawn, reference, name), out / "landings.png")
-    pictures.save(pictures.shot_mix(drawn), out / "shots.png")
+    charts.save(charts.landings(drawn, reference, name), out / "landings.png")
+    charts.save(charts.shot_mix(drawn), out / "shots.png")
     for player, summary in drawn.items():
         file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in player)
-        pictures.save(pictures.transitions(summary, player), out / f"replies-{file}.png")
+        charts.save(charts.transitions(summary, player), out / f"replies-{file}.png")
 
 
 def _print_json(summaries: dict[str, "play.Summary"], ratings: dict[str, float]) -> None:

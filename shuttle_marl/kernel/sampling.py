@@ -289,18 +289,20 @@ class RallySampler:
     def _finish(self, numbers: I64, assess: Assess) -> None:
         """Play these rallies to their end and add them up."""
         while len(numbers):
-            pending = Pending(np.empty_like(numbers), np.empty(2 * len(numbers), np.int32))
-            collected = Collected(self._sums, self.strokes, self._listed, self._tape)
-            credit = Credit(self._gae_lambda, self._shaping)
-            args = (self._tables, self._learned, self._schedule, numbers, credit, self._workspace, collected, pending)
-            shortage = collect(*args)
-            if shortage.small == TOO_LONG:
-                self._workspace = new_workspace(2 * self._workspace.rallies.state.shape[1])
-            if shortage.small == FULL:
-                self.strokes = StrokeList._make([np.resize(column, 2 * len(column)) for column in self.strokes])
-                self._tape = doubled(self._tape)
-            self._refresh(pending.state[: shortage.states], assess)
-            numbers = pending.rally[: shortage.rallies]
+            pending = Pending(np.empty_like(numbers), np.empty(2 * len(numbers), np.int32), np.zeros(2, np.int64))
+            while len(numbers):
+                collected = Collected(self._sums, self.strokes, self._listed, self._tape)
+                credit = Credit(self._gae_lambda, self._shaping)
+                args = (self._tables, self._learned, self._schedule, numbers, credit, self._workspace, collected, pending)
+                played, small = collect(*args)
+                numbers = numbers[played:]
+                if small == TOO_LONG:
+                    self._workspace = new_workspace(2 * self._workspace.rallies.state.shape[1])
+                elif small == FULL:
+                    self.strokes = StrokeList._make([np.resize(column, 2 * len(column)) for column in self.strokes])
+                    self._tape = doubled(self._tape)
+            self._refresh(pending.state[: pending.used[1]], assess)
+            numbers = pending.rally[: pending.used[0]]
 
     def _refresh(self, states: I32, assess: Assess) -> None:
         self._learned.written[states] = 0  # requested again if the network fails

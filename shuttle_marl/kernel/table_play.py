@@ -390,18 +390,12 @@ class Pending(NamedTuple):
     Attributes:
         rally: ``[R]`` their numbers.
         state: ``[R]`` states whose entries are missing or stale.
+        used: ``[2]`` number of rallies and of states.
     """
 
     rally: I64
     state: I32
-
-
-class Shortage(NamedTuple):
-    """Number of entries of :class:`Pending`, and the arrays that are too small: TOO_LONG (workspace), FULL (results) or 0."""
-
-    rallies: int
-    states: int
-    small: int
+    used: I64
 
 
 class _Stroke(NamedTuple):
@@ -542,12 +536,16 @@ def collect(
     workspace: Workspace,
     collected: Collected,
     pending: Pending,
-) -> Shortage:
-    """Play the rallies with these numbers and add them to ``collected``; those that cannot be added go to ``pending``."""
-    waiting, states, small = 0, 0, 0
-    sums, strokes, tape = collected.sums, collected.strokes, collected.tape
+) -> tuple[int, int]:
+    """Play the rallies with these numbers and add them to ``collected``; those that miss entries of the table go to ``pending``.
+
+    Returns:
+        Number of rallies before the first for which an array is too small, so that results do not depend on the sizes of arrays;
+        and which: TOO_LONG (workspace), FULL (results), or 0.
+    """
+    sums, strokes, tape, waiting = collected.sums, collected.strokes, collected.tape, pending.used
     recovery = with_recovery(tables)
-    listed, taped, used = strokes.state.size > 0, tape.rally.size > 0, collected.listed[0]
+    listed, taped, used = strokes.state.size > 0, tape.rally.size > 0, collected.listed
     rallies = workspace.rallies
     for first in range(0, numbers.size, BLOCK):
         block = numbers[first : first + BLOCK]
@@ -555,25 +553,26 @@ def collect(
         for i in range(block.size):
             number, length, server = block[i], rallies.length[i], rallies.server[i]
             opponent = schedule.opponents[number % schedule.opponents.size]
+            if length == STALE:
+                pending.rally[waiting[0]] = number
+                waiting[0] += 1
+                # In self-play both decisions of a state are asked for at once.
+                for decision in (server, (server + states_of(tables)) % learned.written.size if opponent < 0 else server):
+                    if 0 <= learned.written[decision] < schedule.oldest:
+                        pending.state[waiting[1]] = decision
+                        waiting[1] += 1
+                        learned.written[decision] = -1
+                continue
             own = length if opponent < 0 or recovery else (length - server + 1) // 2
             own += length if opponent < 0 and recovery else 0
-            if length < 0 or (listed and used + own > strokes.state.size) or (taped and not _fits(tape, length)):
-                pending.rally[waiting] = number
-                waiting += 1
-                if length == STALE:
-                    # In self-play both decisions of a state are asked for at once.
-                    for decision in (server, (server + states_of(tables)) % learned.written.size if opponent < 0 else server):
-                        if 0 <= learned.written[decision] < schedule.oldest:
-                            pending.state[states] = decision
-                            states += 1
-                            learned.written[decision] = -1
-                else:
-                    small = TOO_LONG if length == TOO_LONG else FULL
-                continue
+            if length == TOO_LONG:
+                return first + i, TOO_LONG
+            if (listed and used[0] + own > strokes.state.size) or (taped and not _fits(tape, length)):
+                return first + i, FULL
             reward = 2.0 * rallies.outcome[i] - 1.0
             sums.total[1] += 1
             sums.total[5] += length
-            at = used if listed else -1
+            at = used[0] if listed else -1
             if opponent < 0:
                 _credit_both(tables, learned, collected, at, rallies, i, reward, credit)
             else:
@@ -581,11 +580,10 @@ def collect(
                     reward = -reward
                 sums.total[2] += reward > 0
                 _credit_learner(tables, learned, collected, at, rallies, i, reward, credit)
-            used += own if listed else 0
+            used[0] += own if listed else 0
             if taped:
                 _write(tables, tape, rallies, i, number)
-    collected.listed[0] = used
-    return Shortage(waiting, states, small)
+    return numbers.size, 0
 
 
 @inlined

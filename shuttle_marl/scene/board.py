@@ -1,7 +1,6 @@
 """Cameras of the layouts, and the scoreboard in the picture of each."""
 
 import dataclasses
-import math
 import textwrap
 from typing import Final
 
@@ -67,17 +66,15 @@ CAMERAS: Final = (
         phi=78.0,
         theta=330.0,
         fovy=42.0,
-        target=(0.0, 0.0, 0.3),
+        target=(0.0, 0.0, 1.25),
         frame=place_frame(0),
     ),
 )
 
 
 def name_lines(name: str, width: int = 22) -> list[str]:
-    """A name split into at most three lines of equal length; names longer than that are truncated."""
-    text = name if len(name) <= _MOST_LINES * width else f"{name[: _MOST_LINES * width - 1]}…"
-    length = math.ceil(len(text) / math.ceil(max(len(text), 1) / width)) or 1
-    return [text[i : i + length] for i in range(0, len(text), length)] or [""]
+    """A name in at most three lines; longer ones are truncated."""
+    return textwrap.wrap(name, width, max_lines=_MOST_LINES, placeholder="…") or [""]
 
 
 def boards(report: RallyReport, time: int, text: str, *, after: bool = False, marked: int | None = None) -> list[Timed]:

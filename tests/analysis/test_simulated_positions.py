@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis import pictures
+from shuttle_marl.analysis import charts
 from shuttle_marl.analysis.strokes import (
     BREAK,
     FAULT_MIX,
@@ -18,7 +18,7 @@ from shuttle_marl.analysis.strokes import (
     sample_positions,
     simulate,
 )
-from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
@@ -158,12 +158,12 @@ def test_what_cannot_be_simulated_is_refused(bc: TabulatedPolicy) -> None:
 
 def test_pictures_have_formats_and_areas_have_corners(tmp_path: Path) -> None:
     for name in ("a.png", "a.svg", "a.pdf"):
-        pictures.check_format(tmp_path / name)
+        charts.check_format(tmp_path / name)
     for name in ("a.jpg", "a", "a.PNG"):
-        with pytest.raises(AnalysisError, match=r"pictures are written as \.png, \.svg, \.pdf; use one of these suffixes"):
-            pictures.check_format(tmp_path / name)
+        with pytest.raises(OptionError, match=r"pictures are written as \.png, \.svg, \.pdf; use one of these suffixes"):
+            charts.check_format(tmp_path / name)
     (x0, x1), (y0, y1) = court.area_box(3)
-    assert pictures.corners(3) == ([x0, x1, x1, x0], [y0, y0, y1, y1])
-    assert pictures.corners(3, incoming=True) == ([-x0, -x1, -x1, -x0], [-y0, -y0, -y1, -y1])
-    assert [pictures.of_hand(area, "left") for area in (-1, 0, 4, 8)] == [-1, 2, 4, 6]
-    assert [pictures.of_hand(area, hand) for area in (-1, 5) for hand in ("right", None)] == [-1, -1, 5, 5]
+    assert charts.corners(3) == ([x0, x1, x1, x0], [y0, y0, y1, y1])
+    assert charts.corners(3, incoming=True) == ([-x0, -x1, -x1, -x0], [-y0, -y0, -y1, -y1])
+    assert [charts.of_hand(area, "left") for area in (-1, 0, 4, 8)] == [-1, 2, 4, 6]
+    assert [charts.of_hand(area, hand) for area in (-1, 5) for hand in ("right", None)] == [-1, -1, 5, 5]

@@ -9,9 +9,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
+from shuttle_marl.analysis import AnalysisError, charts, rally, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import players_of
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.commands.analysis import RallyFilter
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
@@ -130,16 +131,16 @@ def test_figures_of_a_tournament(valued: pa.Table) -> None:
 def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
     found = {name: summarise(valued, name) for name in players_of(valued)}
     drawn = {
-        "landings.png": pictures.landings(found, summarise(valued), "all together"),
-        "replies.svg": pictures.transitions(found["bc"], "bc"),
-        "shots.pdf": pictures.shot_mix(found),
+        "landings.png": charts.landings(found, summarise(valued), "all together"),
+        "replies.svg": charts.transitions(found["bc"], "bc"),
+        "shots.pdf": charts.shot_mix(found),
     }
     golden.check("pictures", {name: golden.artists(figure) for name, figure in drawn.items()})
     for name, figure in drawn.items():
-        pictures.save(figure, tmp_path / name)
+        charts.save(figure, tmp_path / name)
         assert (tmp_path / name).stat().st_size > 5000
-    with pytest.raises(AnalysisError, match="pictures are written as"):
-        pictures.save(drawn["landings.png"], tmp_path / "landings.bmp")
+    with pytest.raises(OptionError, match="pictures are written as"):
+        charts.save(drawn["landings.png"], tmp_path / "landings.bmp")
 
 
 @pytest.mark.parametrize(
@@ -150,9 +151,9 @@ def test_best_replies_are_drawn_where_players_of_the_hands_see_them(people: tupl
     hands, solution = people_of(pair).hands, solve(pair)
     catalogue = solution.games[0].catalogue
     incoming = next(k for k in range(1, len(catalogue)) if catalogue.area[k] == 0 and k in solution.games[0].edge_incoming)
-    drawn = pictures.best_replies(solution, incoming)
+    drawn = charts.best_replies(solution, incoming)
     side = {"right": 1, "left": -1}
-    for axes, aim in zip(drawn.axes, pictures.aims(solution, incoming), strict=True):
+    for axes, aim in zip(drawn.axes, rally.aims(solution, incoming), strict=True):
         (met,) = (text for text in axes.texts if text.get_text() == "incoming\nfront\nforehand")
         assert met.get_position()[0] * side[hands[0]] > 0  # the striker's own forehand side, at the bottom
         for area in np.flatnonzero(aim.stroke >= 0).tolist():
@@ -236,8 +237,8 @@ def test_the_game_is_that_of_the_log_and_never_silently_the_shipped_one(
 
 
 def test_a_drawn_court_is_symmetric_and_as_large_as_a_court() -> None:
-    axes = pictures.figure(4, 8).subplots()
-    pictures.draw_court(axes)
+    axes = charts.figure(4, 8).subplots()
+    charts.draw_court(axes)
     lines = {tuple(sorted(zip(*map(tuple, line.get_data()), strict=True))) for line in axes.lines}
     for across, along in ((-1, 1), (1, -1)):
         assert {tuple(sorted((across * x, along * y) for x, y in line)) for line in lines} == lines

@@ -9,7 +9,7 @@ from string import Formatter
 import pytest
 
 import shuttle_marl
-from shuttle_marl.coach.words import Words, of_100, signed
+from shuttle_marl.analysis.words import Words, of_100, signed
 from shuttle_marl.data.words import bare, table
 from shuttle_marl.game.court import AREA_WORDS, AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES

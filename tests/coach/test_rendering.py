@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.analysis.waits import Place, Wait
+from shuttle_marl.analysis.words import Words
 from shuttle_marl.coach.examples import base91
 from shuttle_marl.coach.rendering import Drill, differences, drills
-from shuttle_marl.coach.words import Words
 from shuttle_marl.game.shipped import Estimate
 
 WIDE = Estimate(0.5, 0.375, 0.625)

@@ -11,16 +11,17 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
+from shuttle_marl.analysis import charts
 from shuttle_marl.analysis.course import Chances, RallyRow, score_of
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.analysis.words import Words
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import read_parquet, write_parquet
-from shuttle_marl.coach import charts, sources
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
-from shuttle_marl.coach.words import Words
+from shuttle_marl.coach import sources
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command

@@ -16,8 +16,8 @@ import pytest
 from shuttle_marl.analysis.match import MatchReport, matches_in
 from shuttle_marl.analysis.scouting import plain
 from shuttle_marl.analysis.waits import LEAST_MATCHES, Wait, waits
+from shuttle_marl.analysis.words import Words
 from shuttle_marl.coach.match_page import match_page
-from shuttle_marl.coach.words import Words
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.pages.languages import LANGUAGES, Language, current, speaking

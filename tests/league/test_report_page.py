@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import mannwhitneyu
 
 from shuttle_marl import __version__
+from shuttle_marl.analysis import charts
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
@@ -32,7 +33,6 @@ from shuttle_marl.league.tournament import (
     forfeited,
     round_robin,
 )
-from shuttle_marl.pages import charts
 from shuttle_marl.policy.registry import resolve
 from tests import golden
 from tests.pages import parsed

@@ -130,14 +130,6 @@ def test_close_games_end_from_19_points_each() -> None:
         assert np.allclose(styles_of(policy, 20, (*points, 0, 0)), shifted(both), rtol=0, atol=1e-9)
 
 
-def test_files_without_stages_are_read() -> None:
-    arrays = {name: array for name, array in shifts(1.0).items() if name not in STAGES}
-    none = {name: array * (name not in STAGES) for name, array in shifts(1.0).items()}
-    known = dataclasses.replace(some_states(), number=np.full(500, 30, np.int32), score=np.full((500, 4), 20, np.int16))
-    old, new = (HistoryPolicy.of(UNIFORM, each).probabilities(known) for each in (arrays, none))
-    assert (old == new).all()
-
-
 def test_simulated_matches_are_those_of_the_table_without_shifts_and_the_same_each_time_with_them() -> None:
     table = simulate(GAME, dict.fromkeys(NAMES, UNIFORM), matches=2, seed=3)
     assert simulate(GAME, dict.fromkeys(NAMES, player()), matches=2, seed=3) == table

@@ -78,6 +78,16 @@ def metrics(run: Path) -> list[dict[str, float]]:
     return [{k: v for k, v in line.items() if k != "seconds"} for line in lines]
 
 
+def test_what_is_recorded_changes_nothing_in_learning(tmp_path: Path) -> None:
+    """Results depend neither on the room for recorded strokes nor on how it grew."""
+    config = PPOConfig(**SMALL | {"growth": 4.0}, strokes=256 * 20)
+    first, *others = (
+        train(dataclasses.replace(config, out=tmp_path / part.replace(":", "-"), record=part)).folder
+        for part in ("all", "sample:2", "none")
+    )
+    assert all(weights(other) == weights(first) for other in others)
+
+
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name in VARIANTS[1:5] else ()) for name in CONFIGS]
 )

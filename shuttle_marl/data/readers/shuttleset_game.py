@@ -39,7 +39,7 @@ def read(path: Path, sheet: Sheet) -> Reading:
         return re.sub(r"\.0*$", "", value)
 
     of_file = re.fullmatch(r"set(\d)", path.stem)
-    match_and_game = (path.parent.name, of_file[1]) if of_file and path.parent.name else (path.stem, "1")
+    match_and_game = (path.absolute().parent.name, of_file[1]) if of_file else (path.stem, "1")
     names, games = (
         column(name) if name in sheet.header else (value,) * len(sheet)
         for name, value in zip(("match_id", "set"), match_and_game, strict=True)

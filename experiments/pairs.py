@@ -1,4 +1,8 @@
-"""Log-loss of results of rallies in unseen matches: a coin, Bradley-Terry, the game of the pair, and the mean of the last two.
+"""The games of pairs of players compared with matches that were not used to fit them: log-loss of the results of rallies.
+
+    python -m experiments.pairs --data DATA (--cross 4 | --split test) [--json]
+
+Predictions are a coin, Bradley-Terry, the game of the pair, and the mean of the last two.
 
 **Bradley-Terry.** The log-odds that the server wins a rally are an advantage of the serve, the difference of both players'
 ratings, and an effect of the match. Ratings follow a random walk by date (Ingram, J. Quant. Anal. Sports 2019); variances are
@@ -9,30 +13,93 @@ player's own choices where the model has them, else with those of the average pl
 """
 
 import dataclasses
+import json
+import sys
 import time
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import torch
+import tyro
+from rich.console import Console
 from scipy.sparse import block_diag, csr_matrix, identity
 
-from experiments.pairs.parts import Part
-from experiments.truth.matches import Strokes
+from docs.tools.results import show
+from experiments.truth.matches import Strokes, folds_of, of_splits, strokes_of
+from experiments.truth.worlds import Report, fingerprint
 from shuttle_marl.analysis.outlook import EARNED, earned
 from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.runs import describe
+from shuttle_marl.commands.cli import entry_point
+from shuttle_marl.data import Split, read_matches
 from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.choices import player_choices
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses
+from shuttle_marl.dynamics.fit import fit
+from shuttle_marl.dynamics.hurried import fit_hurry
+from shuttle_marl.dynamics.make import save_fit, save_variants
 from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances
 from shuttle_marl.dynamics.models import log_odds, sigmoid
-from shuttle_marl.dynamics.skill import YEAR, days_of, slope_on_offset
+from shuttle_marl.dynamics.network import QUICK
+from shuttle_marl.dynamics.skill import YEAR, days_of, slope_on_offset, summary
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.shipped import PROFILES, variants
+from shuttle_marl.game.shipped import CARD, PROFILES, model_folder, variants
 from shuttle_marl.game.skill import AVERAGE, load_skill
 from shuttle_marl.policy import baselines
 
 PREDICTIONS: Final = ("coin", "bradley_terry", "pair", "mean")
+
+
+class Part(NamedTuple):
+    """A model in a folder, the strokes that it was fitted to, and others."""
+
+    folder: Path
+    seen: Strokes
+    unseen: Strokes
+
+
+def crossed(
+    played: Strokes, sources: Mapping[str, str], count: int, cache: Path, *, seed: int, report: Report
+) -> list[Part]:  # fmt: skip
+    """Models that are each fitted without one part of the matches.
+
+    Args:
+        played: strokes of all matches.
+        sources: data set of each match by name.
+        count: number of parts.
+        cache: folder of the models; their names are hashes of the strokes, the seed and the source code of the dynamics.
+        seed: of the parts and of the fits.
+        report: called with a line before each stage of a fit.
+    """
+    fold = folds_of(played, count, seed)
+    parts = []
+    for k in range(count):
+        seen = played.take(fold != k)
+        report(f"part {k + 1} of {count}")
+        parts.append(Part(_fitted(seen, sources, cache, seed, report), seen, played.take(fold == k)))
+    return parts
+
+
+def _fitted(seen: Strokes, sources: Mapping[str, str], cache: Path, seed: int, report: Report) -> Path:
+    """Folder of the model that is fitted to some strokes."""
+    rows = seen.rows
+    folder = cache / fingerprint(json.dumps([seed, torch.__version__, seen.matches]), seen)[:16]
+    if not (folder / CARD).is_file():
+        hurry = fit_hurry(rows, seed=seed)
+        fitted = fit(rows if hurry is None else hurry.marked(rows), None, seed=seed, config=QUICK, report=report)
+        report("choices of players")
+        choices, _ = player_choices(fitted.models.choosers, rows, None, QUICK.folds)
+        fitted = dataclasses.replace(fitted, models=dataclasses.replace(fitted.models, choices=choices))
+        # Compared with real strokes and results only: how it is played best does not matter.
+        written = save_fit(folder, fitted, sources, None, report=report, check=False)
+        # The card comes last: a folder with a card is complete.
+        save_variants(folder, written.game, written.variants, {"name": folder.name, "skill": summary(written.skill, {})})
+    return folder
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,11 +153,11 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
     predicted: dict[str, list[F64]] = {name: [] for name in PREDICTIONS}
     pairs, seconds = 0, 0.0
     for number, part in enumerate(parts):
-        rallies = rallies_of(part.unseen.strokes)
+        rallies = rallies_of(part.unseen)
         started = time.monotonic()
         of_pair, count = pair_probabilities(part, rallies)
         seconds += time.monotonic() - started
-        ratings = bradley_terry(rallies_of(part.seen.strokes), rallies)
+        ratings = bradley_terry(rallies_of(part.seen), rallies)
         for name, p in zip(PREDICTIONS, (np.full(len(of_pair), 0.5), ratings, of_pair, (ratings + of_pair) / 2), strict=True):
             predicted[name].append(p)
         won.append(rallies.won)
@@ -192,3 +259,51 @@ def bradley_terry(seen: Rallies, unseen: Rallies) -> F64:
         return np.where(knot < 0, 0.0, found[knot])
 
     return sigmoid(rating(unseen.server) - rating(unseen.receiver) + found[effects - len(PROFILES) + unseen.discipline])
+
+
+def pairs(
+    *,
+    data: Path,
+    split: Split | None = None,
+    cross: int | None = None,
+    model: str = "default",
+    seed: int = 0,
+    fits: Path = Path("runs/pairs"),
+    out: Path | None = None,
+    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Compare the games of pairs of players with matches that were not used to fit them.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        split: matches to compare with a shipped model, which was fitted to the training matches.
+        cross: instead of one split, fit this many models, each without one part of the training and validation matches, and
+            compare every match with the model that was fitted without it.
+        model: with --split, the shipped model or model folder to compare.
+        seed: random seed of the parts and the fits.
+        fits: cache folder of fitted models.
+        out: JSON file for the result, with its provenance.
+        json_output: print JSON.
+    """
+    if (split is None) == (cross is None):
+        raise ShuttleError("expected either --split NAME or --cross NUMBER")
+    if cross is not None and cross < 2:
+        raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
+    console = Console(stderr=True, highlight=False)
+    table = read_matches(data)
+    every = strokes_of(table)
+    if cross is not None:
+        sources = dict(zip(table["match"].to_pylist(), table["source"].to_pylist(), strict=True))
+        played = of_splits(every, "train", "validation")
+        parts = crossed(played, sources, cross, fits, seed=seed, report=lambda line: console.print(line, markup=False))
+    else:
+        parts = [Part(model_folder(model), of_splits(every, "train"), of_splits(every, split or "validation"))]
+    about = {**describe(("numpy", "torch")), "split": split, "cross": cross}
+    show({**about, **results(parts)}, "pair_results", as_json=json_output, out=out)
+
+
+main = entry_point(pairs, "python -m experiments.pairs", __doc__ or "")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
