@@ -73,12 +73,15 @@ class ActorCritic(Learner):
         return logit_network(self.actor)(observation), self.critic.module(observation).squeeze(-1)
 
     def iterate(self, remaining: float, run: Callback = IDLE) -> None:
-        """Collect rallies, and take ``epochs * minibatches`` gradient steps, see :meth:`Learner.iterate`."""
+        """Collect rallies, and take ``epochs * minibatches`` gradient steps; a run repeats this, see :meth:`Learner.iterate`."""
         self.anneal(remaining)
         run.begin(self)
-        data = self.collect()  # strokes of pi_old, with A and V_target
+        # Collect: strokes (s, a) of pi_old, with A and V_target.
+        data = self.collect()
         run.collected(self)
-        data = normalised(data)  # A / (N std(A)), and w(s) = N(s) / N
+        # Advantages: A / (N std(A)), and weights w(s) = N(s) / N.
+        data = normalised(data)
+        # Update.
         mean = Mean(*self.logged)
         for _ in range(self.epochs):
             for part in minibatches(data, self.minibatches):

@@ -26,20 +26,49 @@ _FIGURES: Final = ("log_probability", "value")
 
 
 class RunLog(LogContext):
-    """Log of the rallies of a learner.
+    """Log of the rallies of a learner, or the continuation of one.
 
     Args:
-        recorder: None if nothing is recorded.
-        header: header of the log; its first policy is the learner, the others are its opponents.
-        figures: rallies of the log whose strokes have the learner's log-probability and value: all, none, sample:N, or auto,
-            the first :data:`FIRST` and one in a hundred.
+        path: the log; nothing is written if ``record`` is none.
+        players: the learner, then the opponents of its sampler in their order.
+        seeds: seed of the sampler in each segment.
+        seed: of the run.
+        record: rallies that are recorded: all, none, or sample:N.
+        figures: rallies of the log whose strokes have the learner's log-probability and value: all, none, sample:N, or auto, the
+            first :data:`FIRST` and one in a hundred; None: a log without these columns.
+        rallies: number of rallies that were recorded before.
+
+    Raises:
+        RecordingError: the log cannot be written, or holds fewer rallies.
     """
 
-    def __init__(self, recorder: RallyRecorder | None, header: LogHeader, figures: str) -> None:
-        self._recorder, self._header = recorder, header
-        auto = figures == AUTO
-        self._figures, self._first = Sampling(every=100) if auto else Sampling.parse(figures), FIRST * auto
-        self._sampling = Sampling.parse(header.record)
+    def __init__(
+        self,
+        path: Path,
+        game: Game,
+        players: tuple[Player, ...],
+        seeds: Sequence[int],
+        *,
+        seed: int,
+        record: str,
+        figures: str | None = None,
+        rallies: int = 0,
+    ) -> None:
+        self._sampling, self._first = Sampling.parse(record), FIRST * (figures == AUTO)
+        self._figures = Sampling(every=100) if figures == AUTO else Sampling.parse(figures or "none")
+        self._header = LogHeader(
+            seed=seed,
+            game=game.hash,
+            strokes=game.catalogue.names,
+            policies=players,
+            pairings=tuple(seeds),
+            matches_per_draw=1,
+            rules=SINGLE_RALLY,
+            draws="training",
+            record=record,
+            columns=columns_of(game, "update", *(_FIGURES if figures else ())),
+        )
+        self._recorder = RallyRecorder(resume(path, self._header, rallies)) if self._sampling.every else None
         self._thread = ThreadPoolExecutor(1, "recording replays")
         self._pending: Future[Rallies] | None = None
 
@@ -135,7 +164,7 @@ def open_log(
         others = [Player(name=f"{config.variant}-{k}") for k in range(n_opponents(config))]
     else:
         others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=False)]
-    return learner_log(
+    return RunLog(
         folder / runs.RALLIES,
         game,
         (Player(name=f"{config.algorithm}-{config.seed}"), *others),
@@ -145,40 +174,3 @@ def open_log(
         figures=None if config.algorithm == "sac" else config.figures,
         rallies=rallies,
     )
-
-
-def learner_log(
-    path: Path,
-    game: Game,
-    players: tuple[Player, ...],
-    seeds: Sequence[int],
-    *,
-    seed: int,
-    record: str,
-    figures: str | None = None,
-    rallies: int = 0,
-) -> RunLog:
-    """Open a log of a learner's rallies, or continue it.
-
-    Args:
-        players: the learner, then the opponents of its sampler in their order.
-        seeds: seed of the sampler in each segment.
-        figures: as of :class:`RunLog`; None: a log without these columns.
-
-    Raises:
-        RecordingError: the log cannot be written, or holds fewer rallies.
-    """
-    header = LogHeader(
-        seed=seed,
-        game=game.hash,
-        strokes=game.catalogue.names,
-        policies=players,
-        pairings=tuple(seeds),
-        matches_per_draw=1,
-        rules=SINGLE_RALLY,
-        draws="training",
-        record=record,
-        columns=columns_of(game, "update", *(_FIGURES if figures else ())),
-    )
-    recorder = RallyRecorder(resume(path, header, rallies)) if Sampling.parse(record).every else None
-    return RunLog(recorder, header, figures or "none")

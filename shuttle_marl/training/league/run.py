@@ -28,7 +28,7 @@ from shuttle_marl.training.league.population import TABLES, TOLERANCE, Frozen, P
 from shuttle_marl.training.league.psro import respond
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
 from shuttle_marl.training.league.state import Best, LeagueState, Member, TurnResult
-from shuttle_marl.training.league.turns import Workers, network_path, prune_states
+from shuttle_marl.training.league.turns import NETWORK, Workers, prune_states, turn_file
 from shuttle_marl.training.run import game_of
 
 RESULTS: Final = "results.json"
@@ -281,7 +281,7 @@ class _League:
         policy = self.tables.read(state.best.hash)
         policy.save(self.folder / MAIN, {"policy": state.best.name})
         member, _, number = state.best.name.rpartition("@")
-        network = network_path(self.folder, member, int(number))
+        network = turn_file(self.folder, member, int(number), NETWORK)
         figures = {
             "variant": self.config.variant,
             "seed": self.config.seed,
