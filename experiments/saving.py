@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,9 +31,11 @@ class Study:
         own = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in others}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in own.items()}
 
-    def open(self, name: str) -> contextlib.AbstractContextManager[Path]:
+    @contextlib.contextmanager
+    def open(self, name: str) -> Iterator[Path]:
         """The run folder, see :func:`shuttle_marl.base.runs.open_run`."""
-        return runs.open_run(self.out, name, self.fixed(), resume=self.resume, overwrite=self.overwrite)
+        with runs.open_run(self.out, name, self.fixed(), resume=self.resume, overwrite=self.overwrite) as run:
+            yield run.folder
 
 
 def save_results(folder: Path, result: dict[str, Any], copy: Path | None) -> dict[str, Any]:

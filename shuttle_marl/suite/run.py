@@ -108,7 +108,8 @@ def run_method(options: SuiteRun, console: Console | None = None, *, committed: 
     words = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
     check_processes(1 if options.ray is not None else options.workers)
     fixed = dataclasses.asdict(config)
-    with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
+    with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as run:
+        folder = run.folder
         numbers = itertools.product(range(len(cases)), range(config.seeds))
         units = [unit for unit in numbers if not store.entry_path(folder, *unit).exists()]
         about = {**runs.describe(PACKAGES), "sources": {} if committed else _sources(folder, config, more=bool(units))}

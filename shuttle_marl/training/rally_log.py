@@ -29,12 +29,13 @@ class RunLog(LogContext):
     """Log of the rallies of a learner.
 
     Args:
+        recorder: None if nothing is recorded.
         header: header of the log; its first policy is the learner, the others are its opponents.
         figures: rallies of the log whose strokes have the learner's log-probability and value: all, none, sample:N, or auto,
             the first :data:`FIRST` and one in a hundred.
     """
 
-    def __init__(self, recorder: RallyRecorder, header: LogHeader, figures: str) -> None:
+    def __init__(self, recorder: RallyRecorder | None, header: LogHeader, figures: str) -> None:
         self._recorder, self._header = recorder, header
         auto = figures == AUTO
         self._figures, self._first = Sampling(every=100) if auto else Sampling.parse(figures), FIRST * auto
@@ -56,6 +57,8 @@ class RunLog(LogContext):
         Raises:
             RecordingError: the log cannot be written; earlier rallies are recorded.
         """
+        if self._recorder is None:
+            return
         if self._sampling.every == 1:
             sampler.note_next()
         numbers = sampler.numbers[sampler.served(sampler.numbers)]
@@ -71,6 +74,7 @@ class RunLog(LogContext):
     def settle(self) -> None:
         """Wait for the columns of the last rallies, and pass them to the recorder."""
         if self._pending is not None:
+            assert self._recorder is not None
             pending, self._pending = self._pending, None
             self._recorder.add(pending.result())
 
@@ -91,18 +95,20 @@ class RunLog(LogContext):
     def flush(self) -> int:
         """Write all rallies to disk, and return their number."""
         self.settle()
-        return self._recorder.flush()
+        return 0 if self._recorder is None else self._recorder.flush()
 
     def close(self) -> None:
         """Finish the log and move it to its final name."""
         self.settle()
         self._thread.shutdown()
-        self._recorder.close()
+        if self._recorder is not None:
+            self._recorder.close()
 
     def abort(self) -> None:
         """Leave the log unfinished, for a resumed run."""
         self._thread.shutdown()
-        self._recorder.abort()
+        if self._recorder is not None:
+            self._recorder.abort()
 
 
 def open_log(
@@ -111,28 +117,34 @@ def open_log(
     game: Game,
     opponents: Sequence[TabulatedPolicy],
     seeds: Sequence[int],
+    rallies: int = 0,
     *,
-    rallies: int,
-) -> RunLog | None:
-    """Open the log of a run, or continue it; None if nothing is recorded.
+    record: str | None = None,
+) -> RunLog:
+    """Open the log of a run, or continue it.
 
     Args:
         opponents: opponents in the order of ``config.opponent``.
         rallies: number of recorded rallies at the last checkpoint.
+        record: replaces ``config.record``.
 
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
     """
-    figures = None if config.algorithm == "sac" else config.figures
     if isinstance(config, SelfPlayConfig) and config.self_play:
         others = [Player(name=f"{config.variant}-{k}") for k in range(n_opponents(config))]
-    elif config.self_play:
-        others = []
     else:
-        others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=True)]
-    players = (Player(name=f"{config.algorithm}-{config.seed}"), *others)
-    path, record = folder / runs.RALLIES, config.record
-    return learner_log(path, game, players, seeds, seed=config.seed, record=record, figures=figures, rallies=rallies)
+        others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=False)]
+    return learner_log(
+        folder / runs.RALLIES,
+        game,
+        (Player(name=f"{config.algorithm}-{config.seed}"), *others),
+        seeds,
+        seed=config.seed,
+        record=record or config.record,
+        figures=None if config.algorithm == "sac" else config.figures,
+        rallies=rallies,
+    )
 
 
 def learner_log(
@@ -145,8 +157,8 @@ def learner_log(
     record: str,
     figures: str | None = None,
     rallies: int = 0,
-) -> RunLog | None:
-    """Open a log of a learner's rallies, or continue it; None if nothing is recorded.
+) -> RunLog:
+    """Open a log of a learner's rallies, or continue it.
 
     Args:
         players: the learner, then the opponents of its sampler in their order.
@@ -156,8 +168,6 @@ def learner_log(
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
     """
-    if not Sampling.parse(record).every:
-        return None
     header = LogHeader(
         seed=seed,
         game=game.hash,
@@ -170,4 +180,5 @@ def learner_log(
         record=record,
         columns=columns_of(game, "update", *(_FIGURES if figures else ())),
     )
-    return RunLog(RallyRecorder(resume(path, header, rallies)), header, figures or "none")
+    recorder = RallyRecorder(resume(path, header, rallies)) if Sampling.parse(record).every else None
+    return RunLog(recorder, header, figures or "none")

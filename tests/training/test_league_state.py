@@ -3,16 +3,11 @@
 import dataclasses
 from pathlib import Path
 
-import pytest
 import torch
 
-from shuttle_marl.training.league.config import LeagueTrainingError
-from shuttle_marl.training.league.state import LeagueState, Turn, TurnResult
-from shuttle_marl.training.league.turns import (
-    completed,
-    prune_states,
-)
-from shuttle_marl.training.run import write_state
+from shuttle_marl.training.checkpoints import write_state
+from shuttle_marl.training.league.state import Turn, TurnResult
+from shuttle_marl.training.league.turns import completed, prune_states
 
 MEMBER = "main-agent-0"
 
@@ -47,11 +42,3 @@ def test_a_turn_is_completed_if_its_files_are_whole_and_its_settings_the_same(tm
     state.touch()
     about.write_bytes(about.read_bytes()[:-9])
     assert completed(tmp_path, turn) is None
-
-
-def test_a_state_of_another_game_is_refused(tmp_path: Path) -> None:
-    assert LeagueState.load(tmp_path, "a" * 64) is None
-    LeagueState(game="a" * 64, round=3).save(tmp_path)
-    assert LeagueState.load(tmp_path, "a" * 64) == LeagueState(game="a" * 64, round=3)
-    with pytest.raises(LeagueTrainingError, match="was trained on game aaaaaaaaaaaa, this is bbbbbbbbbbbb; continue"):
-        LeagueState.load(tmp_path, "b" * 64)

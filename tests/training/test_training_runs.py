@@ -30,10 +30,10 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog, replay
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
+from shuttle_marl.training.checkpoints import last_checkpoint
 from shuttle_marl.training.config import SelfPlayVariant
 from shuttle_marl.training.networks import tabulated
 from shuttle_marl.training.ppo import PPO
-from shuttle_marl.training.run import last_checkpoint
 from shuttle_marl.training.study import train_seeds
 from tests.kernel.episodes import compare_with_rally_v0
 from tests.recording.conftest import read_rallies
@@ -99,15 +99,15 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
     from shuttle_marl.training import run
 
     learner: Any = run.LEARNERS[config.algorithm]
-    update, count = learner.update, itertools.count(1)
+    collect, count = learner.collect, itertools.count(1)
 
-    def interrupted(self: Any, *data: Any) -> Any:
+    def interrupted(self: Any) -> Any:
         if next(count) == 5:
             raise KeyboardInterrupt
-        return update(self, *data)
+        return collect(self)
 
     with monkeypatch.context() as patch:
-        patch.setattr(learner, "update", interrupted)
+        patch.setattr(learner, "collect", interrupted)
         with pytest.raises(KeyboardInterrupt):
             train(again)
     resumed = train(dataclasses.replace(again, resume=True))
@@ -267,7 +267,7 @@ def test_ppo_collects_more_and_more_sharply() -> None:
     learner = PPO(config, GAME)
     soft, _ = learner.predict(seen)
     for remaining, temperature in ((1.0, 1.0), (0.5, 1.0), (0.25, 0.5), (0.0, 0.25)):
-        learner.prepare(remaining)
+        learner.anneal(remaining)
         torch.testing.assert_close(learner.predict(seen)[0], soft / temperature)
     played = tabulated(learner.actor, GAME, config.final_temperature)
     states = np.array([5, 6, 7], np.int32)
@@ -276,7 +276,7 @@ def test_ppo_collects_more_and_more_sharply() -> None:
     np.testing.assert_allclose(played.probabilities(States(game=GAME, state=states)), wanted, atol=2e-5)
     never = PPO(dataclasses.replace(config, anneal_after=1.0), GAME)
     before, _ = never.predict(seen)
-    never.prepare(0.0)
+    never.anneal(0.0)
     torch.testing.assert_close(never.predict(seen)[0], before)
 
 

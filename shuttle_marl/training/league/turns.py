@@ -9,7 +9,7 @@ import contextlib
 import dataclasses
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -30,16 +30,16 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.recording import Player, Sampling
+from shuttle_marl.training.checkpoints import read_state, write_state
 from shuttle_marl.training.config import CONFIGS, SELF, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import TABLES
 from shuttle_marl.training.league.schedule import order
 from shuttle_marl.training.league.state import Turn, TurnResult
-from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
+from shuttle_marl.training.learner import SEEDS, Callback, Learner
 from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
-from shuttle_marl.training.rally_log import RunLog, learner_log
+from shuttle_marl.training.rally_log import learner_log
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
-from shuttle_marl.training.run import read_state, write_state
 
 T = TypeVar("T")
 
@@ -146,7 +146,7 @@ def _learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> Trainin
     return CONFIGS[config.algorithm](**changed)
 
 
-class _Turn:
+class _Turn(Callback):
     def __init__(self, folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game) -> None:
         self.folder, self.config, self.turn, self.game = folder, config, turn, game
         self.tables = StoredPolicies(folder / TABLES, game)
@@ -155,68 +155,62 @@ class _Turn:
             opponents.append(_first_stroke(game))
         settings = _learner_config(config, self_play=not opponents or config.algorithm != "sac")
         with InitialWeights(torch.Generator().manual_seed(turn.seed % SEEDS)):
-            learner = ALGORITHMS[config.algorithm](settings, game)
-        collector = RallyCollector(settings, game, opponents, learner.predict, distinct=learner.distinct)
-        self.trainer = Trainer(learner, collector, self._update_response if turn.response_fraction else None)
+            self.learner = ALGORITHMS[config.algorithm](settings, game, opponents)
         self.pending: Future[TabulatedPolicy] | None = None
         if not turn.fresh:
             self._restore()
-        collector.set_seed(turn.seed)
+        self.learner.collector.set_seed(turn.seed)
         if opponents:
             responses = [turn.response_fraction] if turn.response_fraction else []
-            collector.sampler.assign(order([*turn.fractions, *responses]))
+            self.learner.collector.sampler.assign(order([*turn.fractions, *responses]))
 
     def take(self) -> TurnResult:
         """Train until the turn is over, then save."""
-        log = self._log()
-        with log or contextlib.nullcontext():
-            seconds = self._train(log)
-        return self._save(seconds)
-
-    def _log(self) -> RunLog | None:
         turn = self.turn
         others = [Player(name=f"frozen-{name[:12]}", hash=name) for name in turn.opponents]
         others += [Player(name="best-response")] if turn.response_fraction else []
-        path, record = rallies_path(self.folder, turn.member, turn.round), self.config.record
-        return learner_log(
-            path, self.game, (Player(name=turn.member), *others), [turn.seed % SEEDS], seed=turn.seed, record=record
-        )
+        path, players = rallies_path(self.folder, turn.member, turn.round), (Player(name=turn.member), *others)
+        seeds, record = [turn.seed % SEEDS], self.config.record
+        self.log = learner_log(path, self.game, players, seeds, seed=turn.seed, record=record)
+        started = time.monotonic()
+        with self.log, ThreadPoolExecutor(1) as self.solver:
+            try:
+                for remaining in self._schedule(started):
+                    self.learner.iterate(remaining, self)
+            except DivergedError as error:
+                raise DivergedError(
+                    f"{turn.member} in round {turn.round}: learning diverged ({error}); train again with a lower --learning-rate"
+                ) from error
+            seconds = round(time.monotonic() - started, 2)
+        return self._save(seconds)
 
-    def _train(self, log: RunLog | None) -> float:
-        """Train until the turn is over; seconds that it took."""
-        turn, trainer = self.turn, self.trainer
-        started, progress = time.monotonic(), 0.0
+    def _schedule(self, started: float) -> Iterator[float]:
+        """Fraction of the learner's schedule that remains in each iteration, until the turn is over."""
+        turn, progress = self.turn, 0.0
         first, last = turn.remaining
+        while progress < 1:
+            check_interrupt()
+            yield first + (last - first) * progress
+            if turn.strokes is not None:
+                progress = self.learner.strokes / turn.strokes
+            else:
+                progress = (time.monotonic() - started) / max(turn.seconds or 0.0, 1e-9)
 
-        def collected() -> None:
-            if log is not None:
-                log.record(trainer.collector.sampler, 0, trainer.iteration - 1)
-
-        with ThreadPoolExecutor(1) as self.solver:
-            while progress < 1:
-                check_interrupt()
-                try:
-                    trainer.iterate(first + (last - first) * progress, collected)
-                    if log is not None:
-                        log.settle()
-                except DivergedError as error:
-                    raise DivergedError(
-                        f"{turn.member} in round {turn.round}: learning diverged ({error}); train again with a lower "
-                        "--learning-rate"
-                    ) from error
-                if turn.strokes is not None:
-                    progress = trainer.strokes / turn.strokes
-                else:
-                    progress = (time.monotonic() - started) / max(turn.seconds or 0.0, 1e-9)
-        return round(time.monotonic() - started, 2)
-
-    def _update_response(self, iteration: int) -> None:
+    def begin(self, learner: Learner) -> None:
         """Replace the last opponent by a best response; it is solved in parallel, and used one interval later."""
-        if iteration % self.config.update_interval:
+        if not self.turn.response_fraction or learner.iteration % self.config.update_interval:
             return
-        solved = self.solver.submit(_best_response, weights_of(self.trainer.learner.actor), self.game)
+        solved = self.solver.submit(_best_response, weights_of(learner.actor), self.game)
         ready, self.pending = self.pending or solved, solved
-        self.trainer.collector.sampler.replace_opponent(len(self.turn.opponents), ready.result())
+        learner.collector.sampler.replace_opponent(len(self.turn.opponents), ready.result())
+
+    def collected(self, learner: Learner) -> None:
+        """Record the rallies, while the learner learns from them."""
+        self.log.record(learner.collector.sampler, 0, learner.iteration - 1)
+
+    def learned(self, learner: Learner, losses: dict[str, float]) -> None:  # noqa: ARG002
+        """Wait for the rallies."""
+        self.log.settle()
 
     def _restore(self) -> None:
         """Restore the state of the learner after the previous round.
@@ -226,17 +220,17 @@ class _Turn:
         """
         about_path, path = _paths(self.folder, self.turn.member, self.turn.round - 1)
         try:
-            self.trainer.load_state_dict(read_state(path, about_path)[1])
+            self.learner.load_state_dict(read_state(path, about_path)[1])
         except (FileReadError, KeyError, ValueError, RuntimeError) as error:
             raise LeagueTrainingError(f"{path}: cannot be used ({error}); train again with --overwrite") from error
 
     def _save(self, seconds: float) -> TurnResult:
-        turn, trainer, policy = self.turn, self.trainer, self.trainer.learner.eval_actor
-        state = trainer.state_dict()
+        turn, learner, policy = self.turn, self.learner, self.learner.eval_actor
+        state = learner.state_dict()
         about_path, path = _paths(self.folder, turn.member, turn.round)
         name = self.tables.save(tabulated(policy, self.game))
         replace_file(network_path(self.folder, turn.member, turn.round), save(weights_of(policy)))
-        result = TurnResult(member=turn.member, hash=name, strokes=trainer.strokes, seconds=seconds, iterations=trainer.iteration)
+        result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes, seconds=seconds, iterations=learner.iteration)
         write_state(path, about_path, state, {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)})
         return result
 
