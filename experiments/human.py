@@ -1,6 +1,6 @@
 """Strength and similarity to human play of the KL-regularised policies ``human:TAU``, and TAU fitted to single players.
 
-    python -m experiments.human --data DATA [--split validation] [--picture FILE] [--json]
+    python -m experiments.human --data DATA [--split validation] [--json]
 
 With TAU, ``human:TAU`` moves from perfect play to the average player ``bc`` (:func:`shuttle_marl.exact.solve_soft`). For each
 TAU: the fraction of rallies won against ``bc``, in the game and in its refits, and the cross-entropy on real strokes of unseen
@@ -199,35 +199,26 @@ def draw(result: dict[str, Any], path: Path) -> None:
     charts.save(drawn, path)
 
 
-def measure(game: Game, strokes: Strokes, console: Console) -> dict[str, Any]:
-    """All figures of a game on real strokes of unseen matches."""
-    real = answers(game, strokes)
-    return {
-        "game": game.hash,
-        "matches": len(strokes.matches),
-        "strokes": len(strokes),
-        "known": len(real.strokes),
-        "curve": curve(game, real, console),
-        "players": fitted_players(game, real, console),
-    }
-
-
-def human(
-    data: Path, split: Split = "validation", model: str = "default", picture: Path | None = None, json: bool = False
-) -> None:
+def human(data: Path, split: Split = "validation", model: str = "default", json: bool = False) -> None:
     """Measure strength against likeness, and fit TAU for single players.
 
     Args:
         data: folder of the download, or a Parquet file of `data convert`.
         split: matches whose strokes are predicted.
         model: a shipped model or a model folder.
-        picture: draw strength against likeness into this file (PNG, SVG or PDF).
         json: print JSON.
     """
     strokes = of_splits(strokes_of(read_matches(data)).marked(load_hurry(model_folder(model))), split)
-    result = {"split": split, **measure(load_game(model), strokes, Console(stderr=True))}
-    if picture is not None:
-        draw(result, picture)
+    game, console = load_game(model), Console(stderr=True)
+    real = answers(game, strokes)
+    about = {
+        "split": split,
+        "game": game.hash,
+        "matches": len(strokes.matches),
+        "strokes": len(strokes),
+        "known": len(real.strokes),
+    }
+    result = {**about, "curve": curve(game, real, console), "players": fitted_players(game, real, console)}
     show(result, "human", "human_players", as_json=json)
 
 

@@ -169,14 +169,10 @@ def _reports() -> None:
             _shown(file, _COACH, name)
 
 
-_COURT: Final = {
-    (
-        "film.webp",
-        "watch_players.jpg",
-        *(f"watch_{mode}_wide.jpg" for mode in ("analyse", "learn", "play", "watch")),
-        "watch_play_narrow.jpg",
-    ): "watch_pictures",
-}
+_COURT: Final = (
+    *("film.webp", "watch_players.jpg", "watch_play_narrow.jpg"),
+    *(f"watch_{mode}_wide.jpg" for mode in ("analyse", "learn", "play", "watch")),
+)
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
     ("human.png",): (_human, "experiments/results/human.json"),
     ("landings.png", "replies.png"): (_analysis, _GAME),
@@ -196,7 +192,7 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         ),
         _GAME,
     ),
-    **{names: (_module(f"docs.tools.{tool}"), _GAME) for names, tool in _COURT.items()},
+    _COURT: (_module("docs.tools.watch_pictures"), _GAME),
 }
 """Pictures, what draws them, and the data they show."""
 

@@ -13,11 +13,9 @@ from rich.console import Console
 
 from docs.tools.results import show
 from experiments.truth import decisions, likeness
-from experiments.truth.calibration import calibration
-from experiments.truth.decisions import Promises
+from experiments.truth.decisions import Promises, calibration, memory
 from experiments.truth.legality import illegal, judged_strokes
 from experiments.truth.matches import Strokes, of_splits, strokes_of
-from experiments.truth.memory import memory
 from experiments.truth.recovery import recovery_effects
 from experiments.truth.transfer import thin_support, transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, judged_by, marked, shipped_world

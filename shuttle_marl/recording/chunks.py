@@ -255,7 +255,7 @@ def records(data: bytes | mmap.mmap, at: int = 0) -> Iterator[tuple[int, bytes]]
     while at < len(data):
         opcode, length = FRAME.unpack(data[at : at + FRAME.size].ljust(FRAME.size, b"\xff"))
         at += FRAME.size
-        if length > len(data) - at:
+        if not opcode or length > len(data) - at:  # a power failure can leave zeros
             raise DamagedLogError("a record is cut off")
         yield opcode, data[at : at + length]
         at += length

@@ -10,9 +10,9 @@ import contextlib
 import dataclasses
 import functools
 import os
-import threading
 import time
 import weakref
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -257,11 +257,10 @@ class RallyRecorder(LogContext):
             waiting_strokes: strokes in the queue from which :meth:`add` blocks.
         """
         self.path = log.path
-        self.sampling = Sampling.parse(log.header.record)
-        self.sample: Callable[[Rallies], Rallies] = functools.partial(self.sampling.of, log.header)
+        self.sample: Callable[[Rallies], Rallies] = functools.partial(Sampling.parse(log.header.record).of, log.header)
         self._log, self._limit = log, waiting_strokes
+        self._queue: deque[tuple[int, Future[None]]] = deque()
         self._waiting = 0
-        self._changed = threading.Condition()
         self._error: BaseException | None = None
         self._thread = ThreadPoolExecutor(1, f"recording {log.path.name}")
 
@@ -291,11 +290,13 @@ class RallyRecorder(LogContext):
         """
         chosen = self.sample(rallies)
         if len(chosen):
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting <= self._limit or self._error is not None)
-                self._waiting += len(chosen.stroke)
             self._raise()
-            self._thread.submit(self._guarded, self._append, chosen)
+            while self._queue and (self._queue[0][1].done() or self._waiting > self._limit):
+                strokes, appended = self._queue.popleft()
+                self._waiting -= strokes
+                appended.result()
+            self._queue.append((len(chosen.stroke), self._thread.submit(self._guarded, self._log.append, chosen)))
+            self._waiting += len(chosen.stroke)
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
         """Request a flush of all rallies added so far, and return at once.
@@ -343,16 +344,8 @@ class RallyRecorder(LogContext):
         try:
             return work(*arguments)
         except BaseException as error:
-            with self._changed:
-                self._error = error
-                self._changed.notify_all()
+            self._error = error
             raise
-
-    def _append(self, rallies: Rallies) -> None:
-        self._log.append(rallies)
-        with self._changed:
-            self._waiting -= len(rallies.stroke)
-            self._changed.notify_all()
 
 
 @contextlib.contextmanager

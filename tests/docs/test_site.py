@@ -65,8 +65,7 @@ PAGES = {figure.page: (ROOT / figure.page).read_text(encoding="utf-8") for figur
 
 
 def test_no_committed_figure_has_drifted() -> None:
-    assert figures.drifted(PAGES) == []
-    assert figures.written(PAGES) == PAGES
+    assert figures.updated(PAGES) == (PAGES, [])
 
 
 def test_no_picture_is_older_than_its_data() -> None:
