@@ -72,8 +72,8 @@ def _order(raw: RawGame) -> Measures:
     """Faults in the order of rows."""
     _, repeated = arrange(raw)
     return {
-        "games with a rally in the wrong place": np.array(bool((np.diff(raw.rally) < 0).any())),
-        "rows that stand there twice": np.arange(len(raw.line)) < repeated,
+        "games with a rally in the wrong place": np.array(bool((np.diff(raw["rally"]) < 0).any())),
+        "rows that stand there twice": np.arange(len(raw)) < repeated,
     }
 
 
@@ -81,19 +81,19 @@ def _of_game(raw: RawGame) -> Iterator[Measures]:
     first = rally_starts(raw)
     number = np.cumsum(first) - 1
     fixed = with_corrected_letters(raw, first)
-    yield {"rallies in which A and B are exchanged": (fixed.by_a != raw.by_a)[first]}
+    yield {"rallies in which A and B are exchanged": (fixed["by_a"] != raw["by_a"])[first]}
     raw = fixed
     ends = np.flatnonzero(np.r_[first[1:], True])
-    unknown = raw.shot < 0
+    unknown = raw["shot"] < 0
     yield {
         "rows of unknown shot type": unknown,
         "rallies with one": np.bincount(number, weights=unknown) > 0,
         "rallies in which it is the serve alone": (np.bincount(number, weights=unknown) == 1) & unknown[first],
-        "rows with flaw": raw.flaw,
-        "of these, of unknown shot type": unknown[raw.flaw],
+        "rows with flaw": raw["flaw"],
+        "of these, of unknown shot type": unknown[raw["flaw"]],
         "rows of broken rallies": broken_rallies(raw, first),
-        "serves annotated above the net": (raw.height == 1)[(raw.shot >= 0) & (raw.shot < 2)],
-        "strokes both backhand and around the head": raw.backhand & raw.around_head,
+        "serves annotated above the net": (raw["height"] == 1)[(raw["shot"] >= 0) & (raw["shot"] < 2)],
+        "strokes both backhand and around the head": raw["backhand"] & raw["around_head"],
         "games of unreliable contact heights": np.array(heights_unreliable(raw, first)),
         "games with both players in one half in a fifth of the rows": np.array(raw.broken_homography),
     }
@@ -102,11 +102,11 @@ def _of_game(raw: RawGame) -> Iterator[Measures]:
 
 
 def _ends_of_rallies(raw: RawGame, first: Bools, ends: I64) -> Iterator[Measures]:
-    before = np.vstack([[0, 0], raw.score[ends[:-1]]])
-    gained = raw.score[ends] - before
+    before = np.vstack([[0, 0], raw["score"][ends[:-1]]])
+    gained = raw["score"][ends] - before
     scorer = np.where((gained == [1, 0]).all(1), 0, np.where((gained == [0, 1]).all(1), 1, -1))
-    given = raw.winner[ends]
-    serves_next = np.r_[np.where(raw.by_a[first][1:], 0, 1), -1]
+    given = raw["winner"][ends]
+    serves_next = np.r_[np.where(raw["by_a"][first][1:], 0, 1), -1]
     known = (serves_next >= 0) & (scorer >= 0)
     outcome, _ = outcomes(raw, first)
     yield {
@@ -120,9 +120,9 @@ def _ends_of_rallies(raw: RawGame, first: Bools, ends: I64) -> Iterator[Measures
 
 def _places(raw: RawGame, first: Bools, number: I64) -> Iterator[Measures]:
     side, contradicted = sides(raw, first)
-    side_a = np.where(raw.by_a, side, -side)[first]
+    side_a = np.where(raw["by_a"], side, -side)[first]
     known = side_a[side_a != 0]
-    landing = raw.point["landing"]
+    landing = raw["landing"]
     own = landing[:, 1] * side > 0
     x, y = (landing * np.where(side[:, None] > 0, [1.0, -1.0], [-1.0, 1.0])).T
     area = court.area_of(x, y)
@@ -148,15 +148,15 @@ def _places(raw: RawGame, first: Bools, number: I64) -> Iterator[Measures]:
         f"games {raw.game} in which the players change ends": np.array(bool((known[1:] != known[:-1]).any())),
         "rows whose side contradicts their rally": contradicted,
         "strokes with a landing": area >= 0,
-        "net faults labelled front": np.isin(raw.label_area, (1, 2, 7))[(raw.reason == REASONS.index("net"))],
-        "out faults labelled outside": (raw.label_area > 9)[(raw.reason == REASONS.index("out"))],
+        "net faults labelled front": np.isin(raw["label_area"], (1, 2, 7))[(raw["reason"] == REASONS.index("net"))],
+        "out faults labelled outside": (raw["label_area"] > 9)[(raw["reason"] == REASONS.index("out"))],
     }
     replies = np.flatnonzero(~first)
-    gap = raw.point["hit"][replies] - landing[replies - 1]
+    gap = raw["hit"][replies] - landing[replies - 1]
     both = ~np.isnan(gap[:, 0])
     yield {
         "contact points equal to the landing before": np.asarray((np.abs(gap[both]) < 1e-6).all(axis=1)),
-        "frames that do not rise within a rally": (np.diff(raw.frame) <= 0)[number[1:] == number[:-1]],
+        "frames that do not rise within a rally": (np.diff(raw["frame"]) <= 0)[number[1:] == number[:-1]],
     }
     strokes, _ = clean_game(raw)
     yield {"strokes kept whose time is null": strokes["frame"].is_null().to_numpy()}
