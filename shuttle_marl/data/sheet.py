@@ -31,7 +31,7 @@ DELIMITERS: Final = (",", ";", "\t", "|")
 _SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')
 """First line with which spreadsheets state the delimiter."""
 _MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand")
-"""Columns with words."""
+"""Columns whose words may be missing."""
 _MOST_HINTS: Final = 50
 """Unknown words of a column for which a similar one is looked up."""
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
