@@ -79,19 +79,18 @@ def with_common_labels(strokes: pa.Table) -> tuple[pa.Table, list[Convention]]:
     for incoming in range(N_SHOTS):
         replies = count[:, incoming]
         while farthest := _farthest(replies, training):
-            match, given, meant, strokes_of, of, expected, distance = farthest
+            at, given, meant, labelled, both, expected, distance = farthest
             found.append(
                 Convention(
-                    match=names[match], incoming=SHOTS[incoming], given=SHOTS[given], meant=SHOTS[meant],
-                    strokes=int(strokes_of), of=int(of), expected=expected, distance=distance,
+                    match=names[at], incoming=SHOTS[incoming], given=SHOTS[given], meant=SHOTS[meant],
+                    strokes=labelled, of=both, expected=expected, distance=distance,
                 )
             )  # fmt: skip
-            replies[match, ..., meant] += replies[match, ..., given]
-            replies[match, ..., given] = 0
-            meaning[match, incoming][meaning[match, incoming] == given] = meant
+            replies[at, ..., meant] += replies[at, ..., given]
+            replies[at, ..., given] = 0
+            meaning[at, incoming][meaning[at, incoming] == given] = meant
     shot = strokes["shot"].to_numpy().copy()
-    match, incoming, *_, given = codes
-    shot[row] = meaning[match, incoming, given]
+    shot[row] = meaning[codes[0], codes[1], codes[-1]]
     position = strokes.schema.get_field_index("shot")
     return strokes.set_column(position, strokes.schema.field(position), pa.array(shot)), found
 
@@ -106,7 +105,7 @@ def _replies(strokes: pa.Table, match: I64) -> tuple[I64, ...]:
     return row, match[row], shot[row - 1], area[row - 1] * 2 + height[row], area[row], shot[row]
 
 
-def _farthest(count: I64, training: Bools) -> tuple[int, int, int, float, float, float, float] | None:
+def _farthest(count: I64, training: Bools) -> tuple[int, int, int, int, int, float, float] | None:
     """The convention of the largest distance in the replies to a shot type; None without one.
 
     Args:
@@ -143,5 +142,6 @@ def _farthest(count: I64, training: Bools) -> tuple[int, int, int, float, float,
     if not fits.any():
         return None
     given, match = np.unravel_index(np.where(fits, distance, -np.inf).argmax(), fits.shape)
-    values = (float(one[given, match]) for one in (strokes, of, expected, distance))
-    return int(match), N_SERVES + int(given), N_SERVES + int(best[match, given, 0]), *values
+    share, far = float(expected[given, match]), float(distance[given, match])
+    label = N_SERVES + int(given), N_SERVES + int(best[match, given, 0])
+    return int(match), *label, int(strokes[given, match]), int(of[given, match]), share, far
