@@ -59,7 +59,7 @@ def seal_parquet(file: BinaryIO) -> None:
         file: open for reading and writing, without a seal.
     """
     file.seek(0)
-    digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]  # BinaryIO lacks readinto
     file.seek(-_END, io.SEEK_END)
     start = file.seek(-_END - int.from_bytes(file.read(4), "little"), io.SEEK_END)
     footer = file.read()
