@@ -49,7 +49,7 @@ _DATA: Final = "{data}"
 _OUT: Final = "{out}"
 _SPEED: Final = Result.tolerance
 """Relative tolerance of measured speeds: a factor of two."""
-_BOARDS: Final = ("equilibrium-v0", "equilibrium-entrance-v0", "offline-v0")
+_BOARDS: Final = ("equilibrium-v0", "offline-v0")
 """Tasks whose scores take seconds, so that a quick method is a quick row."""
 _QUICK: Final = 10.0
 """Time of a method whose row is quick [s]."""
@@ -214,8 +214,7 @@ def _row_again(task: str, method: str, budget: int) -> tuple[list[str], float]:
     """Make a row of the suite again; returns what :func:`differences` does."""
 
     def chosen(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-        same = [row for row in rows if (row["task"], row["method"], row["budget"]) == (task, method, budget)]
-        return [{key: value for key, value in row.items() if key not in ("rank", "behind")} for row in same]
+        return [dict(row) for row in rows if (row["task"], row["method"], row["budget"]) == (task, method, budget)]
 
     before = chosen(saved("experiments", "suite")["rows"])
     if not before:

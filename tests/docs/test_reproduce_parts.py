@@ -29,6 +29,6 @@ def test_rows_of_earlier_games_are_not_made_again() -> None:
 
 
 def test_a_row_of_a_board_is_made_again() -> None:
-    assert bool(check("suite:equilibrium-entrance-v0:random:1000000")) == RESULTS["suite"].earlier
+    assert bool(check("suite:equilibrium-v0:random:1000000")) == RESULTS["suite"].earlier
     with pytest.raises(ReproduceError, match="no row of other"):
-        check("suite:equilibrium-entrance-v0:other:1000000")
+        check("suite:equilibrium-v0:other:1000000")
