@@ -39,7 +39,6 @@ _SUITE: Final = {
     "adapt-v0": "mixture",
     "offline-v0": "model",
     "evaluate-v0": "behaviour",
-    "text-v0": "random",
 }
 """A quick method of each task."""
 AREAS: Final[dict[Area, tuple[str, ...]]] = {
