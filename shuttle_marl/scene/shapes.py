@@ -86,7 +86,7 @@ _RIM, _STRINGS = colour(0.80, 0.10, 0.10), colour(0.95, 0.95, 0.90, 0.35)
 _CORK, _FEATHERS = colour(0.93, 0.91, 0.86), colour(0.98, 0.98, 0.98)
 _FLOOR, _MAT = colour(0.10, 0.16, 0.24), colour(0.06, 0.42, 0.30)
 _SHADOW: Final = colour(0.0, 0.04, 0.02, 0.55)
-_NAME_HEIGHT: Final = 2.15
+_NAME_HEIGHT: Final = 2.3
 
 
 def _rod(a: F64, b: F64, radius: float, until: float, shade: Color) -> CylinderPrimitive:

@@ -1,4 +1,4 @@
-"""Court, cameras and words of a scene."""
+"""Court, shuttle and words of a scene."""
 
 import itertools
 import re
@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.scene.board import Camera, name_lines
+from shuttle_marl.scene.board import name_lines
 from shuttle_marl.scene.motion import frames_of
 from shuttle_marl.scene.shapes import court
 from shuttle_marl.scene.write import percent
@@ -23,25 +23,6 @@ from shuttle_marl.staging import CORK, FEATHER, RACKET_BUTT, RACKET_HEAD, RACKET
 )
 def test_no_probability_is_rounded_to_a_certainty(probability: float, words: str) -> None:
     assert percent(probability) == words
-
-
-def camera(phi: float, theta: float) -> Camera:
-    return Camera(title="", board="", distance=2.0, phi=phi, theta=theta, fovy=90.0, target=(1.0, 2.0, 3.0))
-
-
-@pytest.mark.parametrize(
-    ("phi", "theta", "place"),
-    [
-        (90.0, 0.0, (2.0, 2.0, 3.5)),  # from behind seat 0: x to the right, z up
-        (90.0, 90.0, (1.0, 1.0, 3.5)),  # from x < 0
-        (90.0, 180.0, (0.0, 2.0, 3.5)),
-        (0.0, 0.0, (2.0, 2.5, 3.0)),  # from above
-        (45.0, 0.0, (2.0, 2 + 0.5 * np.sqrt(0.5), 3 + 0.5 * np.sqrt(0.5))),
-    ],
-)
-def test_where_a_point_of_the_picture_is_on_the_court(phi: float, theta: float, place: tuple[float, float, float]) -> None:
-    """At a field of view of 90 degrees the picture's half height is the distance."""
-    assert camera(phi, theta).point(0.5, 0.25) == pytest.approx(place)
 
 
 @pytest.mark.parametrize(

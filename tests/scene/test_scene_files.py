@@ -20,7 +20,6 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.board import CAMERAS
 from shuttle_marl.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.scene.topics import WORLD, bone_frame
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
@@ -189,9 +188,9 @@ def test_strokes_and_scores_are_those_of_the_log(reel: Any, log_path: Path) -> N
 
 def test_scoreboards_show_names_and_points(reel: Any) -> None:
     states = {(m["rally"], m["points_0"], m["points_1"]): m for _, m in reel.of(topics.SCORE)}
-    for camera in CAMERAS:
+    for board in topics.BOARDS:
         seen = set()
-        for _, update in reel.of(camera.board):
+        for _, update in reel.of(board):
             rows = update.entities[0].texts[0].text.splitlines()[:2]
             seen.add(tuple(tuple(row.strip("> ").split()) for row in rows))
         assert {tuple((m[f"name_{k}"], str(m[f"points_{k}"])) for k in (0, 1)) for m in states.values()} == {
