@@ -116,22 +116,6 @@ def evaluate(
     show(result, json, table(f"{split} split: models and boosted trees", headings, rows), *following)
 
 
-def recovery(data: Path, model: str = "default") -> None:
-    """Fit where people wait, and what that changes, and add it to an existing model; takes a minute.
-
-    Args:
-        data: folder of the download, or the Parquet file that the model was fitted to.
-        model: name of a shipped model, or a model folder.
-    """
-    from shuttle_marl.dynamics.recovery import add_recovery  # noqa: PLC0415  torch
-
-    found = add_recovery(data, model_folder(model), report=_report)["recovery"]
-    console().print(
-        f"{printable(model)}: {found['strokes']:,} strokes, {found['feasible']:.2f} feasible positions on average, "
-        f"{100 * found['inside']:.1f} % of people's positions are feasible"
-    )
-
-
 def card(
     model: str = "default",
     json: bool = False,
@@ -164,7 +148,7 @@ def card(
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
 
 
-COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "recovery": recovery, "card": card}
+COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}
 
 
 main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", __doc__ or "")

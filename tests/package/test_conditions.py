@@ -39,7 +39,6 @@ CHEAP = {
     "data validate": ["matches.parquet"],
     "dynamics fit": ["--data matches.parquet --out model --jobs 2"],
     "dynamics evaluate": ["--data matches.parquet --split train --model {model}"],
-    "dynamics recovery": ["--data matches.parquet --model {model}"],
     "dynamics card": ["--model {model}"],
     "exact solve": ["--game {model}"],
     "exact evaluate": ["bc --game {model}"],
