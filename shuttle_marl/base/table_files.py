@@ -4,7 +4,6 @@ Parquet supports checksums of page data, but not of page headers and the footer.
 the file, is stored between the last page and the footer, which readers of Parquet ignore. :func:`read_parquet` verifies both.
 """
 
-import hashlib
 import io
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -14,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from shuttle_marl.base.files import read_file, replace_file, verify
+from shuttle_marl.base.files import hash_of, read_file, replace_file, verify
 
 PARQUET: Final[dict[str, Any]] = {"compression": "zstd", "write_page_checksum": True}
 """Options of all Parquet files."""
@@ -59,7 +58,7 @@ def seal_parquet(file: BinaryIO) -> None:
         file: open for reading and writing, without a seal.
     """
     file.seek(0)
-    digest = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]  # BinaryIO lacks readinto
+    digest = hash_of(iter(lambda: file.read(1 << 20), b""))
     file.seek(-_END, io.SEEK_END)
     start = file.seek(-_END - int.from_bytes(file.read(4), "little"), io.SEEK_END)
     footer = file.read()

@@ -94,9 +94,6 @@ def damage(path: Path) -> Iterator[None]:
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
-    except MemoryError as error:  # a damaged length may ask for any memory
-        reason = f"there is not enough memory to read it, unless it is damaged ({error})"
-        raise RecordingError(f"{path}: {reason}; use a machine with more memory, or {advice(path)}") from error
     except UNDECODABLE as error:
         raise DamagedLogError(f"{path}: damaged: {type(error).__name__}: {error}; {advice(path)}") from error
 

@@ -53,7 +53,7 @@ def _whole_batches(found: Iterator[tuple[int, bytes]], header: LogHeader) -> Ite
             try:
                 message = message_of_chunk(body)
                 first, rallies = decode(message, header)
-            except (DamagedLogError, MemoryError, *UNDECODABLE):
+            except (DamagedLogError, *UNDECODABLE):
                 continue
             if first >= done:
                 yield first, message.data, rallies
