@@ -167,9 +167,11 @@ class FittedModels:
         for name, trees in {**{name: part.trees for name, part in outcomes.items()}, **self.m_hurried.known}.items():
             tensors |= {f"trees.{name}.{key}": array for key, array in trees.arrays.items()}
         described = {
+            "specs": {name: dataclasses.asdict(n.spec) for name, n in networks.items()},
             "duel": self.situations.duel,
             "duel_share": self.situations.duel_share,
             "players": self.choices.players,
+            "disciplines": DISCIPLINES,
         }
         content = tensor_bytes(tensors, {"model": json.dumps(described, sort_keys=True)}, pack=True)
         replace_file(folder / NETWORKS, content)
