@@ -1,23 +1,21 @@
 """The match report as a page: figures for the template ``match.html.j2``."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from shuttle_marl.analysis import Players, charts
+from shuttle_marl.analysis import charts
 from shuttle_marl.analysis.match import MatchReport, ShotValue
-from shuttle_marl.analysis.outlook import Met
+from shuttle_marl.analysis.outlook import met
+from shuttle_marl.analysis.summary import rally_table
 from shuttle_marl.analysis.words import signed, words
 from shuttle_marl.analysis.worth import LEAST_REFITS
-from shuttle_marl.coach.examples import shared, viewer
-from shuttle_marl.coach.rendering import Drill, drills, page
+from shuttle_marl.coach.rendering import Clips, Drill, court, drills, page
+from shuttle_marl.coach.sources import Source, gaps, match_strokes, title_of_log
 from shuttle_marl.game.scoring import is_over, wins_game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tables import Game
-from shuttle_marl.watch.building import BuildError
-from shuttle_marl.watch.match import CourtRally
 
 _RUN = 3
 """Points in a row that are mentioned."""
@@ -25,49 +23,28 @@ _LEAST_HEAT = 60
 """Strokes in won and in lost rallies from which a map is drawn."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Footage:
-    """How a reader gets to the rallies of a report.
+def match_page(report: MatchReport, source: Source | None = None) -> bytes:
+    """The page as the content of a file.
 
-    Attributes:
-        staged: rallies of the report that can be staged, by their index.
-        game, players: in which they are valued.
-        command: that opens the live court with the rallies.
-        numbers: of the rallies there, from 0, by their index; empty: they cannot be shown.
-        met: results of the two in all matches of the data; None: of this match alone.
-        video: address of the video at a time in seconds; None: no video.
-        gaps: sentences on what the data lack.
+    Args:
+        source: file of the match, for its rallies on the live court and what its data lack; None: without them.
     """
-
-    staged: dict[int, CourtRally]
-    game: Game
-    players: Players
-    command: str
-    numbers: dict[int, int]
-    met: Met | None = None
-    video: Callable[[float], str] | None = None
-    gaps: tuple[str, ...] = ()
-
-
-def match_page(report: MatchReport, footage: Footage) -> bytes:
-    """The page as the content of a file."""
-    named = report.players
+    clips, named = Clips() if source is None else court().match_clips(report, source), report.players
+    match = report.match
+    if source is not None and isinstance(source.match, tuple) and match:
+        match = title_of_log(*source.match)  # in the language of the page
     report = dataclasses.replace(report, players=(words().player(named[0]), words().player(named[1])))
-    moments = [i for i in report.moments if i in footage.staged]
-    rallies, program, reason, count = "", None, "", 0
-    try:
-        program = viewer()
-        rallies, count = shared([footage.staged[i] for i in moments], footage.game, footage.players)
-    except BuildError as error:
-        reason = str(error)
-    content = {
+    content: dict[str, Any] = {
         "report": report,
-        "footage": footage,
-        "examples": {rally: number for number, rally in enumerate(moments[:count])},
-        "reason": reason,
+        "command": "" if source is None else source.command,
+        "video": None if source is None else source.video,
+        "met": None,
+        "gaps": (),
+        "examples": {rally: number for number, rally in enumerate(clips.shown)},
+        "numbers": clips.numbers,
         "score": lambda winner=0: words().listed(f"{points[winner]}\N{EN DASH}{points[1 - winner]}" for points in report.score),
-        "event": words().event(report.match, named),
-        "number": lambda i: footage.numbers[i] + 1 if i in footage.numbers else "\N{EN DASH}" if footage.numbers else i + 1,
+        "event": words().event(match, named),
+        "number": lambda i: clips.numbers[i] + 1 if i in clips.numbers else "\N{EN DASH}" if clips.numbers else i + 1,
         "reasons": lambda i: _reasons(report, i),
         "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
         "enough_refits": report.refits >= LEAST_REFITS,
@@ -81,7 +58,10 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         "maps": [heat for heat in report.heat if min(sum(heat.won), sum(heat.lost)) >= _LEAST_HEAT],
         "share_of": lambda counts: np.array(counts) / np.sum(counts),
     }
-    return page("match.html.j2", content, rallies=rallies, viewer=program)
+    if source is not None and source.strokes is not None:
+        played = match_strokes(source.strokes, str(source.match))
+        content |= {"met": met(rally_table(source.strokes), *source.people), "gaps": gaps(played)}
+    return page("match.html.j2", clips, content)
 
 
 def _course(report: MatchReport) -> dict[str, Any]:

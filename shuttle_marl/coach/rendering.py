@@ -1,5 +1,6 @@
 """Pages from templates, which hold the prose and the order of the reports, and the figures that only templates ask for."""
 
+import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -17,6 +18,29 @@ from shuttle_marl.pages import Heading, Viewer, render
 
 DRILLS: Final = 3
 """Number of drills."""
+
+
+class Clips(NamedTuple):
+    """Staged rallies that a page plays.
+
+    Attributes:
+        content: the rallies, as JSON; empty: none.
+        viewer: program that plays them.
+        reason: why there is none.
+        shown: rallies of a match that it plays, by their index.
+        numbers: of the rallies of a match on the live court, from 0, by their index; empty: they cannot be shown there.
+    """
+
+    content: str = ""
+    viewer: Viewer | None = None
+    reason: str = ""
+    shown: Sequence[int] = ()
+    numbers: Mapping[int, int] = {}
+
+
+def court() -> Any:
+    """What stages the rallies of a page, :mod:`shuttle_marl.watch.clips`: above this room, so imported by its name."""
+    return importlib.import_module("shuttle_marl.watch.clips")
 
 
 class Drill(NamedTuple):
@@ -85,14 +109,12 @@ def shares(wait: Wait, axis: int) -> str:
     return " / ".join(of_100(share) for share in np.reshape(wait.positions, (-1, N_SIDES)).sum(axis=axis).tolist())
 
 
-def page(template: str, content: Mapping[str, Any], *, rallies: str = "", viewer: Viewer | None = None) -> bytes:
+def page(template: str, clips: Clips, content: Mapping[str, Any]) -> bytes:
     """The page of a report.
 
     Args:
         template: its file name.
         content: figures that the template shows.
-        rallies: staged rallies, as JSON that cannot end a script element; empty: none.
-        viewer: program that plays them.
     """
     say = words()
     figures = (between, metres, of_100, parts, ranged, signed, differences, distance, shares, shown_differences)
@@ -100,8 +122,9 @@ def page(template: str, content: Mapping[str, Any], *, rallies: str = "", viewer
         __package__ or "",
         template,
         assets=("coach.css", "coach.js"),
-        viewer=viewer,
-        rallies=Markup(rallies.replace("<", "\\u003c")),
+        viewer=clips.viewer,
+        rallies=Markup(clips.content.replace("<", "\\u003c")),
+        reason=clips.reason,
         say=say,
         language=say("language.tag"),
         save_table=say("report.save_table"),

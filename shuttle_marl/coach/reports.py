@@ -7,16 +7,14 @@ Example::
 """
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from shuttle_marl.analysis.match import MatchReport
 from shuttle_marl.analysis.scouting import scout
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.coach import sources
-from shuttle_marl.coach.match_page import Footage, match_page
+from shuttle_marl.coach.match_page import match_page
 from shuttle_marl.coach.scout_page import scouting_page
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.shipped import resolve_game
@@ -33,12 +31,12 @@ class CoachReport:
     """
 
     figures: Mapping[str, Any]
-    _page: Callable[[Language], bytes]
+    _page: Callable[[], bytes]
 
     def html(self, language: Language = "en") -> bytes:
         """The page, one HTML file: English, Chinese (``zh``) or Indonesian (``id``)."""
         with speaking(language):
-            return self._page(language)
+            return self._page()
 
     def save(self, path: Path | str, language: Language = "en") -> Path:
         """Write the page, and return its path.
@@ -65,14 +63,8 @@ def report(
         DataError, RecordingError: the file cannot be read.
         AnalysisError: no such match, or several.
     """
-    played, mapped = resolve_game(game), None if columns is None else Path(columns)
-
-    @functools.cache  # the footage has sentences in the language of the page
-    def made(language: Language) -> tuple[MatchReport, Footage]:
-        with speaking(language):
-            return sources.of_file(Path(path), played, match, columns=mapped)
-
-    return CoachReport(figures=made("en")[0].as_json(), _page=lambda language: match_page(*made(language)))
+    found, source = sources.of_file(Path(path), resolve_game(game), match, columns=None if columns is None else Path(columns))
+    return CoachReport(figures=found.as_json(), _page=lambda: match_page(found, source))
 
 
 def scouting_report(
@@ -100,7 +92,6 @@ def scouting_report(
     names = (player,) if opponent is None else (opponent, player)
     found = scout(*names, beside=beside, model=model, date=date, data=strokes)
 
-    def page(language: Language) -> bytes:  # noqa: ARG001  spoken by the caller
-        return scouting_page(found, () if strokes is None else sources.gaps(strokes))
-
-    return CoachReport(figures=found.as_json(), _page=page)
+    return CoachReport(
+        figures=found.as_json(), _page=lambda: scouting_page(found, () if strokes is None else sources.gaps(strokes))
+    )

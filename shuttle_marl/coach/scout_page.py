@@ -5,19 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from shuttle_marl.analysis import Players, charts
+from shuttle_marl.analysis import charts
 from shuttle_marl.analysis.advice import LEAST_STEADY
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.scouting import ScoutingReport
 from shuttle_marl.analysis.words import ranged, words
 from shuttle_marl.analysis.worth import LEAST_REFITS
-from shuttle_marl.base.errors import printable
-from shuttle_marl.coach.examples import shared, staged_advice, viewer
-from shuttle_marl.coach.rendering import Drill, drills, page
+from shuttle_marl.coach.rendering import Clips, Drill, court, drills, page
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.pages import Viewer
-from shuttle_marl.watch.building import BuildError
 
 _SHOWN: int = 12
 _RARE = 0.02
@@ -27,13 +23,12 @@ _ENDS = ("fault", "winner")
 
 def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
     """The page as the content of a file; ``gaps``: sentences on what the data lack."""
-    say, (rallies, program, reason) = words(), _examples(report)
+    say, clips = words(), court().scout_clips(report) if report.advice and report.home is not None else Clips()
     report = report.renamed(say.player)
     content = {
         "report": report,
         "known": [known for known in (report.player, report.opponent) if known is not None],
         "gaps": gaps,
-        "reason": reason,
         "enough_refits": report.refits >= LEAST_REFITS,
         "least_steady": LEAST_STEADY,
         "catalogue": None if report.pair is None else report.pair.catalogue,
@@ -52,22 +47,7 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
         "beside": _beside(report),
         "drills": _drills(report),
     }
-    return page("scout.html.j2", content, rallies=rallies, viewer=program)
-
-
-def _examples(report: ScoutingReport) -> tuple[str, Viewer | None, str]:
-    """Staged examples of the advice, and what plays them; or why there are none."""
-    if not report.advice or report.pair is None or report.home is None or report.player is None:
-        return "", None, ""
-    try:
-        program = viewer()
-    except BuildError as error:
-        return "", None, str(error)
-    names = printable(report.player.name), printable(report.opponent.name)
-    rallies = staged_advice(report.advice, report.pair, report.home, names)
-    players = Players(tables=report.home.policies, value=report.home.value)
-    content, _ = shared(rallies, report.pair, players)
-    return content, program, ""
+    return page("scout.html.j2", clips, content)
 
 
 def _listed(habit: Habit) -> bool:

@@ -11,37 +11,67 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.analysis import Players
-from shuttle_marl.analysis.advice import imitated, meet
+from shuttle_marl.analysis import LogPlayers, Players
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
-from shuttle_marl.analysis.outlook import met
 from shuttle_marl.analysis.strokes import stroke_table
-from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.analysis.words import of_100, words
 from shuttle_marl.base.errors import ShuttleError, printable
-from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import area_inferred
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.words import bare
-from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.shipped import folder_of, is_shipped
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy import baselines
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.reader import is_log
-from shuttle_marl.watch.recorded import LogRallies, RealRallies
 
 _LISTED = 12
 _DOUBTFUL = 0.5
 """Confidence below which a recognised stroke is doubtful."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Source:
+    """The file of a match, for what its page shows beside the figures.
+
+    Attributes:
+        game: in which strokes are valued; of a log, that was played.
+        match: name of the match, or numbers of the pairing and of the match in a log.
+        people: the two players of the match.
+        strokes: all annotated strokes of the file; None: it is a log.
+        mapped: whether the columns are mapped, so that the live court cannot open the file.
+        numbers: of the rallies in a log, from 0.
+        policies: that played a log; None: not known.
+        video: address of the video at a time in seconds; None: no video.
+        anonymous: whether names are hidden.
+    """
+
+    path: Path
+    game: Game
+    match: str | tuple[int, int]
+    people: tuple[str, str]
+    strokes: pa.Table | None = None
+    mapped: bool = False
+    numbers: tuple[int, ...] = ()
+    policies: Players | None = None
+    video: Callable[[float], str] | None = None
+    anonymous: bool = False
+
+    @property
+    def command(self) -> str:
+        """Command that opens the live court with the rallies, as another reader of the report types it."""
+        folder = folder_of(self.game.seats[0])
+        model = () if self.strokes is None or folder is None or is_shipped(folder.name) else ("--game", folder.name)
+        option = "--replay" if self.strokes is None else "--real"
+        return shlex.join(["python", "-m", "shuttle_marl.watch", option, self.path.name, *model])
+
+
 def of_file(
     path: Path, game: Game, match: str | None = None, *, pairing: int = 0, columns: Path | None = None
-) -> tuple[MatchReport, Footage]:
+) -> tuple[MatchReport, Source]:
     """The report of a match of a rally log, with the number ``match``, or of annotated matches.
 
     Raises:
@@ -58,7 +88,7 @@ def of_file(
     return of_log(path, game, pairing, int(match or 0))
 
 
-def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path | None = None) -> tuple[MatchReport, Footage]:
+def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path | None = None) -> tuple[MatchReport, Source]:
     """The report of an annotated match.
 
     Args:
@@ -71,25 +101,9 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         AnalysisError: no such match, or several.
     """
     strokes = read_matches(path, columns)
-    played = match_strokes(strokes, match)
-    name = played["match"][0].as_py()
-    report = match_report(played, game=game)
-    staged = RealRallies(path, game.seats[0], strokes)
-    folder = folder_of(game.seats[0])
-    model = () if folder is None or is_shipped(folder.name) else ("--game", folder.name)
-    numbers = staged.numbers(name)
-    found = {i: numbers[row.key] for i, row in enumerate(report.rallies) if row.key in numbers}
-    rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
-    shown = {} if columns is not None else found
-    return report, Footage(
-        staged=rallies,
-        game=report.game,
-        players=_players(report.game),
-        command=_watch("--real", path.name, *model),
-        numbers=shown,
-        met=met(rally_table(strokes), *report.players),
-        gaps=gaps(played),
-    )
+    report = match_report(match_strokes(strokes, match), game=game)
+    mapped = columns is not None
+    return report, Source(path=path, game=game, match=report.match, people=report.players, strokes=strokes, mapped=mapped)
 
 
 def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
@@ -122,12 +136,7 @@ def gaps(strokes: pa.Table) -> tuple[str, ...]:
     return (*places, say("scout.sure_doubtful", doubtful=doubtful)) if doubtful else places
 
 
-def _watch(*arguments: str) -> str:
-    """Command of the live court, as another reader of the report types it."""
-    return shlex.join(["python", "-m", "shuttle_marl.watch", *arguments])
-
-
-def of_log(path: Path, game: Game, pairing: int, match: int) -> tuple[MatchReport, Footage]:
+def of_log(path: Path, game: Game, pairing: int, match: int) -> tuple[MatchReport, Source]:
     """The report of a match of a rally log.
 
     Args:
@@ -144,18 +153,12 @@ def of_log(path: Path, game: Game, pairing: int, match: int) -> tuple[MatchRepor
         numbers = log.numbers_of_match(pairing, match).tolist()
         seats = tuple(log.policies[int(policy)].name for policy in log.rally(numbers[0]).policy[0])
         played = log.files[log.file_of(numbers[0])].header.rules
-    staged = LogRallies(path, game)
-    known = staged.players(numbers[0])
-    odds = None if known is None or known.value is None else known.value.odds(seats.index(strokes["player"][0].as_py()))
+        policies = LogPlayers(log, game).of_rally(numbers[0])
+    known = None if policies.value is None else policies
+    odds = None if policies.value is None else policies.value.odds(seats.index(strokes["player"][0].as_py()))
     report = match_report(strokes, game=game, rules=played, odds=odds)
-    shown = {i: staged.rally(numbers[i]) for i in report.moments}
-    return report, Footage(
-        staged=shown,
-        game=report.game if known is None else game,
-        players=_players(report.game) if known is None else known,
-        command=_watch("--replay", path.name),
-        numbers=dict(enumerate(numbers)),
-    )
+    source = Source(path=path, game=game, match=(pairing, match), people=report.players, numbers=tuple(numbers), policies=known)
+    return report, source
 
 
 def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
@@ -169,19 +172,15 @@ def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
         raise AnalysisError(f"no match {match} of pairing {pairing}; the log has {len(log.pairings)} pairings")
     rallies = Rallies.concatenate([log.rally(number) for number in numbers])
     names = [player.name for player in log.policies]
-    title = words()("match.of_log", match=match, pairing=pairing)
+    title = title_of_log(pairing, match)
     return stroke_table(
         rallies, log.catalogue, names, [title] * len(rallies), np.random.default_rng([0, pairing, match]), looks=log.header.looks
     )
 
 
-def _players(game: Game) -> Players:
-    """The imitated people of a pair, or two average players."""
-    if game.people is not None:
-        first, second = imitated(game)
-        return Players(tables=(first, second), value=meet(first, second).value)
-    average = baselines.load(None, game.seats[0])
-    return Players(tables=(average, average), value=evaluate(average, average))
+def title_of_log(pairing: int, match: int) -> str:
+    """Name of a match of a rally log."""
+    return words()("match.of_log", match=match, pairing=pairing)
 
 
 def video_of(template: str) -> Callable[[float], str]:
@@ -199,15 +198,19 @@ def video_of(template: str) -> Callable[[float], str]:
     return lambda seconds: template.format(seconds=int(seconds))
 
 
-def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Footage]:
+def anonymous(report: MatchReport, source: Source) -> tuple[MatchReport, Source]:
     """The same without the names of players and match."""
     names = words()("report.player_a"), words()("report.player_b")
-    game = footage.game
-    if game.people is not None:
-        hidden = names if game.people.players == report.players else names[::-1]
-        game = dataclasses.replace(game, people=dataclasses.replace(people_of(game), players=hidden))
-    staged = {i: dataclasses.replace(rally, names=names) for i, rally in footage.staged.items()}
+    game = hidden(report.game, report.players, names)
     return (
         dataclasses.replace(report, players=names, match="", game=game),
-        dataclasses.replace(footage, staged=staged, game=game, numbers={}, video=None),
+        dataclasses.replace(source, anonymous=True, video=None),
     )
+
+
+def hidden(game: Game, people: tuple[str, str], names: tuple[str, str]) -> Game:
+    """The game of two people under other names."""
+    if game.people is None or people == names:
+        return game
+    seated = names if game.people.players == people else names[::-1]
+    return dataclasses.replace(game, people=dataclasses.replace(people_of(game), players=seated))

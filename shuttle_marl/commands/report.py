@@ -41,13 +41,13 @@ def report(
 
     game = model.load_for(path)
     with hands_told(output.hand), cli.working("analysing the match"), speaking(output.language):
-        found, footage = sources.of_file(path, game, match, pairing=pairing, columns=columns)
+        found, source = sources.of_file(path, game, match, pairing=pairing, columns=columns)
     if video is not None:
-        footage = dataclasses.replace(footage, video=sources.video_of(video))
+        source = dataclasses.replace(source, video=sources.video_of(video))
     if output.anonymous:
         with speaking(output.language):
-            found, footage = sources.anonymous(found, footage)
-    output.write(found.as_json(), lambda: match_page(found, footage), "report.html")
+            found, source = sources.anonymous(found, source)
+    output.write(found.as_json(), lambda: match_page(found, source), "report.html")
 
 
 COMMANDS: Final = report

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -10,11 +9,10 @@ import pytest
 
 from shuttle_marl.analysis.advice import Refitted, refitted
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
-from shuttle_marl.coach import match_page as match_pages
-from shuttle_marl.coach import scout_page as scout_pages
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import REFITS, resolve_game
+from shuttle_marl.watch import clips
 from shuttle_marl.watch.building import BuildError
 from tests.pages import Tags, parsed
 from tests.reduced import reduced_model
@@ -58,14 +56,7 @@ def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing() -> None:
         raise BuildError("Node is missing")
 
-    for module in (scout_pages, match_pages):
-        monkeypatch.setattr(module, "viewer", missing)
-
-
-def footage(report: MatchReport) -> Any:
-    """Of a report without staged rallies."""
-    nobody: Any = None
-    return match_pages.Footage(staged={}, game=report.game, players=nobody, command="watch", numbers={})
+    monkeypatch.setattr(clips, "viewer", missing)
 
 
 def read(content: bytes) -> tuple[Tags, str]:

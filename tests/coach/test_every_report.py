@@ -5,7 +5,7 @@ import os
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -18,10 +18,11 @@ from shuttle_marl.analysis.match import MatchReport, matches_in
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.coach import match_page, scout_page, sources
-from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
+from shuttle_marl.watch.clips import match_clips
+from shuttle_marl.watch.recorded import RealRallies
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -100,7 +101,7 @@ def check_brief(found: Brief) -> None:
     assert not {each[:2] for each in found.dos} & {each[:2] for each in found.donts}
 
 
-def check_match(report: MatchReport, footage: Footage) -> None:
+def check_match(report: MatchReport, numbers: Mapping[int, int], recorded: RealRallies) -> None:
     """One number for one thing: rallies won by length, by server and in the course."""
     decided = [row.winner for row in report.rallies if row.winner is not None]
     assert [sum(each.rallies for each in report.lengths), sum(each.won for each in report.lengths)] == [
@@ -111,7 +112,8 @@ def check_match(report: MatchReport, footage: Footage) -> None:
         sides = [each for each in report.serving if each.player == player and each.label in ("serving", "receiving")]
         assert [sum(each.rallies for each in sides), sum(each.won for each in sides)] == [len(decided), decided.count(player)]
     # The live court shows the rally that has the number.
-    for i, rally in footage.staged.items():
+    for i in numbers.keys() & {*report.moments}:
+        rally = recorded.rally(numbers[i])
         shown = dict(zip(rally.names, rally.score.points, strict=True))
         assert shown == dict(zip(report.players, report.rallies[i].points, strict=True))
 
@@ -142,23 +144,25 @@ def some(names: Sequence[T]) -> Sequence[T]:
 def test_the_report_of_every_match(file: Path, strokes: pa.Table, paper: "Page", unbuilt: None) -> None:
     game = resolve_game(None)
     sources.of_strokes(file, game, matches_in(strokes)[0])  # what is computed once in a process
+    recorded = RealRallies(file, game, strokes)
     seconds: list[float] = []
     wrong: list[tuple[object, ...]] = []
     short = 0
     for name in some(matches_in(strokes)):
         started = time.monotonic()
-        report, footage = sources.of_strokes(file, game, name)
-        pages = contents(lambda report=report, footage=footage: match_page.match_page(report, footage))  # type: ignore[misc]
+        report, source = sources.of_strokes(file, game, name)
+        pages = contents(lambda report=report, source=source: match_page.match_page(report, source))  # type: ignore[misc]
         seconds.append(time.monotonic() - started)
         wrong += [(name, *each) for each in wrong_pages(pages, paper, file)]
-        check_match(report, footage)
+        numbers = match_clips(report, source).numbers
+        check_match(report, numbers, recorded)
         for each in report.briefs:
             check_brief(each)
             short += (len(each.dos), len(each.donts)) != (DOS, DONTS)
         # Rallies have the numbers of the live court.
         shown = re.findall(r"Rally (\d+), game", pages["en"].decode())
         assert shown
-        assert set(map(int, shown)) <= {number + 1 for number in footage.numbers.values()}
+        assert set(map(int, shown)) <= {number + 1 for number in numbers.values()}
         technique = report.game.catalogue.technique
         for choice in report.choices:
             assert report.rallies[choice.rally].winner == 1 - choice.player

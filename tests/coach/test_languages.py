@@ -16,7 +16,7 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.pages.languages import FOLDER, LANGUAGES, Language, speaking
 
 PACKAGE = Path(shuttle_marl.__file__).parent
-SOURCES = (PACKAGE / "coach", PACKAGE / "commands" / "scout.py", PACKAGE / "watch" / "page" / "src")
+SOURCES = (PACKAGE / "analysis", PACKAGE / "coach", PACKAGE / "commands" / "scout.py", PACKAGE / "watch" / "page" / "src")
 VOCABULARIES = {"shots": SHOTS, "areas": AREAS, "short_areas": AREAS, "techniques": TECHNIQUES, "heights": HEIGHTS}
 REPORTS = ("brief", "areas", "directions", "whose", "scout", "drills", "habit", "match", "waits")
 OTHERS: list[Language] = [language for language in LANGUAGES if language != "en"]
@@ -73,7 +73,7 @@ def test_every_text_that_is_used_exists_and_every_text_is_used() -> None:
         assert [*Words("en").groups[group]] == [*vocabulary]
     own = {key for key in keys if key.startswith("language.") or key.partition(".")[0] in {*VOCABULARIES, "players"}}
     # What is computed is a word of the code: its whole name, or the part that varies.
-    words = set(re.findall(r"[\w?!]+", code + source(PACKAGE / "analysis", PACKAGE / "game")))
+    words = set(re.findall(r"[\w?!]+", code + source(PACKAGE / "game")))
     patterns = [re.compile(re.escape(key).replace(r"\*", "(.+)")) for key in partial]
     told = {
         key

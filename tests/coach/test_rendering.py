@@ -7,9 +7,9 @@ import pytest
 
 from shuttle_marl.analysis.waits import Place, Wait
 from shuttle_marl.analysis.words import Words
-from shuttle_marl.coach.examples import base91
 from shuttle_marl.coach.rendering import Drill, differences, drills
 from shuttle_marl.game.shipped import Estimate
+from shuttle_marl.watch.clips import base91
 
 WIDE = Estimate(0.5, 0.375, 0.625)
 

@@ -33,10 +33,10 @@ from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
-from shuttle_marl.watch import WatchError
+from shuttle_marl.watch import WatchError, clips
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests import golden
-from tests.coach.conftest import SAMPLE, A, B, footage, read, with_hand
+from tests.coach.conftest import SAMPLE, A, B, read, with_hand
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -64,7 +64,7 @@ def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str,
     at = match.schema.get_field_index("forced")
     report = match_report(match.set_column(at, match.schema.field(at), pa.array(forced, pa.bool_())), game=resolve_game(model))
     assert np.sum(report.faults, axis=0).tolist() == [len(faults) - 2, 2]
-    _, text = read(match_pages.match_page(report, footage(report)))
+    _, text = read(match_pages.match_page(report))
     for player, (pressed, own) in zip(report.players, report.faults, strict=True):
         assert f"{own} unforced errors, {pressed} forced by the opponent" in text, player
 
@@ -87,7 +87,7 @@ def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, repor
     found = {}
     for name, page in (
         ("scouting report", scout_pages.scouting_page(scouted)),
-        ("match report", match_pages.match_page(reported, footage(reported))),
+        ("match report", match_pages.match_page(reported)),
     ):
         for number, svg in enumerate(re.findall("<svg.*?</svg>", page.decode(), re.DOTALL)):
             found[f"{name}, {number}"] = golden.drawing(svg)
@@ -105,7 +105,7 @@ def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table
     report = match_report(with_hand(match, {a: 1, b: None}), game=resolve_game(model))
     assert report.hands == ("left", None)
     first, second = map(Words("en").player, (a, b))
-    _, text = read(match_pages.match_page(report, footage(report)))
+    _, text = read(match_pages.match_page(report))
     assert f"{first}, left-handed · {second}, hand not known, played as right-handed · Match report" in text
     assert f"{first} strikes at the bottom of the picture; the opponent's forehand side is on the left" in text
     assert f"{second} strikes at the bottom of the picture; the opponent's backhand side is on the left" in text
@@ -180,7 +180,7 @@ def test_drills_name_areas_as_the_player_sees_them(reported: MatchReport, unbuil
     met = next(k for k in range(len(catalogue)) if catalogue.area[k] == 0 and not catalogue.is_serve[k])
     choice = dataclasses.replace(choice, incoming=met, better=stroke)
     serve = dataclasses.replace(choice, incoming=len(catalogue), better=0)
-    _, text = read(match_pages.match_page(dataclasses.replace(reported, choices=[choice, serve]), footage(reported)))
+    _, text = read(match_pages.match_page(dataclasses.replace(reported, choices=[choice, serve])))
     assert "to your front forehand corner (blue)" in text
     assert "to their rear forehand corner (orange)" in text
     assert Words("en")("drills.serve", number=2, stroke="a")[:12] in text
@@ -314,12 +314,12 @@ def test_a_costly_decision_is_one_of_a_lost_rally_and_keeps_the_technique(report
 
 
 def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, reported: MatchReport) -> None:
-    assert "By the score" not in read(match_pages.match_page(reported, footage(reported)))[1]
+    assert "By the score" not in read(match_pages.match_page(reported))[1]
     keep = pc.invert(pc.is_in(match["rally"], value_set=pa.array([3, 4, 9], match.schema.field("rally").type)))
     report = match_report(match.filter(keep), game=resolve_game(model))
     played = sum(map(sum, report.score))
     assert played > len(report.rallies)
-    _, text = read(match_pages.match_page(report, footage(report)))
+    _, text = read(match_pages.match_page(report))
     assert f"By the score {played} rallies were played; the data have {len(report.rallies)} of them" in text
     first = match["game"].to_numpy() == 1
     late = first & (match["rally"].to_numpy() > match["rally"].to_numpy()[first].max() - 2)
@@ -347,23 +347,23 @@ def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table,
     assert "right in 50 of 100 cases, and 3 have none" in places
     assert doubtful.startswith("A program recognised 2 strokes")
     write_parquet(tmp_path / "own.parquet", match)
-    report, shown = sources.of_strokes(tmp_path / "own.parquet", resolve_game(model))
-    _, content = read(match_pages.match_page(report, dataclasses.replace(shown, staged={})))
+    _, content = read(match_pages.match_page(*sources.of_strokes(tmp_path / "own.parquet", resolve_game(model))))
     assert places in content
     assert doubtful in content
 
 
-def test_numbers_of_the_live_court_are_those_of_its_option(tmp_path: Path, model: str, match: pa.Table) -> None:
+def test_numbers_of_the_live_court_are_those_of_its_option(tmp_path: Path, model: str, match: pa.Table, unbuilt: None) -> None:
     write_parquet(tmp_path / "strokes.parquet", match)
-    report, shown = sources.of_strokes(tmp_path / "strokes.parquet", resolve_game(model))
+    report, source = sources.of_strokes(tmp_path / "strokes.parquet", resolve_game(model))
     rallies = RealRallies(tmp_path / "strokes.parquet", resolve_game(model))
-    assert sorted(shown.numbers.values()) == list(range(rallies.count))
+    numbers = clips.match_clips(report, source).numbers
+    assert sorted(numbers.values()) == list(range(rallies.count))
     # The page counts from 1, and neither names folders.
-    _, content = read(match_pages.match_page(report, dataclasses.replace(shown, staged={})))
+    _, content = read(match_pages.match_page(report, source))
     assert "--real strokes.parquet" in content
     assert str(tmp_path) not in content
     for i in report.moments:
-        assert f"Rally {shown.numbers[i] + 1}, game {report.rallies[i].key[0]}" in content
+        assert f"Rally {numbers[i] + 1}, game {report.rallies[i].key[0]}" in content
 
 
 @pytest.mark.parametrize("name", [EVIL, TURNED, LONG], ids=["markup", "right to left", "long"])
@@ -371,7 +371,7 @@ def test_names_stay_text(name: str, scouted: ScoutingReport, reported: MatchRepo
     opponent = dataclasses.replace(scouted.opponent, name=name)
     pages = [
         scout_pages.scouting_page(dataclasses.replace(scouted, opponent=opponent)),
-        match_pages.match_page(dataclasses.replace(reported, players=(name, "b"), match=name), footage(reported)),
+        match_pages.match_page(dataclasses.replace(reported, players=(name, "b"), match=name)),
     ]
     for content in pages:
         tags, text = read(content)
@@ -468,7 +468,7 @@ def test_reports_fit_a_telephone_and_paper_in_every_language(
     tmp_path: Path, browser: "Browser", scouted: ScoutingReport, reported: MatchReport, unbuilt: None, language: Language
 ) -> None:
     with speaking(language):
-        contents = scout_pages.scouting_page(scouted), match_pages.match_page(reported, footage(reported))
+        contents = scout_pages.scouting_page(scouted), match_pages.match_page(reported)
     page = browser.new_page()
     for content in contents:
         assert f'<html lang="{Words(language)("language.tag")}">'.encode() in content

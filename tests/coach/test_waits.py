@@ -21,7 +21,7 @@ from shuttle_marl.coach.match_page import match_page
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.pages.languages import LANGUAGES, Language, current, speaking
-from tests.coach.conftest import footage, with_hand
+from tests.coach.conftest import with_hand
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -140,7 +140,7 @@ def test_intervals_resample_matches_where_there_are_enough(match: pa.Table) -> N
 
 def section(report: MatchReport, found: list[Wait], names: tuple[str, str]) -> str:
     """The section of the page of a match report."""
-    page = match_page(dataclasses.replace(report, waits=found, players=names, hands=HANDS), footage(report)).decode()
+    page = match_page(dataclasses.replace(report, waits=found, players=names, hands=HANDS)).decode()
     heading = Words(current())("waits.heading").lower().replace(" ", "-")
     (found_section,) = re.findall(rf'<section id="{heading}">.*?</section>', page, re.DOTALL)
     return str(found_section)
@@ -182,7 +182,7 @@ def test_the_section_fits_a_telephone_and_paper(
     found = waits(placed(match, (3.5, 4.0), (0.5, -0.5)), players_of(match))
     report = dataclasses.replace(reported, waits=found, players=("Pornpawee Chochuwong", "Ratchanok Intanon"))
     with speaking(language):
-        content = match_page(report, footage(report))
+        content = match_page(report)
     (tmp_path / "page.html").write_bytes(content)
     page = browser.new_page()
     page.goto((tmp_path / "page.html").as_uri())

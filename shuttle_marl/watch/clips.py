@@ -1,4 +1,4 @@
-"""Staged rallies inside a page: the live court's own program, motions and values, in the form of a page that it saves."""
+"""Staged rallies in the pages of reports: the program of the live court, motions and values, as in a page that it saves."""
 
 import dataclasses
 import functools
@@ -9,21 +9,28 @@ from typing import Final
 
 from shuttle_marl import __version__
 from shuttle_marl.analysis import Players
-from shuttle_marl.analysis.advice import Advice, Meeting
-from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.analysis.advice import Advice, Meeting, imitated, meet
+from shuttle_marl.analysis.match import MatchReport
+from shuttle_marl.analysis.scouting import ScoutingReport
+from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.coach.rendering import Clips
+from shuttle_marl.coach.sources import Source, hidden
+from shuttle_marl.exact import evaluate
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
 from shuttle_marl.pages import Viewer
+from shuttle_marl.policy import baselines
 from shuttle_marl.staging import stage
 from shuttle_marl.staging.skeleton import model_file
 from shuttle_marl.watch import messages
-from shuttle_marl.watch.building import build
+from shuttle_marl.watch.building import BuildError, build
 from shuttle_marl.watch.facts import hall_facts, rally_facts
 from shuttle_marl.watch.match import CourtRally, play_rally
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from shuttle_marl.watch.values import ELITE, StrokeValues
 
 _FPS: Final = 25
@@ -141,3 +148,56 @@ def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: t
         played = play_rally(pair, home.policies, stream(0, 0, number), about, {stroke: advice.stroke})
         found.append(dataclasses.replace(played, **looks))
     return found
+
+
+def scout_clips(report: ScoutingReport) -> Clips:
+    """An example of each piece of advice."""
+    if report.pair is None or report.home is None or report.player is None:
+        return Clips()
+    try:
+        program = viewer()
+    except BuildError as error:
+        return Clips(reason=str(error))
+    names = printable(report.player.name), printable(report.opponent.name)
+    rallies = staged_advice(report.advice, report.pair, report.home, names)
+    players = Players(tables=report.home.policies, value=report.home.value)
+    return Clips(content=shared(rallies, report.pair, players)[0], viewer=program)
+
+
+def match_clips(report: MatchReport, source: Source) -> Clips:
+    """The key moments of a match, and where its rallies are on the live court.
+
+    Raises:
+        WatchError: the file has no whole rally.
+    """
+    found: LogRallies | RealRallies
+    if source.strokes is None:
+        found, numbers = LogRallies(source.path, source.game), dict(enumerate(source.numbers))
+    else:
+        found = RealRallies(source.path, source.game.seats[0], source.strokes)
+        of_key = found.numbers(str(source.match))
+        numbers = {i: of_key[row.key] for i, row in enumerate(report.rallies) if row.key in of_key}
+    listed = {} if source.mapped or source.anonymous else numbers
+    try:
+        program = viewer()
+    except BuildError as error:
+        return Clips(reason=str(error), numbers=listed)
+    moments = [i for i in report.moments if i in numbers]
+    staged = [found.rally(numbers[i]) for i in moments]
+    if source.policies is None:
+        game, policies = report.game, _imitated(report.game)
+    else:
+        game, policies = hidden(source.game, source.people, report.players), source.policies
+    if source.anonymous:
+        staged = [dataclasses.replace(rally, names=report.players) for rally in staged]
+    content, count = shared(staged, game, policies)
+    return Clips(content=content, viewer=program, shown=moments[:count], numbers=listed)
+
+
+def _imitated(game: Game) -> Players:
+    """The imitated people of a pair, or two average players."""
+    if game.people is not None:
+        first, second = imitated(game)
+        return Players(tables=(first, second), value=meet(first, second).value)
+    average = baselines.load(None, game.seats[0])
+    return Players(tables=(average, average), value=evaluate(average, average))
