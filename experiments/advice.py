@@ -22,7 +22,7 @@ import numpy as np
 from docs.tools.results import show
 from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states_of, strokes_of
 from shuttle_marl.analysis.advice import Advice, Refitted, advise, refitted
-from shuttle_marl.analysis.worth import Worth
+from shuttle_marl.analysis.value import Value
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands import cli
@@ -91,7 +91,7 @@ def judged(strokes: Strokes, found: Refitted, seat: int, advised: Sequence[Advic
     game, factor = policy.game, 1.0 if found.factor is None else found.factor.value
     state = states_of(game, strokes.rows)
     mine = (strokes.rows.striker == people_of(found.pair).players[seat]) & (state >= 0) & (strokes.result != 0)
-    worth, chance = Worth(game, found.home.value.striking, seat), policy.block_probabilities(0)
+    stroke_value, chance = Value(game, found.home.value.striking, seat), policy.block_probabilities(0)
     parts = [Judged(advised=np.zeros(0, np.bool_), promised=np.zeros(0), realised=np.zeros(0), match=np.zeros(0, np.int64))]
     for advice in advised:
         rows = np.flatnonzero(mine & np.isin(game.base(np.maximum(state, 0)), advice.states))
@@ -104,7 +104,7 @@ def judged(strokes: Strokes, found: Refitted, seat: int, advised: Sequence[Advic
         weight = chance[pairs % game.n_base_pairs]
         total = np.bincount(row, weight, len(rows))
         with np.errstate(invalid="ignore", divide="ignore"):
-            advantage = np.bincount(row, weight * worth.advantage(pairs, state[rows][row]), len(rows)) / total
+            advantage = np.bincount(row, weight * stroke_value.advantage(pairs, state[rows][row]), len(rows)) / total
         known = total > 0
         parts.append(
             Judged(

@@ -1,4 +1,4 @@
-"""Marks of the strokes of real matches, and the puzzles of thirty days (:mod:`shuttle_marl.analysis.marks`).
+"""Marks of the strokes of real matches, and the puzzles of thirty days (:mod:`shuttle_marl.analysis.rating`).
 
 ``python -m experiments.marks --data DIR [--json]``
 
@@ -16,8 +16,7 @@ import numpy as np
 from scipy import stats
 
 from experiments.saving import show_figures
-from shuttle_marl.analysis.decisions import GOOD, places_of, theme_of, usual_of
-from shuttle_marl.analysis.marks import MARKS, basis_of, judged_strokes
+from shuttle_marl.analysis.rating import GOOD, MARKS, places_of, rated_strokes, rater_of, theme_of, usual_of
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.data import matches_of, read_matches
@@ -40,9 +39,9 @@ _RALLIES: Final = 40
 def marks_of(data: Path, game: Game) -> dict[str, Any]:
     """Accuracy, marks and who was marked better, over the matches of a data set."""
     strokes = read_matches(data)
-    found = judged_strokes(strokes, basis_of(game))
+    found = rated_strokes(strokes, rater_of(game))
     match, player, won = (strokes[name].to_numpy(zero_copy_only=False) for name in ("match", "player", "outcome"))
-    known, marks = found.judged.known[found.position], np.array(found.judged.marks)[found.position]
+    known, marks = found.rated.known[found.position], np.array(found.rated.marks)[found.position]
     marked, bad = marks != "", np.isin(marks, ("?!", "?", "??"))
     games = _winners(match, player, strokes, won)
     accuracy = {
@@ -62,7 +61,7 @@ def marks_of(data: Path, game: Game) -> dict[str, Any]:
         p10, median, p90 = np.quantile(some, (0.1, 0.5, 0.9))
         return {"median": float(median), "p10": float(p10), "p90": float(p90), "n": len(some)}
 
-    behind = found.judged.behind[found.position[marked]]
+    behind = found.rated.behind[found.position[marked]]
     return {
         "matches": len(games),
         "strokes": strokes.num_rows,
@@ -140,7 +139,7 @@ def _questions(rally: CourtRally, tables: PolicyTables) -> Iterator[_Puzzle]:
     """The questions of a rally, in the order of the page."""
     game = tables.game
     for i, (state, stroke) in enumerate(zip(rally.states(game).tolist(), rally.stroke.tolist(), strict=True)):
-        judged, above = basis_of(game).judged(np.array([state])), bool(game.contact(state))
+        judged, above = rater_of(game).rated(np.array([state])), bool(game.contact(state))
         question = judged.question(int(game.rank(np.array([state]), np.array([stroke]))[0]))
         theme = theme_of(rally, i, above=above)
         if question is not None and theme != "serve":

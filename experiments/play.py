@@ -1,4 +1,4 @@
-"""Duels and ratings by the quality of decisions, simulated (:mod:`shuttle_marl.analysis.decisions`).
+"""Duels and ratings by the quality of decisions, simulated (:mod:`shuttle_marl.analysis.rating`).
 
 ``python -m experiments.play [--json]``
 
@@ -16,8 +16,7 @@ import numpy as np
 import tyro
 
 from experiments.saving import show_figures
-from shuttle_marl.analysis.decisions import Rating, quality, rated
-from shuttle_marl.analysis.marks import basis_of
+from shuttle_marl.analysis.rating import Rating, rater_of
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
@@ -46,11 +45,11 @@ class Judge:
 
     def __init__(self, game: Game) -> None:
         states = np.flatnonzero(game.playable)
-        judged = basis_of(game).judged(states)
+        judged = rater_of(game).rated(states)
         _, pairs = game.pairs(states)
         self.game, self.bad = game, np.zeros(game.n_pairs, np.bool_)
         self.quality: F64 = np.full(game.n_pairs, np.nan)
-        self.quality[pairs], self.bad[pairs] = quality(judged), ["?" in mark for mark in judged.marks]
+        self.quality[pairs], self.bad[pairs] = judged.quality, ["?" in mark for mark in judged.marks]
 
     def decider(self, accuracy: float) -> TabulatedPolicy:
         """The average pro with other odds of mistakes, so that the accuracy in the states of two average pros is as given."""
@@ -114,7 +113,7 @@ def ratings(judge: Judge, number: int, seed: int) -> dict[str, Any]:
         player = rallies.match[rallies.row_of_stroke][mine].astype(np.int64) // _ENOUGH
         order = np.argsort(player, kind="stable")
         scores = np.split(score[mine][order], np.cumsum(np.bincount(player, minlength=number))[:-1])
-        after = [rated(Rating(), one[:DECISIONS].tolist()) for one in scores if len(one) >= DECISIONS]
+        after = [Rating().after(one[:DECISIONS].tolist()) for one in scores if len(one) >= DECISIONS]
         points = np.array([rating.points for rating in after])
         low, high = np.quantile(points, (0.025, 0.975))
         all_points.append(points)

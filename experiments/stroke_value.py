@@ -22,7 +22,7 @@ import pyarrow.compute as pc
 from docs.tools.results import show
 from shuttle_marl.analysis import PlayerValue, add_values, charts, rank_players, strokes_of
 from shuttle_marl.analysis.charts import COLOURS, INK
-from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
+from shuttle_marl.analysis.players import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import anonymised
 from shuttle_marl.exact.away import Values, over

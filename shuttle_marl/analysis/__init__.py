@@ -12,10 +12,11 @@ from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis.match import MatchReport, match_report
+    from shuttle_marl.analysis.players import PlayerValue, rank_players
     from shuttle_marl.analysis.rally import Decision, LogPlayers, Players, RallyAnalysis, analyse_rally, decision
     from shuttle_marl.analysis.scouting import ScoutingReport, scout
     from shuttle_marl.analysis.summary import AnalysisError, Summary, rally_table, strokes_of, strokes_of_log, summarise
-    from shuttle_marl.analysis.values import PlayerValue, add_values, add_values_of_pairs, rank_players
+    from shuttle_marl.analysis.value import add_values, add_values_of_pairs
 
 __all__ = [
     "AnalysisError",

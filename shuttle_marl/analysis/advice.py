@@ -2,7 +2,7 @@
 
 Both players go on as they are imitated. States that a coach does not tell apart form a **situation**: the shot type and the area
 of the incoming stroke, and the contact. The **gain** of a stroke in a situation is the sum of its advantages
-(:mod:`shuttle_marl.analysis.worth`) over the states, each weighted by the expected visits in a rally: rallies won more if the
+(:mod:`shuttle_marl.analysis.value`) over the states, each weighted by the expected visits in a rally: rallies won more if the
 stroke is always played there.
 
 Advice is given only where it can be trusted: enough real strokes behind the stroke and behind the situation, and a positive
@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.analysis.worth import LEAST_REFITS, Worth, calibrated
+from shuttle_marl.analysis.value import LEAST_REFITS, Value, calibrated
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, ProfileValue, Visits, moved, visits
@@ -100,10 +100,10 @@ class Meeting:
     def advantages(self, seat: int) -> F64:
         """``[base pairs]`` advantage of each stroke times the visits to its state, over all efforts."""
         game, total = self.policies[seat].game, np.zeros(self.policies[seat].game.n_base_pairs)
-        worth = Worth(game, self.value.striking, seat)
+        value = Value(game, self.value.striking, seat)
         for block in range(game.n_blocks):
             states = game.block_states(block).start + game.base_pair_state
-            total += self.seen.states[seat][states] * worth.advantage(game.block_pairs(block), states)
+            total += self.seen.states[seat][states] * value.advantage(game.block_pairs(block), states)
         return total
 
 

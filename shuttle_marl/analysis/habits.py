@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from shuttle_marl.analysis.worth import NORMAL
+from shuttle_marl.analysis.value import NORMAL
 from shuttle_marl.base.arrays import Bools
 from shuttle_marl.dynamics.habits import QUESTIONS, Tally
 from shuttle_marl.game.shipped import RELIABLE

@@ -12,15 +12,14 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from shuttle_marl.analysis.brief import Brief, brief, won_or_lost
+from shuttle_marl.analysis.brief import Brief, brief, is_short, won_or_lost
 from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
 from shuttle_marl.analysis.habits import Habit, discoveries, habits, interval, with_discoveries
-from shuttle_marl.analysis.marks import Choice, costly_choices
+from shuttle_marl.analysis.rating import rated_strokes, rater_of
 from shuttle_marl.analysis.scouting import hand_of, plain, with_hands_of_model
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
-from shuttle_marl.analysis.values import add_values
+from shuttle_marl.analysis.value import NORMAL, add_values, calibrated
 from shuttle_marl.analysis.waits import Wait, waits
-from shuttle_marl.analysis.worth import NORMAL
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
@@ -37,6 +36,9 @@ LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
 MOMENTS: Final = 5
 _OF_GAME: Final = 2
 """Most key moments of a game."""
+_MOST_CHOICES: Final = 5
+_LATE: Final = 30
+"""Number of the stroke in a rally after which players tire."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -90,6 +92,32 @@ class Change:
     player: int
     game: int
     habit: Habit
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Choice:
+    """A costly decision.
+
+    Attributes:
+        player: who decided; ``rally``: index of the rally; ``stroke``: number of the stroke in it, from 1.
+        incoming: catalogue index of the incoming stroke, the number of strokes for a serve; ``contact``: 0 below, 1 above.
+        played, better: catalogue indices of the stroke and of a better one.
+        cost: rallies won less than with what elite players choose there, per time, calibrated: the change of the live court.
+        played_behind, better_behind: real strokes behind both.
+        times: number of times that the player chose so in the match.
+    """
+
+    player: int
+    rally: int
+    stroke: int
+    incoming: int
+    contact: int
+    played: int
+    better: int
+    cost: Estimate
+    played_behind: float
+    better_behind: float
+    times: int
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -190,7 +218,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     won = won_or_lost(strokes)
     # Only rallies that the striker lost count, each by how much it decided.
     stakes = np.array([[abs(row.swing) * (row.winner == 1 - player) for row in rallies] for player in (0, 1)])
-    choices, refits = costly_choices(strokes, known_game, seat, stakes)
+    choices, refits = _costly(strokes, known_game, seat, stakes)
     tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
     return MatchReport(
         match=match,
@@ -318,3 +346,52 @@ def _changes(plays: Plays, seat: I64, strokes: pa.Table) -> list[Change]:
     clear.sort(key=lambda each: -each.habit.p)
     most = {(each.player, each.habit.kind, each.habit.about, each.habit.answer): each for each in clear}
     return sorted(most.values(), key=lambda each: each.habit.p)
+
+
+def _costly(strokes: pa.Table, game: Game, seat: I64, stakes: F64) -> tuple[list[Choice], int]:
+    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind, and the number of refits.
+
+    The better stroke has the technique of the stroke played, which follows from where the striker stands. Strokes late in a rally
+    are left out: the game knows no fatigue.
+
+    Args:
+        stakes: ``[2, rallies]`` what each rally is worth to each player, by which costs are ordered; 0: not costly.
+    """
+    rater = rater_of(game)
+    found = rated_strokes(strokes, rater)
+    rated, position = found.rated, found.position
+    bad = np.array(["?" in mark for mark in rated.marks])[position]
+    rally, number, who = rally_numbers(strokes), strokes["stroke"].to_numpy().astype(np.int64), seat[found.row]
+    stake = stakes[who, rally[found.row]]
+    catalogue = game.seats[0].catalogue
+    technique = catalogue.technique[rated.stroke]
+    fair = (technique == technique[position][rated.row]) & (rated.behind >= RELIABLE)
+    fair &= ~is_short(catalogue.shot, catalogue.area)[rated.stroke]
+    alike = np.where(fair, rated.change, -np.inf)
+    better = np.array([s + part.argmax() for s, part in zip(rated.start, np.split(alike, rated.start[1:]), strict=True)])
+    bad &= (stake > 0) & (number[found.row] <= _LATE) & (alike[better] > rated.change[position])
+    seen: set[tuple[int, int, int]] = set()
+    out: list[Choice] = []
+    for k in np.flatnonzero(bad)[np.argsort((rated.change[position] * stake)[bad], kind="stable")].tolist():
+        place, best = int(position[k]), int(better[k])
+        what = (int(who[k]), int(rated.shot[place]), int(rated.shot[best]))
+        if what in seen or len(out) == _MOST_CHOICES:
+            continue
+        seen.add(what)
+        same = (who == who[k]) & (found.incoming == found.incoming[k]) & (found.stroke == found.stroke[k])
+        out.append(
+            Choice(
+                player=what[0],
+                rally=int(rally[found.row[k]]),
+                stroke=int(number[found.row[k]]),
+                incoming=int(found.incoming[k]),
+                contact=int(found.contact[k]),
+                played=int(found.stroke[k]),
+                better=int(rated.stroke[best]),
+                cost=calibrated(-rated.refits[:, place], rater.factor),
+                played_behind=float(rated.behind[place]),
+                better_behind=float(rated.behind[best]),
+                times=int((same & (found.contact == found.contact[k])).sum()),
+            )
+        )
+    return out, rater.refits

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.analysis.worth import Worth
+from shuttle_marl.analysis.value import Value
 from shuttle_marl.base.arrays import F64, I32, I64, Intp
 from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
@@ -101,8 +101,8 @@ def decision(game: Game, state: int, seat: int, players: Players, solution: Solu
     good, returned, _ = game.stroke_probabilities(pair)
     unknown = np.full(len(stroke), _UNKNOWN)
     table, real = players.tables[seat], real_strokes(game)
-    played = None if players.value is None else Worth(game, players.value.striking, seat, players.tables[1 - seat])
-    perfect = None if solution is None else Worth(game, solution.value, seat, solution.policy[1 - seat])
+    played = None if players.value is None else Value(game, players.value.striking, seat, players.tables[1 - seat])
+    perfect = None if solution is None else Value(game, solution.value, seat, solution.policy[1 - seat])
     return Decision(
         state=state,
         seat=seat,
@@ -393,8 +393,8 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
     game = solution.games[0]
     edges = edges_of(game, incoming, own)
     # Rested players, none of them hurried: states of the first block.
-    worth = Worth(game, solution.value, 0, solution.policy[1])
-    below, above = (_aim(game, worth, 4 * edges + contact) for contact in (0, 1))
+    value = Value(game, solution.value, 0, solution.policy[1])
+    below, above = (_aim(game, value, 4 * edges + contact) for contact in (0, 1))
     return below, above
 
 
@@ -413,17 +413,17 @@ def edges_of(game: Game, incoming: int, own: int | None = None) -> Intp:
     return edges
 
 
-def _aim(game: Game, worth: Worth, states: Intp) -> Aim:
+def _aim(game: Game, value: Value, states: Intp) -> Aim:
     # Legal replies and their order depend on the incoming stroke and the contact alone, so the first state has them all.
     strokes = game.legal_strokes(int(states[0]))
-    mean = np.mean([worth.win(game.pairs_of(s)) for s in states.tolist()], axis=0)
+    mean = np.mean([value.win(game.pairs_of(s)) for s in states.tolist()], axis=0)
     win, chosen, behind = np.full(N_AREAS, np.nan), np.full(N_AREAS, -1, dtype=np.intp), np.full(N_AREAS, np.nan)
     real = real_strokes(game)
     support = np.full(len(strokes), np.nan) if real is None else real[game.base_pair_edge[game.pairs_of(int(states[0]))]]
-    for stroke, value, count in zip(strokes, mean, support, strict=True):
+    for stroke, wins, count in zip(strokes, mean, support, strict=True):
         area = game.catalogue.area[stroke]
-        if not value <= win[area]:
-            win[area], chosen[area], behind[area] = value, stroke, count
+        if not wins <= win[area]:
+            win[area], chosen[area], behind[area] = wins, stroke, count
     return Aim(win=win, stroke=chosen, support=behind, best=float(mean.max()))
 
 

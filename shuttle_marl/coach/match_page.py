@@ -10,8 +10,8 @@ from shuttle_marl.analysis import charts
 from shuttle_marl.analysis.match import MatchReport, ShotValue
 from shuttle_marl.analysis.outlook import met
 from shuttle_marl.analysis.summary import rally_table
+from shuttle_marl.analysis.value import LEAST_REFITS
 from shuttle_marl.analysis.words import signed, words
-from shuttle_marl.analysis.worth import LEAST_REFITS
 from shuttle_marl.coach.rendering import Clips, Drill, court, drills, page
 from shuttle_marl.coach.sources import Source, gaps, match_strokes, title_of_log
 from shuttle_marl.game.scoring import is_over, wins_game

@@ -9,8 +9,8 @@ from shuttle_marl.analysis import charts
 from shuttle_marl.analysis.advice import LEAST_STEADY
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.scouting import ScoutingReport
+from shuttle_marl.analysis.value import LEAST_REFITS
 from shuttle_marl.analysis.words import ranged, words
-from shuttle_marl.analysis.worth import LEAST_REFITS
 from shuttle_marl.coach.rendering import Clips, Drill, court, drills, page
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS

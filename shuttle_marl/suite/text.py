@@ -12,7 +12,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from shuttle_marl.analysis.worth import Worth
+from shuttle_marl.analysis.value import Value
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.programs import Program
@@ -109,7 +109,7 @@ def _answered(arena: Arena, outcome: Outcome) -> I64:
 def regrets(game: Game) -> F64:
     """``[P]`` probability of winning the rally that each legal stroke loses against the best one, under perfect play."""
     solution = solve(game)
-    win = Worth(game, solution.value, opponent=solution.policy[1]).win()
+    win = Value(game, solution.value, opponent=solution.policy[1]).win()
     best = np.zeros(game.n_states)
     best[game.playable] = np.maximum.reduceat(win, game.first_pairs)
     return np.asarray(game.of_pairs(best) - win)

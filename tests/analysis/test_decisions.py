@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.decisions import PAR, Rating, quality, rated
-from shuttle_marl.analysis.marks import basis_of
+from shuttle_marl.analysis.rating import PAR, Rating, rater_of
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.shipped import RELIABLE
@@ -12,7 +11,7 @@ from shuttle_marl.game.shipped import RELIABLE
 
 def test_glicko_2_gives_the_worked_example_of_the_paper() -> None:
     opponents = [Rating(points=points, deviation=deviation) for points, deviation in ((1400, 30), (1550, 100), (1700, 300))]
-    found = rated(Rating(points=1500, deviation=200, volatility=0.06), [1, 0, 0], opponents)
+    found = Rating(points=1500, deviation=200, volatility=0.06).after([1, 0, 0], opponents)
     assert found.points == pytest.approx(1464.06, abs=0.01)
     assert found.deviation == pytest.approx(151.52, abs=0.01)
     assert found.volatility == pytest.approx(0.05999, abs=1e-5)
@@ -20,7 +19,7 @@ def test_glicko_2_gives_the_worked_example_of_the_paper() -> None:
 
 def test_who_plays_nothing_becomes_less_certain_and_surprises_raise_volatility() -> None:
     known = Rating(points=1700, deviation=50)
-    idle, surprised = rated(known, []), rated(known, [0.0] * 200)
+    idle, surprised = known.after([]), known.after([0.0] * 200)
     assert idle.points == known.points
     assert idle.deviation == pytest.approx(np.hypot(50, 0.06 * 400 / np.log(10)))
     assert idle.volatility == known.volatility < surprised.volatility
@@ -30,7 +29,7 @@ def test_a_rating_converges_to_the_strength_of_its_scores() -> None:
     rng, strength, rating = np.random.default_rng(1), 1500.0, Rating()
     expected = 1 / (1 + 10 ** ((PAR.points - strength) / 400))
     for _ in range(100):
-        rating = rated(rating, (rng.random(30) < expected).astype(float).tolist())
+        rating = rating.after((rng.random(30) < expected).astype(float).tolist())
     low, high = rating.interval
     assert low < strength < high
     assert rating.deviation < 40
@@ -41,13 +40,13 @@ def test_impossible_ratings_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ShuttleError, match="expected finite points"):
         Rating(**wrong)
     with pytest.raises(ShuttleError, match="from 0 to 1"):
-        rated(Rating(), [1.5])
+        Rating().after([1.5])
 
 
 def test_the_best_stroke_has_quality_one_and_strokes_that_are_not_judged_have_none() -> None:
     game = default_game()
-    judged = basis_of(game).judged(np.flatnonzero(game.playable)[:200])
-    found = quality(judged)
+    judged = rater_of(game).rated(np.flatnonzero(game.playable)[:200])
+    found = judged.quality
     assert (np.isnan(found) == ~judged.known).all()
     assert (found[judged.best[judged.best >= 0]] == 1).all()
     assert (judged.behind[~np.isnan(found)] >= RELIABLE).all()

@@ -5,8 +5,8 @@ import copy
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.marks import RARE, Basis, basis_of
-from shuttle_marl.analysis.worth import LEAST_REFITS, agree
+from shuttle_marl.analysis.rating import RARE, Rater, rater_of
+from shuttle_marl.analysis.value import LEAST_REFITS, agree
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.exact import evaluate, moved
 from shuttle_marl.game.shipped import REFITS, RELIABLE, factor_of, load_game, real_strokes, refits_of
@@ -24,8 +24,8 @@ def game() -> Game:
 
 
 @pytest.fixture(scope="module")
-def basis(game: Game) -> Basis:
-    return basis_of(game)
+def basis(game: Game) -> Rater:
+    return rater_of(game)
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +33,9 @@ def states(game: Game) -> I64:
     return np.random.default_rng(3).choice(np.flatnonzero(game.playable), 300, replace=False)
 
 
-def test_a_change_is_that_of_strong_play_in_the_refits_against_the_choice_of_elite_players(basis: Basis, states: I64) -> None:
+def test_a_change_is_that_of_strong_play_in_the_refits_against_the_choice_of_elite_players(basis: Rater, states: I64) -> None:
     game, real, factor = basis.game, real_strokes(basis.game), factor_of(basis.game)
-    judged = basis.judged(states)
+    judged = basis.rated(states)
     strong, elite = (tabulate(resolve(name, game), game) for name in ("human:0.05", "bc"))
     last = refits_of(game)[-1]
     value = evaluate(moved(strong, last), moved(strong, last)).striking[0]
@@ -51,15 +51,15 @@ def test_a_change_is_that_of_strong_play_in_the_refits_against_the_choice_of_eli
         assert judged.start[i] == mine[0]
 
 
-def test_a_game_without_a_factor_takes_predicted_advantages_whole(basis: Basis, states: I64) -> None:
+def test_a_game_without_a_factor_takes_predicted_advantages_whole(basis: Rater, states: I64) -> None:
     unknown = copy.copy(basis)
     unknown.factor = None
-    judged = unknown.judged(states)
+    judged = unknown.rated(states)
     assert judged.change == pytest.approx(judged.refits.mean(axis=0))
 
 
-def test_marks_need_real_strokes_agreement_and_a_rare_choice(basis: Basis, states: I64) -> None:
-    judged = basis.judged(states)
+def test_marks_need_real_strokes_agreement_and_a_rare_choice(basis: Rater, states: I64) -> None:
+    judged = basis.rated(states)
     marks = np.array(judged.marks)
     marked = marks != ""
     assert marked.sum() > 20
@@ -75,8 +75,8 @@ def test_marks_need_real_strokes_agreement_and_a_rare_choice(basis: Basis, state
     assert (judged.loss[best] == 0).all()
 
 
-def test_marks_and_questions_are_the_written_ones(basis: Basis, states: I64) -> None:
-    judged = [basis.judged(state) for state in states[:100, None]]
+def test_marks_and_questions_are_the_written_ones(basis: Rater, states: I64) -> None:
+    judged = [basis.rated(state) for state in states[:100, None]]
     asked = [{k: found for k in range(len(one.row)) if (found := one.question(k))} for one in judged]
     assert sum(map(len, asked)) > 20
     for one, questions in zip(judged, asked, strict=True):

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.decisions import GOOD, Places, places_of
-from shuttle_marl.analysis.worth import Worth
+from shuttle_marl.analysis.rating import GOOD, Places, places_of
+from shuttle_marl.analysis.value import Value
 from shuttle_marl.exact import Solution, solve
 from shuttle_marl.exact.met import met
 from shuttle_marl.game.recovery import CENTRE
@@ -52,7 +52,7 @@ def test_the_matrix_of_a_state_has_the_value_of_the_game(game: Game, solution: S
 def test_against_people_strokes_are_worth_what_they_are_without_recovery(
     game: Game, solution: Solution, states: list[int]
 ) -> None:
-    worth = Worth(met(game, None), solution.value, 0)
+    worth = Value(met(game, None), solution.value, 0)
     for state in states[:20]:
         places = places_of(game, state, 0, solution)
         assert places is not None

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis import add_values, add_values_of_pairs, rally_table, rank_players, strokes_of
-from shuttle_marl.analysis.values import COLUMNS, nearest_strokes
+from shuttle_marl.analysis.value import COLUMNS, nearest_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.worth import Worth
+from shuttle_marl.analysis.value import Value
 from shuttle_marl.exact import evaluate
 from tests.exact.exact_games import random_game, random_policy
 from tests.exact.test_hidden_positions_solved import waiting, with_recovery
@@ -17,7 +17,7 @@ def test_the_mean_advantage_of_what_a_policy_plays_is_zero(hidden: bool) -> None
         first, second = waiting(first, 1), waiting(second, 2)
     value = evaluate(first, second)
     for seat, (own, other) in enumerate(((first, second), (second, first))):
-        worth = Worth(game, value.striking, seat, other)
+        worth = Value(game, value.striking, seat, other)
         pairs = np.arange(game.n_pairs)
         advantage = worth.advantage(pairs, game.pair_state)
         assert np.allclose(worth.win() - worth.before(game.pair_state), advantage, atol=1e-12)

@@ -15,7 +15,7 @@ from shuttle_marl.analysis.brief import is_short, options
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import EARNED, earned
 from shuttle_marl.analysis.scouting import Realised, scout
-from shuttle_marl.analysis.worth import calibrated, error_of
+from shuttle_marl.analysis.value import calibrated, error_of
 from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.exact import PairPolicy, evaluate
