@@ -16,12 +16,12 @@ import numpy as np
 from docs.tools.results import show
 from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states_of, strokes_of
 from experiments.truth.worlds import World, shipped_world
-from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, read_matches
+from shuttle_marl.data.simulated import simulate
 from shuttle_marl.dynamics.features import strokes_before
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS

@@ -19,7 +19,7 @@ from scipy.sparse import block_diag, csr_matrix, identity
 
 from experiments.pairs.parts import Part
 from experiments.truth.matches import Strokes
-from shuttle_marl.analysis.outlook import EARNED, earned
+from shuttle_marl.analysis.scouting import EARNED, earned
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses

@@ -13,12 +13,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from scipy.special import expit, logit
 
 from shuttle_marl.analysis.advice import Advice, Meeting, Refitted, advise, refitted
 from shuttle_marl.analysis.brief import Brief, Option, brief, is_short, won_or_lost
 from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interval
-from shuttle_marl.analysis.outlook import Met, earned, met
-from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.analysis.summary import AnalysisError, Met, met, rally_table
 from shuttle_marl.analysis.waits import Wait, waits
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
@@ -37,6 +37,9 @@ PIECES: Final = 5
 LEAST_EACH: Final = 0.01
 """Smaller gains per time, in rallies won, are of no use on court."""
 ATTACKS: Final = ("smash", "half-smash", "net-kill")
+EARNED: Final = 0.4
+"""Share of the log-odds of a rally that a forecast keeps: the lower end of the 95 % interval of their slope on cross fits, .43,
+rounded down (``calibration`` of ``python -m experiments.pairs --cross 4``)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -413,6 +416,11 @@ def _discipline(skill: Skill, names: Sequence[str], data: pa.Table | None) -> st
     if len(set(kinds.values())) != 1:
         raise AnalysisError(f"{' and '.join(f'{name} plays {kind}' for name, kind in kinds.items())}: expected one discipline")
     return str(next(iter(kinds.values())))
+
+
+def earned(rally: F64) -> F64:
+    """Probabilities of winning a rally, reduced to what they were worth in matches that nobody fitted; any shape."""
+    return np.asarray(expit(EARNED * logit(rally)))
 
 
 def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:

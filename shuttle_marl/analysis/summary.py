@@ -2,17 +2,18 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
-from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import ShuttleError, whole_number
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import receiver_hands
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
+from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
@@ -93,6 +94,33 @@ def rally_table(strokes: pa.Table) -> pa.Table:
             "seconds": pa.array(clock, pa.float64(), from_pandas=True),
         }
     )
+
+
+class Met(NamedTuple):
+    """Real results of a player against another: rallies and matches of both, and those that the first one won."""
+
+    rallies: int
+    rallies_won: int
+    matches: int
+    matches_won: int
+
+
+def met(rallies: pa.Table, first: str, second: str) -> Met:
+    """Results of two players in a table of rallies (:func:`rally_table`).
+
+    A game goes to the player who won more of its recorded rallies, and a match to the one who won more games, because some
+    rallies are not in the data.
+    """
+    both = pa.array([first, second])
+    sides = [pc.is_in(rallies[name], value_set=both) for name in ("server", "receiver")]
+    games: dict[str, dict[int, int]] = {}
+    won = played = 0
+    for row in rallies.filter(pc.and_(pc.and_(*sides), pc.is_valid(rallies["winner"]))).to_pylist():
+        ahead = games.setdefault(row["match"], {})
+        ahead[row["game"]] = ahead.get(row["game"], 0) + (1 if row["winner"] == first else -1)
+        played, won = played + 1, won + (row["winner"] == first)
+    ahead_in = sum(sum(np.sign([*ahead.values()])) > 0 for ahead in games.values())
+    return Met(played, won, len(games), int(ahead_in))
 
 
 def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
@@ -221,7 +249,7 @@ def strokes_of_log(log: RallyLog, *, rallies: int = RALLIES, seed: int = 0) -> p
     """Strokes of a rally log in the schema of annotated matches, with about the same number of rallies from each pairing.
 
     A log holds decisions and outcomes; points on the court and times are sampled as in simulated tables
-    (:func:`shuttle_marl.analysis.strokes.stroke_table`). Matches are named by pairing and number; a single rally counts as a
+    (:func:`shuttle_marl.data.simulated.stroke_table`). Matches are named by pairing and number; a single rally counts as a
     match. Matches are complete, except those that span two batches of the log.
 
     Args:

@@ -8,8 +8,7 @@ import numpy as np
 
 from shuttle_marl.analysis import charts
 from shuttle_marl.analysis.match import MatchReport, ShotValue
-from shuttle_marl.analysis.outlook import met
-from shuttle_marl.analysis.summary import rally_table
+from shuttle_marl.analysis.summary import met, rally_table
 from shuttle_marl.analysis.value import LEAST_REFITS
 from shuttle_marl.analysis.words import signed, words
 from shuttle_marl.coach.rendering import Clips, Drill, court, drills, page

@@ -13,13 +13,13 @@ import pyarrow.compute as pc
 
 from shuttle_marl.analysis import LogPlayers, Players
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
-from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.analysis.words import of_100, words
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import area_inferred
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.data.words import bare
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.rally.record import Rallies

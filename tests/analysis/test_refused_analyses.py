@@ -5,7 +5,6 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from shuttle_marl.analysis import outlook
 from shuttle_marl.analysis.match import match_report, matches_in
 from shuttle_marl.analysis.scouting import hand_of, with_hands_of_model
 from shuttle_marl.analysis.summary import AnalysisError, players_of, strokes_of
@@ -13,6 +12,7 @@ from shuttle_marl.data import Account, write_parquet
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.game.skill import load_skill
+from shuttle_marl.league import pairs
 from tests.analysis.played import strokes_of as rallies
 
 
@@ -41,9 +41,9 @@ MEN = ("viktor-axelsen", "kento-momota")
     ],
 )
 def test_players_of_an_outlook_share_a_discipline(some: tuple[str, ...], says: str) -> None:
-    assert outlook.players_of("men", "default", MEN[::-1]) == [*MEN[::-1]]
+    assert pairs.players_of("men", "default", MEN[::-1]) == [*MEN[::-1]]
     with pytest.raises(AnalysisError, match=says):
-        outlook.players_of("men", "default", some)
+        pairs.players_of("men", "default", some)
 
 
 def test_hands_are_those_of_the_table_and_else_of_the_model() -> None:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.analysis import charts
-from shuttle_marl.analysis.strokes import (
+from shuttle_marl.base.errors import OptionError
+from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.data.simulated import (
     BREAK,
     FAULT_MIX,
     FLIGHT,
@@ -18,8 +20,6 @@ from shuttle_marl.analysis.strokes import (
     sample_positions,
     simulate,
 )
-from shuttle_marl.base.errors import OptionError
-from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 from shuttle_marl.game.tabulated import TabulatedPolicy

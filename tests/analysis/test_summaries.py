@@ -10,20 +10,20 @@ import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.analysis import AnalysisError, charts, rally, rally_table, strokes_of, strokes_of_log, summarise
-from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import players_of
-from shuttle_marl.base.errors import OptionError
+from shuttle_marl.base.errors import OptionError, ShuttleError
 from shuttle_marl.commands.analysis import RallyFilter
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
+from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.exact import solve
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import pair_game, people_of
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.recording import RallyLog, RecordingError
+from shuttle_marl.recording import RallyLog
 from tests import golden
 from tests.recording.conftest import read_rallies
 from tests.reduced import reduced_model
@@ -210,7 +210,7 @@ def test_scores_that_no_match_has(tournament: Path) -> None:
         score = rallies.score.copy()
         score[:, 2:] = 200
         forged = dataclasses.replace(rallies, score=score)
-        with pytest.raises(RecordingError, match="a score or a length of a rally that no match has"):
+        with pytest.raises(ShuttleError, match="a score or a length of a rally that no match has"):
             stroke_table(forged, log.catalogue, names, ["match"] * len(rallies), np.random.default_rng(0), looks=log.header.looks)
 
 

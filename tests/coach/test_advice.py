@@ -13,8 +13,7 @@ from scipy import special, stats
 from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise
 from shuttle_marl.analysis.brief import is_short, options
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
-from shuttle_marl.analysis.outlook import EARNED, earned
-from shuttle_marl.analysis.scouting import Realised, scout
+from shuttle_marl.analysis.scouting import EARNED, Realised, earned, scout
 from shuttle_marl.analysis.value import calibrated, error_of
 from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally

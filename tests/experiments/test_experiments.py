@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.analysis import strokes_of
-from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.data.schema import Account
+from shuttle_marl.data.simulated import simulate
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.exact import PairPolicy, solve_soft

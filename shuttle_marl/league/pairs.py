@@ -10,14 +10,12 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
-from scipy.special import expit, logit
 
-from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.analysis.summary import AnalysisError, met, rally_table
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, Sensitivity, sensitivity
@@ -51,16 +49,6 @@ def skill_error(pair: Game, slopes: Sequence[F64]) -> float:
 def _moved(odds: Odds, by: float) -> Odds:
     serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
     return dataclasses.replace(odds, serving=serving, receiving=receiving)
-
-
-EARNED: Final = 0.4
-"""Share of the log-odds of a rally that a forecast keeps: the lower end of the 95 % interval of their slope on cross fits, .43,
-rounded down (``calibration`` of ``python -m experiments.pairs --cross 4``)."""
-
-
-def earned(rally: F64) -> F64:
-    """Probabilities of winning a rally, reduced to what they were worth in matches that nobody fitted; any shape."""
-    return np.asarray(expit(EARNED * logit(rally)))
 
 
 _NORMAL: Final = 1.959964
@@ -208,33 +196,6 @@ def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:
                 what = f"{player}: {COMPONENTS[component]} of {_SIDES[role]}, {names[group]}"
                 found[what] = round(float(points[component, group]), 3)
     return dict(sorted(found.items(), key=lambda each: -abs(each[1]))[:_REASONS])
-
-
-class Met(NamedTuple):
-    """Real results of a player against another: rallies and matches of both, and those that the first one won."""
-
-    rallies: int
-    rallies_won: int
-    matches: int
-    matches_won: int
-
-
-def met(rallies: pa.Table, first: str, second: str) -> Met:
-    """Results of two players in a table of rallies (:func:`~shuttle_marl.analysis.summary.rally_table`).
-
-    A game goes to the player who won more of its recorded rallies, and a match to the one who won more games, because some
-    rallies are not in the data.
-    """
-    both = pa.array([first, second])
-    sides = [pc.is_in(rallies[name], value_set=both) for name in ("server", "receiver")]
-    games: dict[str, dict[int, int]] = {}
-    won = played = 0
-    for row in rallies.filter(pc.and_(pc.and_(*sides), pc.is_valid(rallies["winner"]))).to_pylist():
-        ahead = games.setdefault(row["match"], {})
-        ahead[row["game"]] = ahead.get(row["game"], 0) + (1 if row["winner"] == first else -1)
-        played, won = played + 1, won + (row["winner"] == first)
-    ahead_in = sum(sum(np.sign([*ahead.values()])) > 0 for ahead in games.values())
-    return Met(played, won, len(games), int(ahead_in))
 
 
 def with_results(predictions: Sequence[Prediction], strokes: pa.Table) -> list[Prediction]:

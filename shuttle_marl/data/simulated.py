@@ -19,11 +19,10 @@ from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks, looks_of
 from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally.record import Rallies, columns_of
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import SUM_TOLERANCE, TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.recording.header import LogHeader, Player, RecordingError
 
 FLIGHT: Final = np.array([0.73, 1.90, 1.17, 1.27, 0.80, 0.47, 0.53, 0.53, 1.00, 0.37, 0.87, 0.90, 0.92])
 """Median time from a stroke to the next [s], by shot type."""
@@ -200,7 +199,7 @@ def stroke_table(
         landing, as in the annotated data.
 
     Raises:
-        RecordingError: numbers of games, points or strokes are outside the schema.
+        ShuttleError: numbers of games, points or strokes are outside the schema.
     """
     row, position, seat = rallies.row_of_stroke, rallies.position, rallies.striker
     stroke = rallies.stroke.astype(np.int64)
@@ -257,7 +256,7 @@ def stroke_table(
     try:
         return schema.stroke_table(columns, places)
     except pa.ArrowInvalid as error:
-        raise RecordingError(f"a score or a length of a rally that no match has ({error}); the log is damaged") from error
+        raise ShuttleError(f"a score or a length of a rally that no match has ({error}); the log is damaged") from error
 
 
 class SimulationError(ShuttleError):
@@ -294,7 +293,7 @@ def simulate(
         SimulationError: no two players of one discipline, or probabilities that do not fit the game.
         PolicyError: a policy raised, or returned no distribution over the legal strokes.
     """
-    _, rallies = simulated_rallies(game, players, matches=matches, seed=seed)
+    rallies = simulated_rallies(game, players, matches=matches, seed=seed)
     names, pairs = list(players), _pairs(list(players))
     number = rallies.match.astype(np.int64) * len(pairs) + rallies.pairing
     titles = [f"simulated-{i + 1}-{a}-{b}" for i, (a, b) in zip(range(matches), itertools.cycle(pairs), strict=False)]
@@ -305,8 +304,8 @@ def simulate(
     )
 
 
-def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: int, seed: int) -> tuple[LogHeader, Rallies]:
-    """The rallies of :func:`simulate`, and the header with which a log of them can be played again.
+def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: int, seed: int) -> Rallies:
+    """The rallies of :func:`simulate`, as a log has them.
 
     Match m of a pair has the draws that a league with ``matches_per_draw=1`` would give it.
 
@@ -332,17 +331,8 @@ def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: 
     else:
         wait = lockstep.asking(game, policies, positions=True)
         played = lockstep.play(game, seated, lockstep.asking(game, policies), wait).rallies
-    header = LogHeader(
-        seed=seed,
-        game=game.hash,
-        strokes=game.catalogue.names,
-        policies=tuple(Player(name=name, hash=getattr(policy, "hash", "")) for name, policy in zip(names, policies, strict=True)),
-        pairings=tuple(keys),
-        matches_per_draw=1,
-        columns=columns_of(game),
-    )
     number_in_log, pairing_in_log = (column[played.match].astype(np.uint32) for column in (match, pairing))
-    return header, dataclasses.replace(played, pairing=pairing_in_log, match=number_in_log)
+    return dataclasses.replace(played, pairing=pairing_in_log, match=number_in_log)
 
 
 def _pairs(players: list[str]) -> list[tuple[str, str]]:
