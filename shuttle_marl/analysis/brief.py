@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 from scipy import special, stats
 
-from shuttle_marl.analysis.habits import discoveries
+from shuttle_marl.analysis.habits import difference_error, discoveries
 from shuttle_marl.analysis.summary import rally_table
 from shuttle_marl.base.arrays import F64, Bools, Ints
 from shuttle_marl.dynamics.habits import QUESTIONS, Plays, Tally
@@ -153,8 +153,7 @@ def options(plays: Plays, won: F64, mine: Bools, others: Bools | None = None) ->
         ((n, w), (m, v)) = (np.moveaxis(each, -1, 0) for each in (total, beside))
         level = 0.0 if others is None else float(special.logit(w[-1, -1] / n[-1, -1]) - special.logit(v[-1, -1] / m[-1, -1]))
         usual = special.expit(special.logit(v / m) + level)
-        pooled = (w + usual * m) / (n + m)
-        z = (w / n - usual) / np.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))
+        z = (w / n - usual) / difference_error(w, n, usual * m, m)
         alike = (n >= RELIABLE) & (m >= RELIABLE) & (z * (w / n - v / m) >= 0)
     alike[-1, -1] = False
     kinds = np.argwhere(alike & np.isfinite(z))

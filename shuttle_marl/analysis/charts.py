@@ -4,14 +4,14 @@ The content security policy of a page forbids inline styles, so the styles of Ma
 variables of the page's style sheet, which has a light and a dark theme.
 """
 
-import functools
+import contextlib
 import io
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from unicodedata import east_asian_width
 from xml.etree import ElementTree
 
@@ -102,21 +102,13 @@ _STYLE: Final = {
 }
 
 
-P = ParamSpec("P")
-T = TypeVar("T")
+@contextlib.contextmanager
+def _styled() -> Iterator[None]:
+    """Draw in the style of the page, whatever the user's settings of Matplotlib are."""
+    from matplotlib import style  # noqa: PLC0415  slow to import
 
-
-def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """Draw in the style of the page, whatever the user's settings of matplotlib are."""
-
-    @functools.wraps(draw)
-    def styled(*args: P.args, **kwargs: P.kwargs) -> T:
-        from matplotlib import style  # noqa: PLC0415  slow to import
-
-        with style.context(["default", _STYLE]):
-            return draw(*args, **kwargs)
-
-    return styled
+    with style.context(["default", _STYLE]):
+        yield
 
 
 def figure(width: float, height: float) -> Any:
@@ -263,7 +255,7 @@ def _area(
     _write(axes, x, y, text, size, ink, zorder=5, weight="bold" if marked else "normal", **style)
 
 
-@styled
+@_styled()
 def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) -> Markup:
     """Estimates with intervals, one below the other.
 
@@ -285,7 +277,7 @@ def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) ->
     return chart.svg("Ratings with 95 % intervals")
 
 
-@styled
+@_styled()
 def heat_map(names: Sequence[str], win: F64) -> Markup:
     """Payoffs of all pairs.
 
@@ -318,7 +310,7 @@ def heat_map(names: Sequence[str], win: F64) -> Markup:
     return chart.svg("Probability that the row wins against the column")
 
 
-@styled
+@_styled()
 def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> Markup:
     """Named points, whose names do not overlap."""
     chart = Chart(_WIDE, 460.0)
@@ -347,7 +339,7 @@ def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> 
     return chart.svg(f"{up} against {across}")
 
 
-@styled
+@_styled()
 def curves(
     lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False
 ) -> Markup | None:
@@ -379,7 +371,7 @@ def curves(
     return chart.svg(f"{up} against {across}")
 
 
-@styled
+@_styled()
 def radars(axes: Sequence[str], values: Mapping[str, Sequence[float]], reference: Sequence[float]) -> dict[str, Markup]:
     """Figures from 0 (the centre) to 1 (the rim) by name, and those of a reference as a dashed line."""
     chart = Chart(300.0, 230.0, projection="polar")
@@ -424,7 +416,7 @@ def _wide(text: str) -> int:
     return sum(east_asian_width(letter) == "W" for letter in text)
 
 
-@styled
+@_styled()
 def bars(rows: Sequence[Bar], title: str) -> Markup:
     """Estimates with intervals, one below the other."""
     say = _words()
@@ -453,7 +445,7 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
     return chart.svg(title)
 
 
-@styled
+@_styled()
 def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
     """Shares of the target areas, coloured by their difference from a reference, with the striker at the bottom.
 
@@ -478,7 +470,7 @@ def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequ
     return chart.svg(f"{title}: {described}")
 
 
-@styled
+@_styled()
 def waits(rows: Sequence["Wait"], title: str, hand: str | None) -> Markup:
     """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them.
 
@@ -504,7 +496,7 @@ def waits(rows: Sequence["Wait"], title: str, hand: str | None) -> Markup:
     return chart.svg(title)
 
 
-@styled
+@_styled()
 def drill(met: int, target: int, hands: tuple[str | None, str | None], title: str) -> Markup:
     """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer.
 
@@ -530,7 +522,7 @@ def drill(met: int, target: int, hands: tuple[str | None, str | None], title: st
     return chart.svg(title)
 
 
-@styled
+@_styled()
 def course(chance: Sequence[float], games: Sequence[int], moments: Sequence[int], names: tuple[str, str], title: str) -> Markup:
     """Probability of winning a match over its rallies.
 

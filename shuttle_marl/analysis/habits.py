@@ -6,13 +6,13 @@ of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995).
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy import stats
 
 from shuttle_marl.analysis.value import NORMAL
-from shuttle_marl.base.arrays import Bools
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.dynamics.habits import QUESTIONS, Tally
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
@@ -65,8 +65,7 @@ def habits(mine: Tally, others: Tally, *, dispersed: bool = True) -> list[Habit]
             share, usual = counts[0][k] / n, counts[1][k] / m
             if max(counts[0][k], usual * n) < 1 or (question.kind == "serve" and k > 0):
                 continue
-            pooled = (counts[0][k] + counts[1][k]) / (n + m)
-            error = np.sqrt(scale * pooled * (1 - pooled) * (1 / n + 1 / m))
+            error = float(difference_error(counts[0][k], n, counts[1][k], m, scale))
             p = float(2 * stats.norm.sf(abs(share - usual) / error)) if error > 0 else 1.0
             low, high = interval(share, n / scale)
             about = question.about
@@ -92,6 +91,16 @@ def discoveries(p: Sequence[float]) -> Bools:
     if not len(p):
         return np.zeros(0, np.bool_)
     return np.asarray(stats.false_discovery_control(np.asarray(p)) <= FALSE_DISCOVERIES)
+
+
+def difference_error(won: Any, n: Any, others_won: Any, m: Any, scale: float = 1.0) -> F64:
+    """Standard error of the difference of two shares, won of n and of m, if both are the same one; any shape.
+
+    Args:
+        scale: dispersion of the counts.
+    """
+    pooled = (won + others_won) / (n + m)
+    return np.asarray(np.sqrt(scale * pooled * (1 - pooled) * (1 / n + 1 / m)))
 
 
 def interval(share: float, n: float, z: float = NORMAL) -> tuple[float, float]:
@@ -132,8 +141,7 @@ def endings(mine: Tally, others: Tally) -> list[Ending]:
         return []
     n, m = n[enough], m[enough]
     shares, usual = (count[enough, 1:] / size for count, size in zip(counts, (n, m), strict=True))
-    pooled = (shares * n + usual * m) / (n + m)
-    error = np.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))
+    error = difference_error(shares * n, n, usual * m, m)
     with np.errstate(invalid="ignore"):
         p = np.where(error > 0, 2 * stats.norm.sf(np.abs(shares - usual) / error), 1.0)
     clear = discoveries(p.ravel().tolist()).reshape(-1, 2)

@@ -14,7 +14,7 @@ from scipy import stats
 
 from shuttle_marl.analysis.brief import Brief, brief, is_short, won_or_lost
 from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
-from shuttle_marl.analysis.habits import Habit, discoveries, habits, interval, with_discoveries
+from shuttle_marl.analysis.habits import Habit, difference_error, discoveries, habits, interval, with_discoveries
 from shuttle_marl.analysis.rating import rated_strokes, rater_of
 from shuttle_marl.analysis.scouting import hand_of, plain, with_hands_of_model
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
@@ -322,8 +322,7 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
 def _heat(plays: Plays, mine: Bools, won: F64, player: int) -> Heat:
     counts = [tally(plays.take(mine & (won == result))).targets for result in (1.0, 0.0)]
     n = [max(1.0, float(count.sum())) for count in counts]
-    pooled = (counts[0] + counts[1]) / (n[0] + n[1])
-    error = np.sqrt(pooled * (1 - pooled) * (1 / n[0] + 1 / n[1]))
+    error = difference_error(counts[0], n[0], counts[1], n[1])
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.nan_to_num((counts[0] / n[0] - counts[1] / n[1]) / error)
     clear = np.flatnonzero(discoveries((2 * stats.norm.sf(np.abs(z))).tolist()))
@@ -360,6 +359,7 @@ def _costly(strokes: pa.Table, game: Game, seat: I64, stakes: F64) -> tuple[list
     rater = rater_of(game)
     found = rated_strokes(strokes, rater)
     rated, position = found.rated, found.position
+    incoming, contact, stroke = rater.game.incoming(found.state), rater.game.contact(found.state), rated.stroke[position]
     bad = np.array(["?" in mark for mark in rated.marks])[position]
     rally, number, who = rally_numbers(strokes), strokes["stroke"].to_numpy().astype(np.int64), seat[found.row]
     stake = stakes[who, rally[found.row]]
@@ -378,20 +378,20 @@ def _costly(strokes: pa.Table, game: Game, seat: I64, stakes: F64) -> tuple[list
         if what in seen or len(out) == _MOST_CHOICES:
             continue
         seen.add(what)
-        same = (who == who[k]) & (found.incoming == found.incoming[k]) & (found.stroke == found.stroke[k])
+        same = (who == who[k]) & (incoming == incoming[k]) & (contact == contact[k]) & (stroke == stroke[k])
         out.append(
             Choice(
                 player=what[0],
                 rally=int(rally[found.row[k]]),
                 stroke=int(number[found.row[k]]),
-                incoming=int(found.incoming[k]),
-                contact=int(found.contact[k]),
-                played=int(found.stroke[k]),
+                incoming=int(incoming[k]),
+                contact=int(contact[k]),
+                played=int(stroke[k]),
                 better=int(rated.stroke[best]),
                 cost=calibrated(-rated.refits[:, place], rater.factor),
                 played_behind=float(rated.behind[place]),
                 better_behind=float(rated.behind[best]),
-                times=int((same & (found.contact == found.contact[k])).sum()),
+                times=int(same.sum()),
             )
         )
     return out, rater.refits

@@ -233,16 +233,13 @@ class RatedStrokes:
 
     Attributes:
         row: ``[M]`` row of the table.
-        incoming: ``[M]`` catalogue index of the incoming stroke, the number of strokes for a serve.
-        contact, stroke: ``[M]`` contact and catalogue index of the stroke, or of the nearest one to it.
+        state: ``[M]`` state in which they were struck.
         rated: all legal strokes of their M states.
         position: ``[M]`` of the strokes among them.
     """
 
     row: I64
-    incoming: I64
-    contact: I64
-    stroke: I64
+    state: I64
     rated: Rated
     position: I64
 
@@ -254,14 +251,7 @@ def rated_strokes(strokes: pa.Table, rater: Rater) -> RatedStrokes:
     known = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
     state = found.state[known]
     rated = rater.rated(state)
-    return RatedStrokes(
-        row=known,
-        incoming=found.incoming[known],
-        contact=game.contact(state).astype(np.int64),
-        stroke=found.stroke[known],
-        rated=rated,
-        position=rated.start + found.rank[known],
-    )
+    return RatedStrokes(row=known, state=state, rated=rated, position=rated.start + found.rank[known])
 
 
 def theme_of(rally: Rally, number: int, *, above: bool) -> str:

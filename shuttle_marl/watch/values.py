@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
+from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.analysis.rating import Rated, places_of, rater_of, theme_of, usual_of
 from shuttle_marl.base.arrays import F64
@@ -20,6 +20,7 @@ from shuttle_marl.game.tabulated import position_shares
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.facts import rounded, stroke_facts
 from shuttle_marl.watch.match import CourtRally, seed_of_line
+from shuttle_marl.watch.openings import Opening, opening
 from shuttle_marl.watch.plan import Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.analysis import Players, analyse_rally, decision
-from shuttle_marl.analysis.rally import match_win_after, opening, states_after
+from shuttle_marl.analysis.rally import match_win_after
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game.policy import Policy
@@ -18,6 +18,7 @@ from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.watch.openings import opening, states_after
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.reduced import reduced_game
 

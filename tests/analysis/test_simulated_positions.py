@@ -156,14 +156,9 @@ def test_what_cannot_be_simulated_is_refused(bc: TabulatedPolicy) -> None:
             simulate(game, players, matches=matches, seed=0)
 
 
-def test_pictures_have_formats_and_areas_have_corners(tmp_path: Path) -> None:
+def test_pictures_have_formats(tmp_path: Path) -> None:
     for name in ("a.png", "a.svg", "a.pdf"):
         charts.check_format(tmp_path / name)
     for name in ("a.jpg", "a", "a.PNG"):
         with pytest.raises(OptionError, match=r"pictures are written as \.png, \.svg, \.pdf; use one of these suffixes"):
             charts.check_format(tmp_path / name)
-    (x0, x1), (y0, y1) = court.area_box(3)
-    assert charts.corners(3) == ([x0, x1, x1, x0], [y0, y0, y1, y1])
-    assert charts.corners(3, incoming=True) == ([-x0, -x1, -x1, -x0], [-y0, -y0, -y1, -y1])
-    assert [charts.of_hand(area, "left") for area in (-1, 0, 4, 8)] == [-1, 2, 4, 6]
-    assert [charts.of_hand(area, hand) for area in (-1, 5) for hand in ("right", None)] == [-1, -1, 5, 5]
