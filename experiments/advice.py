@@ -2,7 +2,7 @@
 
 ``python -m experiments.advice --data DIR --split validation|test [--json]``
 
-Each player of a match is advised against the other (:mod:`shuttle_marl.analysis.advice`), in the game of the pair as of the
+Each player of a match is advised against the other (:mod:`shuttle_marl.reports.advice`), in the game of the pair as of the
 day of the match; ``shots`` counts the shot types that are advised. Strokes of the match in the situations of the advice are
 compared: those of the advised shot type, and all others. *Promised* is the calibrated advantage of the shot type over what the
 player usually plays there, by the areas that the player usually aims at, because the target of a fault is not recorded.
@@ -21,8 +21,6 @@ import numpy as np
 
 from docs.tools.results import show
 from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states_of, strokes_of
-from shuttle_marl.analysis.advice import Advice, Refitted, advise, refitted
-from shuttle_marl.analysis.value import Value
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands import cli
@@ -34,6 +32,8 @@ from shuttle_marl.game.pairs import pair_game, people_of
 from shuttle_marl.game.shipped import PROFILES, model_folder
 from shuttle_marl.game.skill import AVERAGE, load_skill
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.reports.advice import Advice, Refitted, advise, refitted
+from shuttle_marl.reports.value import Value
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,4 +1,4 @@
-"""Marks of the strokes of real matches, and the puzzles of thirty days (:mod:`shuttle_marl.analysis.rating`).
+"""Marks of the strokes of real matches, and the puzzles of thirty days (:mod:`shuttle_marl.reports.rating`).
 
 ``python -m experiments.marks --data DIR [--json]``
 
@@ -16,7 +16,6 @@ import numpy as np
 from scipy import stats
 
 from experiments.saving import show_figures
-from shuttle_marl.analysis.rating import GOOD, MARKS, places_of, rated_strokes, rater_of, theme_of, usual_of
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.data import matches_of, read_matches
@@ -26,6 +25,7 @@ from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.shipped import RELIABLE, load_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
+from shuttle_marl.reports.rating import GOOD, MARKS, places_of, rated_strokes, rater_of, theme_of, usual_of
 from shuttle_marl.watch.match import CourtRally, Match
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables

@@ -1,4 +1,4 @@
-"""Duels and ratings by the quality of decisions, simulated (:mod:`shuttle_marl.analysis.rating`).
+"""Duels and ratings by the quality of decisions, simulated (:mod:`shuttle_marl.reports.rating`).
 
 ``python -m experiments.play [--json]``
 
@@ -16,7 +16,6 @@ import numpy as np
 import tyro
 
 from experiments.saving import show_figures
-from shuttle_marl.analysis.rating import Rating, rater_of
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
@@ -29,6 +28,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports.rating import Rating, rater_of
 from shuttle_marl.watch.plan import DUEL, LADDER
 
 ACCURACY: Final = (0.9, 0.7)

@@ -32,7 +32,7 @@ from shuttle_marl.commands import cli
 _OUTSIDE: Final = ("benchmarks", "datasets", "docs", "experiments")
 RULES: Final = {
     "circles": "imports, those for type checking too, and files of the page without which nothing imports itself in a loop",
-    "stroke_values": "modules of analysis, coach and watch that call Game.stroke_values, which says what strokes are worth",
+    "stroke_values": "modules of reports and watch that call Game.stroke_values, which says what strokes are worth",
     "integrity_schemes": "modules that compare a SHA-256 of bytes with a stored one, in a function that computes it or by a "
     "function of theirs; all that compare CRCs count once, as the checksums of MCAP",
     "caches": "modules that write files into the user's cache folder, or into a database",
@@ -80,7 +80,7 @@ def names() -> dict[str, list[str]]:
     checked = {str(path): set().union(*_compared(tree)) for path, tree in trees.items()}
     return {
         "circles": [*(f"{here} -> {there}" for here, there in sorted(loops)), *(path.name for path in sorted(scripts))],
-        "stroke_values": [f for f in calls if f.startswith(("analysis", "coach", "watch")) and "stroke_values" in calls[f]],
+        "stroke_values": [f for f in calls if f.startswith(("reports", "watch")) and "stroke_values" in calls[f]],
         "integrity_schemes": [
             *(f for f in calls if checked[f] & {"sha256", *_that_call(trees[Path(f)], "sha256")}),
             *["MCAP"] * any("crc32" in found for found in checked.values()),

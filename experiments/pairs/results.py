@@ -19,7 +19,6 @@ from scipy.sparse import block_diag, csr_matrix, identity
 
 from experiments.pairs.parts import Part
 from experiments.truth.matches import Strokes
-from shuttle_marl.analysis.scouting import EARNED, earned
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses
@@ -31,6 +30,7 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, variants
 from shuttle_marl.game.skill import AVERAGE, load_skill
 from shuttle_marl.policy import baselines
+from shuttle_marl.reports.scouting import EARNED, earned
 
 PREDICTIONS: Final = ("coin", "bradley_terry", "pair", "mean")
 

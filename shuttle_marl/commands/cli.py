@@ -32,12 +32,12 @@ from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
-    from shuttle_marl.analysis.scouting import ListedPlayer
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.regret import Holes
     from shuttle_marl.game.tables import Game
     from shuttle_marl.league.pairs import PlayerRow, Prediction
     from shuttle_marl.policy.scorecard import Scorecard
+    from shuttle_marl.reports.scouting import ListedPlayer
 
 Command = Callable[..., object]
 Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"]

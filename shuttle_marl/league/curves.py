@@ -9,10 +9,10 @@ from typing import Any, Final, TypeGuard
 
 from markupsafe import Markup
 
-from shuttle_marl.analysis import charts
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import MAX_LINES, problem, read_file
 from shuttle_marl.league.entrants import LeagueError
+from shuttle_marl.reports import charts
 
 FIGURES: Final = {
     "exploitability": "exploitability",

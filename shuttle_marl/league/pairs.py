@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.analysis.summary import AnalysisError, met, rally_table
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, Sensitivity, sensitivity
@@ -26,6 +25,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports.summary import AnalysisError, met, rally_table
 
 
 def slopes_by_group(found: Sensitivity, skill: Skill) -> list[F64]:

@@ -13,7 +13,7 @@ from typing import Any, Final, Literal, TypedDict
 import jinja2
 
 from shuttle_marl.base.errors import ShuttleError, described, printable
-from shuttle_marl.pages import escaped
+from shuttle_marl.reports.html import escaped
 from shuttle_marl.suite import store
 from shuttle_marl.suite.options import ACCESS, NOTHING_GIVEN, Split, SuiteError, VerifyOptions
 from shuttle_marl.suite.registry import TASKS

@@ -12,7 +12,6 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from shuttle_marl.analysis.value import Value
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.programs import Program
@@ -20,6 +19,7 @@ from shuttle_marl.env.words import Position, position
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
 from shuttle_marl.game.tables import Game
+from shuttle_marl.reports.value import Value
 from shuttle_marl.suite.frontier import POINTS
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError

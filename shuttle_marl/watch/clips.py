@@ -8,20 +8,20 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from shuttle_marl import __version__
-from shuttle_marl.analysis import Players
-from shuttle_marl.analysis.advice import Advice, Meeting, imitated, meet
-from shuttle_marl.analysis.match import MatchReport
-from shuttle_marl.analysis.scouting import ScoutingReport
 from shuttle_marl.base.errors import ShuttleError, printable
-from shuttle_marl.coach.rendering import Clips
-from shuttle_marl.coach.sources import Source, hidden
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
-from shuttle_marl.pages import Viewer
 from shuttle_marl.policy import baselines
+from shuttle_marl.reports import Players
+from shuttle_marl.reports.advice import Advice, Meeting, imitated, meet
+from shuttle_marl.reports.html import Viewer
+from shuttle_marl.reports.match import MatchReport
+from shuttle_marl.reports.rendering import Clips
+from shuttle_marl.reports.scouting import ScoutingReport
+from shuttle_marl.reports.sources import Source, hidden
 from shuttle_marl.staging import stage
 from shuttle_marl.staging.skeleton import model_file
 from shuttle_marl.watch import messages

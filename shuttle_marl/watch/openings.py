@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shuttle_marl.analysis.rally import Players, decision
 from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.exact import Solution
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.reports.rally import Players, decision
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,9 +5,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
-from shuttle_marl.analysis.rally import decision as analyse_decision
-from shuttle_marl.analysis.rating import Rated, places_of, rater_of, theme_of, usual_of
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import looks_of
@@ -17,6 +14,9 @@ from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.shipped import RELIABLE, factor_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import position_shares
+from shuttle_marl.reports.rally import Decision, Players, analyse_rally
+from shuttle_marl.reports.rally import decision as analyse_decision
+from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.facts import rounded, stroke_facts
 from shuttle_marl.watch.match import CourtRally, seed_of_line

@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow.compute as pc
 import pytest
 
-from shuttle_marl.analysis import strokes_of_log
 from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
 from shuttle_marl.data.simulated import (
     BREAK,
@@ -32,6 +31,7 @@ from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.replay import check
+from shuttle_marl.reports import strokes_of_log
 from tests import golden
 from tests.reduced import reduced_game
 

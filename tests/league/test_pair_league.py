@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from shuttle_marl.analysis import AnalysisError
 from shuttle_marl.exact import evaluate, moved
 from shuttle_marl.game import pairs as pairs_module
 from shuttle_marl.game.pairs import pair_game
@@ -24,6 +23,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.replay import check
+from shuttle_marl.reports import AnalysisError
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 

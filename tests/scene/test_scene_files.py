@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREA_WORDS
@@ -18,6 +17,7 @@ from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
+from shuttle_marl.reports import LogPlayers
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.board import CAMERAS
 from shuttle_marl.scene.models import KITS, athlete, racket, shuttle

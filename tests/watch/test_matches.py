@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.rating import Rating, rater_of
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.watch import MatchOptions
 from shuttle_marl.exact import evaluate
@@ -25,6 +24,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
+from shuttle_marl.reports.rating import Rating, rater_of
 from shuttle_marl.staging import Motion
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
