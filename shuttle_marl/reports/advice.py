@@ -17,7 +17,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.exact import Odds, ProfileValue, Visits, moved, visits
+from shuttle_marl.exact import ProfileValue, Visits, moved, visits
 from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
@@ -87,11 +87,6 @@ class Meeting:
     policies: tuple[TabulatedPolicy, TabulatedPolicy]
     value: ProfileValue
     seen: Visits
-
-    @property
-    def odds(self) -> Odds:
-        """Odds of seat 0."""
-        return self.value.odds()
 
     def visits(self, seat: int) -> F64:
         """``[base states]`` expected strokes of a seat in a rally, over all efforts."""

@@ -91,7 +91,6 @@ def scouting_report(
     strokes = None if data is None else read_matches(data)
     names = (player,) if opponent is None else (opponent, player)
     found = scout(*names, beside=beside, model=model, date=date, data=strokes)
-
     return CoachReport(
         figures=found.as_json(), _page=lambda: scouting_page(found, () if strokes is None else sources.gaps(strokes))
     )

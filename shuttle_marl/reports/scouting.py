@@ -321,7 +321,7 @@ def scout(
         refits=0 if found is None else len(found.refits),
         factor=factor_of(resolve_game(model)),
         brief=page,
-        rally=None if found is None else float(earned(np.array(found.home.odds.rally))),
+        rally=None if found is None else float(earned(np.array(found.home.value.odds().rally))),
         met=None if of_data is None or player is None else met(rally_table(of_data), player, opponent),
         season=[] if of_data is None or plays is None else season(of_data, plays, opponent),
         habits=habits(own, others),

@@ -68,7 +68,7 @@ def test_the_gain_of_one_advice_is_that_of_the_changed_policy(found: Refitted) -
     chance[pairs] = game.base_pair_stroke[pairs] == best.stroke
     odds = evaluate(PairPolicy(game=game, probability=chance), second, tolerance=1e-9).odds()
     # To first order: with the advice, the situation occurs about as often.
-    assert odds.rally - found.home.odds.rally == pytest.approx(best.home, rel=0.35)
+    assert odds.rally - found.home.value.odds().rally == pytest.approx(best.home, rel=0.35)
 
 
 def test_a_gain_is_reduced_to_what_matches_realise() -> None:
