@@ -16,7 +16,6 @@ import tyro
 
 from benchmarks.machine import this_machine
 from docs.tools.results import show
-from shuttle_marl.analysis.outlook import players_of, predict
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, solve_robust, solve_soft, visits
 from shuttle_marl.exact.sweeps import warm_up
 from shuttle_marl.game import default_game
@@ -24,6 +23,7 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.league.pairs import players_of, predict
 from shuttle_marl.policy import history, registry
 
 _POLICIES: Final = 30

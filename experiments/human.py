@@ -24,7 +24,6 @@ from rich.progress import track
 
 from docs.tools.results import show
 from experiments.truth.matches import RESAMPLES, Strokes, of_splits, ratio_by_match, states_of, strokes_of
-from shuttle_marl.analysis import charts
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Outcome, Split, read_matches
@@ -36,6 +35,7 @@ from shuttle_marl.game.shipped import model_folder, refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.policy import Scorer, baselines
+from shuttle_marl.reports import charts
 
 TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
 """Values of TAU, in addition to infinity."""

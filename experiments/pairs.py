@@ -30,7 +30,6 @@ from scipy.sparse import block_diag, csr_matrix, identity
 from docs.tools.results import show
 from experiments.truth.matches import Strokes, folds_of, of_splits, strokes_of
 from experiments.truth.worlds import Report, fingerprint
-from shuttle_marl.analysis.outlook import EARNED, earned
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe
@@ -51,6 +50,7 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import CARD, PROFILES, model_folder, variants
 from shuttle_marl.game.skill import AVERAGE, load_skill
 from shuttle_marl.policy import baselines
+from shuttle_marl.reports.scouting import EARNED, earned
 
 PREDICTIONS: Final = ("coin", "bradley_terry", "pair", "mean")
 

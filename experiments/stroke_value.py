@@ -20,9 +20,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from docs.tools.results import show
-from shuttle_marl.analysis import PlayerValue, add_values, charts, rank_players, strokes_of
-from shuttle_marl.analysis.charts import COLOURS, INK
-from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import anonymised
 from shuttle_marl.exact.away import Values, over
@@ -32,6 +29,9 @@ from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports import PlayerValue, add_values, charts, rank_players, strokes_of
+from shuttle_marl.reports.charts import COLOURS, INK
+from shuttle_marl.reports.players import LEAST_MATCHES, LEAST_STROKES
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
 _GROUPS: Final = {"MS": "men's singles", "WS": "women's singles"}

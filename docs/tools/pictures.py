@@ -46,7 +46,7 @@ def _module(*command: str) -> Callable[[], None]:
 
 def _stroke_value() -> None:
     from experiments.stroke_value import draw_ranking, groups_of  # noqa: PLC0415  matplotlib
-    from shuttle_marl.analysis import PlayerValue, charts  # noqa: PLC0415
+    from shuttle_marl.reports import PlayerValue, charts  # noqa: PLC0415
 
     found = saved("experiments", "stroke_value")["players"]
     players = [PlayerValue(**{name: value for name, value in each.items() if name != "away"}) for each in found]

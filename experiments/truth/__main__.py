@@ -19,12 +19,12 @@ from experiments.truth.matches import Strokes, of_splits, strokes_of
 from experiments.truth.recovery import recovery_effects
 from experiments.truth.transfer import thin_support, transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, judged_by, marked, shipped_world
-from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, clean_matches, read_matches
+from shuttle_marl.data.simulated import simulate
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.policy import UniformPolicy

@@ -375,7 +375,7 @@ def _recorded(
 
 def _strokes_to_plot(game: Game, chart: PlotOptions) -> tuple[int | None, int | None]:
     """Catalogue indices of the incoming and the own stroke of a chart, checked before anything is computed."""
-    from shuttle_marl.analysis import charts, rally  # noqa: PLC0415
+    from shuttle_marl.reports import charts, rally  # noqa: PLC0415
 
     if chart.plot is None:
         if chart.incoming is not None or chart.own is not None:
@@ -389,7 +389,7 @@ def _strokes_to_plot(game: Game, chart: PlotOptions) -> tuple[int | None, int | 
 
 
 def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:
-    from shuttle_marl.analysis import charts  # noqa: PLC0415
+    from shuttle_marl.reports import charts  # noqa: PLC0415
 
     if incoming is None:
         tables = solution.games[0]

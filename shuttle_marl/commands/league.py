@@ -89,8 +89,8 @@ def pairs(
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.analysis.outlook import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
     from shuttle_marl.data import read_matches  # noqa: PLC0415
+    from shuttle_marl.league.pairs import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")

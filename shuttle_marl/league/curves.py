@@ -8,9 +8,9 @@ from typing import Any, Final
 
 from markupsafe import Markup
 
-from shuttle_marl.analysis import charts
 from shuttle_marl.base import runs
 from shuttle_marl.league.entrants import LeagueError
+from shuttle_marl.reports import charts
 
 FIGURES: Final = {
     "exploitability": "exploitability",

@@ -13,8 +13,6 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from foxglove.messages import Color, CylinderPrimitive, SceneEntity, Vector3
 
 from shuttle_marl import __version__
-from shuttle_marl.analysis import LogPlayers
-from shuttle_marl.analysis.rally import Resolve
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.court import Hands
 from shuttle_marl.game.layout import LONGEST_DUEL
@@ -23,6 +21,8 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.reader import RallyLog, rally_rows
+from shuttle_marl.reports import LogPlayers
+from shuttle_marl.reports.rally import Resolve
 from shuttle_marl.scene import SceneError, topics
 from shuttle_marl.scene.board import boards
 from shuttle_marl.scene.motion import motion_messages

@@ -13,7 +13,7 @@ import jinja2
 
 from shuttle_marl.base import cache
 from shuttle_marl.base.errors import ShuttleError, described, printable
-from shuttle_marl.pages import escaped
+from shuttle_marl.reports.html import escaped
 from shuttle_marl.suite import store
 from shuttle_marl.suite.options import ACCESS, SPLITS, SuiteError
 from shuttle_marl.suite.registry import TASKS

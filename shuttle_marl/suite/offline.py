@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 from scipy.stats import spearmanr
 
-from shuttle_marl.analysis import tabular
 from shuttle_marl.base.files import Fraction, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds, pair_odds
@@ -21,6 +20,7 @@ from shuttle_marl.policy.computed import cached_table
 from shuttle_marl.policy.mixtures import mixture
 from shuttle_marl.recording import logs
 from shuttle_marl.recording.logs import Log, blank, play_log
+from shuttle_marl.suite import tabular
 from shuttle_marl.suite.frontier import POINTS, exploitabilities
 from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import SuiteError

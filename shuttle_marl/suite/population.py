@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.analysis.tabular import normalised
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import positions_of
@@ -24,6 +23,7 @@ from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import best_response_policy
 from shuttle_marl.policy.mixtures import mixture
 from shuttle_marl.suite.options import Split
+from shuttle_marl.suite.tabular import normalised
 from shuttle_marl.suite.task import Arena
 
 FAMILIES: Final = ("synthetic", "waiting", "human", "counter", "mixture", "switcher", "learner")

@@ -11,7 +11,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.analysis.rally import LogPlayers, Players, legal_states
 from shuttle_marl.base.errors import printable
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.matches import WholeRally, event, nearest_stroke, whole_rallies
@@ -26,6 +25,7 @@ from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.reports.rally import LogPlayers, Players, legal_states
 from shuttle_marl.scene.rally_report import staging_key
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import CourtRally

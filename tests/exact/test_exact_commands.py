@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.charts import best_replies
-from shuttle_marl.analysis.rally import aims
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
@@ -19,6 +17,8 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
+from shuttle_marl.reports.charts import best_replies
+from shuttle_marl.reports.rally import aims
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 

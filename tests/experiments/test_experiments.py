@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis import strokes_of
-from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.data.schema import Account
+from shuttle_marl.data.simulated import simulate
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.policy import baselines
+from shuttle_marl.reports import strokes_of
 from tests.experiments.commands import result_of, run
 from tests.reduced import reduced_game, reduced_model
 

@@ -11,7 +11,6 @@ import pytest
 from scipy.stats import mannwhitneyu
 
 from shuttle_marl import __version__
-from shuttle_marl.analysis import charts
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
@@ -34,6 +33,7 @@ from shuttle_marl.league.tournament import (
     round_robin,
 )
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports import charts
 from tests import golden
 from tests.pages import parsed
 from tests.reduced import reduced_game

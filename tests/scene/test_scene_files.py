@@ -11,7 +11,6 @@ import pytest
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREA_WORDS
@@ -19,6 +18,7 @@ from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
+from shuttle_marl.reports import LogPlayers
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.scene.topics import WORLD, bone_frame

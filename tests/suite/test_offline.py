@@ -7,17 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.tabular import (
-    best_of,
-    by_state,
-    cloned,
-    estimated_game,
-    fitted_q,
-    greedy,
-    pair_cells,
-    state_cells,
-    with_faults,
-)
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rally.record import Rallies
@@ -44,6 +33,17 @@ from shuttle_marl.suite.methods.estimators import (
 from shuttle_marl.suite.offline import OPPONENT, behaviour, errors, generate, in_game
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.tabular import (
+    best_of,
+    by_state,
+    cloned,
+    estimated_game,
+    fitted_q,
+    greedy,
+    pair_cells,
+    state_cells,
+    with_faults,
+)
 from shuttle_marl.training import q_learning
 from tests import golden
 from tests.exact.exact_games import THREE_STROKES, hand_made

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from shuttle_marl.analysis.tabular import cloned, normalised
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
 from shuttle_marl.exact.optimal import best_response, restricted_response
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy, positions_of
@@ -23,6 +22,7 @@ from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
 from shuttle_marl.suite.frontier import WEIGHT
+from shuttle_marl.suite.tabular import cloned, normalised
 
 TOLERANCE = 1e-4
 """Error bound of responses, far below the error of a model of the opponent."""

@@ -21,7 +21,6 @@ from typing import Final
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from shuttle_marl.analysis.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q, pair_cells
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.profile import PairPolicy
@@ -29,6 +28,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.logs import Log, Transitions
 from shuttle_marl.suite.methods.learned import boosted_game
+from shuttle_marl.suite.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q, pair_cells
 
 _TOLERANCE = 1e-6
 _LARGEST = 10.0

@@ -1,4 +1,4 @@
-"""Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.analysis.tabular`), or with
+"""Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.suite.tabular`), or with
 boosted trees (LightGBM, Ke et al., NeurIPS 2017) instead of shrunken means.
 
 The argument of a name, as in ``fitted-q:8``, is the number of pseudo-observations of the coarser cell, or what the class says;
@@ -12,8 +12,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from shuttle_marl.analysis import tabular
-from shuttle_marl.analysis.tabular import SHRINK, best_of, cloned, fitted_q, greedy, shrunk_means
 from shuttle_marl.base.arrays import F64, I16, Floats, Ints
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import PairPolicy
@@ -23,6 +21,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import Log, Transitions
+from shuttle_marl.suite import tabular
+from shuttle_marl.suite.tabular import SHRINK, best_of, cloned, fitted_q, greedy, shrunk_means
 from shuttle_marl.suite.task import Setting
 
 _TOLERANCE = 1e-6

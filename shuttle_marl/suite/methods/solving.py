@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.analysis.tabular import SHRINK, cloned, estimated_game, game_of
 from shuttle_marl.exact import best_response as exact_response
 from shuttle_marl.exact import restricted_response, solve
 from shuttle_marl.exact.lists import cells_of, lists
@@ -28,6 +27,7 @@ from shuttle_marl.suite.method import find
 from shuttle_marl.suite.methods.adapters import chances, counted, mean_of, mixture_weights, respond, struck
 from shuttle_marl.suite.methods.learned import boosted, boosted_game
 from shuttle_marl.suite.offline import fitted, in_game
+from shuttle_marl.suite.tabular import SHRINK, cloned, estimated_game, game_of
 from shuttle_marl.suite.task import Setting
 
 _STEPS: Final = 30
