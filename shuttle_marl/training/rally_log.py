@@ -56,8 +56,6 @@ class RunLog(LogContext):
         Raises:
             RecordingError: the log cannot be written; earlier rallies are recorded.
         """
-        if self._sampling.every == 1:
-            sampler.note_next()
         numbers = sampler.numbers[sampler.served(sampler.numbers)]
         numbers = numbers[self._kept(self._sampling, segment, numbers)]
         if not len(numbers):
