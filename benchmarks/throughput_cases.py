@@ -89,7 +89,7 @@ def torchrl_stock(batch: int, threads: int) -> Play:
     from shuttle_marl.env.batched import RallyEnv
 
     class Stock(RallyEnv):
-        _step_and_maybe_reset = EnvBase._step_and_maybe_reset
+        step_and_maybe_reset = EnvBase.step_and_maybe_reset
 
     return _rolled_out(Stock(batch, threads=threads), batch, threads)
 

@@ -312,7 +312,7 @@ def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: 
     Raises:
         SimulationError, PolicyError: see :func:`simulate`.
     """
-    from shuttle_marl.kernel import Matches, lockstep, play_matches  # noqa: PLC0415  numba is slow to import
+    from shuttle_marl.kernel.matches import Matches, asking, play, play_matches  # noqa: PLC0415  numba is slow to import
 
     if matches < 1:
         raise SimulationError(f"{matches} matches: expected at least one")
@@ -329,8 +329,8 @@ def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: 
     if len(tables) == len(policies):
         played = play_matches(game, seated, tables).rallies
     else:
-        wait = lockstep.asking(game, policies, positions=True)
-        played = lockstep.play(game, seated, lockstep.asking(game, policies), wait).rallies
+        wait = asking(game, policies, positions=True)
+        played = play(game, seated, asking(game, policies), wait).rallies
     number_in_log, pairing_in_log = (column[played.match].astype(np.uint32) for column in (match, pairing))
     return dataclasses.replace(played, pairing=pairing_in_log, match=number_in_log)
 

@@ -450,8 +450,10 @@ class ModelStepper(Stepper):
         super().__init__(game)
         self._models, self._support = models, support
         self._row = functools.lru_cache(maxsize=4096)(self._evaluated)
-        self._limits = 2 * [[_Computed(3, functools.partial(self._limits_at, odds)) for odds in game.fault_odds.tolist()]]
-        self._hurry = 2 * [_Computed(2, lambda row: self._row(row)[1])]
+        self._limits = self._met = 2 * [
+            [_Computed(3, functools.partial(self._limits_at, odds)) for odds in game.fault_odds.tolist()]
+        ]
+        self._hurry = self._late = 2 * [_Computed(2, lambda row: self._row(row)[1])]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return model_stepper, (self.game,)
@@ -489,7 +491,7 @@ def model_stepper(game: Game) -> ModelStepper:
         ModelError: the models cannot be read.
     """
     origin = shipped.origin_of(game)
-    if origin is None or origin.variant is not None or game.recovery is not None or game.people is not None:
+    if origin is None or origin.variant is not None or game.hides or game.people is not None:
         raise OptionError(
             "outcomes='models': only the game of a model has some, such as default; variants of it, pairs, and the "
             "game with recovery are tables made from these"

@@ -56,7 +56,7 @@ class PlayedRally(NamedTuple):
     Attributes:
         rally: number of the rally in its episode.
         score: before the rally, as :meth:`ShuttleEnv.score_of` player 0.
-        positions: where the receiver of each stroke waited; None in the game without recovery.
+        positions: where the receiver of each stroke waited; None where a fork does not know it.
     """
 
     seed: int
@@ -122,8 +122,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
         self._stepper = _stepper(self.game, outcomes)
-        self._hides = self.game.recovery is not None
-        n, width = self._stepper.n_actions, RALLY_WIDTH + extra_width + self._hides
+        n, width = self._stepper.n_actions, RALLY_WIDTH + extra_width + self.game.hides
         self.action_spaces = {agent: spaces.Discrete(n) for agent in AGENTS}
         self.observation_spaces = {
             agent: spaces.Dict(
@@ -278,7 +277,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         0. Where a player waits is no part of it.
         """
         found = np.append(self.observe("player_0")["observation"], np.float32(self._striker == 0))
-        if self._hides:
+        if self.game.hides:
             found[-2] = self._choosing
         return found
 
@@ -311,15 +310,15 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._cumulative_rewards[agent] = 0.0
         self.rewards = {"player_0": 0.0, "player_1": 0.0}
         self._striker = 1 - striker
-        self.agent_selection = AGENTS[1 - striker]
         if outcome < RETURNED_BELOW:
             self._live, self._position = False, None
+            self.agent_selection = AGENTS[1 - striker]
             self._reason = OUTCOMES[outcome]
             self._winner = striker if outcome != FAULT else 1 - striker
             if self.recorder is not None:
                 self.recorder.add(self._played())
             self._end_rally(self._winner)
-        elif self._hides:
+        else:
             self._select()
         if self._length == self.max_strokes and not self.terminations[agent]:
             self.truncations = {"player_0": True, "player_1": True}
@@ -385,7 +384,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """The rally so far, or the last rally until the next serve."""
         between_rallies = self._state == ROOT and bool(self._strokes)
         # A seed tells the luck of both players, with which hidden positions are drawn.
-        seed = "" if self._hides else f" of seed {self.last_seed}"
+        seed = "" if self.game.hides else f" of seed {self.last_seed}"
         return Snapshot(
             game=self.game,
             names=AGENTS if self.game.people is None else self.game.people.players,
@@ -396,7 +395,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             winner=self._winner,
             reason=self._reason,
             hands=("right", "right") if self.game.people is None else self.game.people.hands,
-            positions=tuple(self._positions) if self._reason is not None and self._hides else (),
+            positions=tuple(self._positions) if self._reason is not None and self.game.hides else (),
             **self._snapshot_of_match(),
         )
 
@@ -429,9 +428,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._state = ROOT
         self._live = True
         self._striker = server
-        self.agent_selection = AGENTS[server]
-        if self._hides:
-            self._select()
+        self._select()
 
     def _select(self) -> None:
         """Select who acts in the state: the receiver, if there is a choice of positions, else the striker."""
@@ -500,7 +497,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def _refusal(self, action: Any, stroke: int) -> ActionError:
         names = self.game.action_names
         if not 0 <= stroke < len(names):
-            kind = "stroke or position" if self._hides else "stroke"
+            kind = "stroke or position" if self.game.hides else "stroke"
             return ActionError(
                 f"{self.agent_selection}: action {action!r} is not a {kind}; expected an integer from 0 to {len(names) - 1}"
             )

@@ -81,9 +81,9 @@ class _BatchedEnv(EnvBase):
         self.game = game
         self._batch = batch
         self._next_seed: int | None = seed
-        self._joint = game.recovery is not None and not batch.n_opponents
+        self._joint = game.hides and not batch.n_opponents
         n = game.n_strokes if self._joint else game.n_actions
-        highest = torch.from_numpy(np.append(game.highest_observation, np.int32(1))[: 7 + (game.recovery is not None)])
+        highest = torch.from_numpy(np.append(game.highest_observation, np.int32(1))[: 7 + game.hides])
         self.observation_spec = Composite(
             observation=Bounded(0, highest.expand(size, -1), dtype=torch.int32),
             action_mask=Binary(shape=(size, n), dtype=torch.bool),
@@ -137,11 +137,8 @@ class _BatchedEnv(EnvBase):
         entries, done = self._play(tensordict, reset=False)
         return TensorDict({**entries, "terminated": done.clone()}, self.batch_size)
 
-    def _step_and_maybe_reset(self, tensordict: TensorDictBase) -> tuple[TensorDictBase, TensorDictBase]:
-        """Step and reset in one call of the kernel; TorchRL's own implementation takes three to five times as long.
-
-        This overrides a private method of TorchRL, which is why its version is pinned.
-        """
+    def step_and_maybe_reset(self, tensordict: TensorDictBase) -> tuple[TensorDictBase, TensorDictBase]:
+        """Step and reset in one call of the kernel; TorchRL's own implementation takes three to five times as long."""
         entries, done = self._play(tensordict, reset=True)
         tensordict.set("next", _unchecked({**entries, "terminated": done.clone()}, self.batch_size))
         none = torch.zeros_like(done)

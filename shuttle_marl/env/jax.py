@@ -48,7 +48,7 @@ class Tables(NamedTuple):
         """
         game = game or default_game()
         arrays = {name: getattr(game, name) for name in cls._fields if name not in cls._field_defaults}
-        if game.recovery is not None:
+        if game.hides:
             waiting = game.waiting
             arrays |= {"limits": waiting.limits, "hurry": waiting.hurry, "start": waiting.start.astype(np.int32)}
             arrays |= {
@@ -107,7 +107,7 @@ def draws(key: jax.Array, shape: tuple[int, ...] = ()) -> jax.Array:
 
 
 def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array, position: jax.Array | None = None) -> Step:
-    """Play a stroke: the rule of :func:`shuttle_marl.game.rules.strike`.
+    """Play a stroke: the rule of :func:`shuttle_marl.game.rules.outcome` and :func:`~shuttle_marl.game.rules.next_state`.
 
     Args:
         state: int32, state of the striker.

@@ -91,7 +91,7 @@ class RallyGame(pyspiel.Game):
         if self.server not in (-1, 0, 1) or self.max_strokes < 0:
             raise OptionError(f"server {self.server}, max_strokes {self.max_strokes}: expected -1, 0 or 1, and 0 or more")
         self.tables = resolve_game(given["model"], given["profile"] or None) if tables is None else tables
-        hides, self.stepper = self.tables.recovery is not None, stepper_of(self.tables)
+        hides, self.stepper = self.tables.hides, stepper_of(self.tables)
         info = pyspiel.GameInfo(
             num_distinct_actions=self.stepper.n_actions,
             max_chance_outcomes=len(OUTCOMES),
@@ -222,9 +222,9 @@ class RallyObserver:
 
     def __init__(self, tables: Game) -> None:
         self._stepper = stepper_of(tables)
-        self.tensor = np.zeros(RALLY_WIDTH + (1 if tables.recovery is None else 2), np.float32)
+        self.tensor = np.zeros(RALLY_WIDTH + 1 + tables.hides, np.float32)
         self.dict: dict[str, F32] = {"rally": self.tensor[:RALLY_WIDTH], "turn": self.tensor[RALLY_WIDTH : RALLY_WIDTH + 1]}
-        if tables.recovery is not None:
+        if tables.hides:
             self.dict["waits"] = self.tensor[RALLY_WIDTH + 1 :]
 
     def set_from(self, state: RallyState, player: int) -> None:

@@ -57,9 +57,8 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         self._mask, self._info = mask, checked_views(mask, info)
         self.game, self.versus, self.num_envs = game, batch, len(batch)
         n = game.n_actions
-        if game.recovery is not None:
-            kind = vector.low.dtype.type
-            vector = spaces.Box(np.append(vector.low, kind(0)), np.append(vector.high, kind(1)), dtype=kind)
+        kind, flag = vector.low.dtype.type, np.ones(int(game.hides))
+        vector = spaces.Box(np.append(vector.low, 0 * flag).astype(kind), np.append(vector.high, flag).astype(kind), dtype=kind)
         self.single_action_space = spaces.Discrete(n)
         self.single_observation_space = (
             spaces.Dict({"observation": vector, "action_mask": spaces.Box(0, 1, (n,), np.int8)})
@@ -162,7 +161,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         if self._features is None:
             found = self.game.observation(state)
             found = np.where(own[:, None], found, found[:, SWAP_TOKENS])
-            return found if self.game.recovery is None else np.hstack([found, waits[:, None]], dtype=np.int32, casting="unsafe")
+            return np.column_stack([found, *[waits.astype(np.int32)] * self.game.hides])
         seen = with_efforts(self.game, self._features, state, ~own)
         seen[:, RALLY_WIDTH:] = waits[:, None]
         return seen

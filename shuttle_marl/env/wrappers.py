@@ -40,7 +40,7 @@ class ComponentEnv(CheckedEnv):
         catalogue = env.game.catalogue
         columns = np.stack([catalogue.shot, catalogue.area, catalogue.height, catalogue.technique], axis=1)
         self._by_parts = catalogue.by_parts
-        self._parts = PARTS if env.game.recovery is None else (*PARTS, N_POSITIONS)
+        self._parts = (*PARTS, N_POSITIONS)[: len(PARTS) + env.game.hides]
         n, width, positions = len(catalogue), sum(self._parts), sum(self._parts[len(PARTS) :])
         self._occurs = np.zeros((n + positions, width), dtype=np.int8)
         self._occurs[np.arange(n)[:, None], columns + np.r_[0, _ENDS[: len(PARTS) - 1]]] = 1

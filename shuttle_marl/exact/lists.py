@@ -47,7 +47,7 @@ def lists(opponent: StatePolicy, cell: Ints, waits: U16 | None = None) -> Iterat
         waits: positions of the lists with recovery, see :class:`~shuttle_marl.game.tabulated.TabulatedPolicy`.
     """
     game, won = opponent.game.opposite, -1.0
-    tables = game if game.recovery is None else met_by(game, opponent)
+    tables = met_by(game, opponent)
     player: StatePolicy = opponent if opponent.game is game else from_pair_probabilities(game, opponent.pair_probabilities())
     for turn in range(_ROUNDS):
         value = evaluate(player, opponent, tolerance=_TOLERANCE)

@@ -13,7 +13,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.met import MetGame, met
+from shuttle_marl.exact.met import met
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
 from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean, listed
 from shuttle_marl.game.pairs import people_of
@@ -197,9 +197,9 @@ def facing(policy: SomeT, opponent: OtherT) -> tuple[SomeT, OtherT]:
 
 
 @functools.lru_cache(maxsize=4)
-def met_by(game: Game, policy: StatePolicy) -> MetGame:
-    """The game against a receiver who waits as a policy does."""
-    return met(game, policy.position_probabilities())
+def met_by(game: Game, policy: StatePolicy) -> Game:
+    """The game against a receiver who waits as a policy does: itself where receivers have no choice."""
+    return met(game, policy.position_probabilities()) if game.hides else game
 
 
 def check_same_layout(first: Game, second: Game) -> None:

@@ -1,6 +1,6 @@
 """The game: court, strokes, rules of a rally and of a match, random numbers, and the interface of a policy.
 
-The names that users need, imported when first used::
+:mod:`shuttle_marl.game.rules` is the rule book, to be read first. The names that users need, imported when first used::
 
     from shuttle_marl.game import Policy, States, default_game
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
         checked_probabilities,
         reads_score,
     )
-    from shuttle_marl.game.rules import strike
     from shuttle_marl.game.scoring import BWF, Rules, Score
     from shuttle_marl.game.shipped import default_game, load_game, model_folder
     from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
@@ -54,7 +53,6 @@ __all__ = [
     "observations",
     "pair_game",
     "reads_score",
-    "strike",
     "tabulate",
 ]
 

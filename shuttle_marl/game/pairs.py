@@ -122,7 +122,7 @@ def people_of(game: Game) -> People:
         GameError: both seats have the same tables.
     """
     people = game.people if game.whole is None else game.whole.people
-    if not isinstance(people, People):
+    if people is None:
         raise GameError("this is not the game of two players; make one with pair_game")
     return people
 
@@ -224,7 +224,7 @@ def without_skill(game: Game) -> Game:
 def without_recovery(game: Game) -> Game:
     """The same game in which receivers have no choice: itself if they have none."""
     origin = origin_of(game)
-    if game.recovery is None:
+    if not game.hides:
         return game
     if origin is None or game.people is not None or game.whole is not None:
         return dataclasses.replace(game, recovery=None)

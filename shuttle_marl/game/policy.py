@@ -286,7 +286,7 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
     seen = np.asarray(observation, dtype=np.float64)
     rows = np.atleast_2d(seen)
     waits = np.zeros(len(rows), np.bool_)
-    if game.recovery is not None:
+    if game.hides:
         # A receiver sees the state of the striker from the other side, and so the score.
         rows, waits = rows[:, :-1], rows[:, -1] == 1
         sides = np.r_[SWAP, np.arange(RALLY_WIDTH, rows.shape[1])]
@@ -298,9 +298,9 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
         score = scores_of(rows[:, RALLY_WIDTH:])
     states = States(game=game, state=states_of(game, rows), score=score)
     p = checked_probabilities(policy, states)
-    if game.recovery is not None:
-        positions = checked_positions(policy, states) if waits.any() else np.zeros((len(rows), game.n_positions))
-        p = np.concatenate([np.where(waits[:, None], 0, p), np.where(waits[:, None], positions, 0)], axis=1)
+    if waits.any():
+        p = np.hstack([np.where(waits[:, None], 0, p), np.where(waits[:, None], checked_positions(policy, states), 0)])
+    p = np.pad(p, ((0, 0), (0, game.n_actions - p.shape[1])))
     if mask is not None:
         p = p * np.asarray(mask, dtype=bool)
     total = np.cumsum(p, axis=1)

@@ -158,6 +158,19 @@ class Recovery:
         return self.chosen[game.incoming_shot(base), area[own], area[incoming], game.contact(base), game.hurried(base)]
 
 
+def in_the_middle(game: Layout, limits: U16, hurry: U8) -> Waiting:
+    """The tables of a game in which receivers have no choice; arguments as in :class:`Waiting`."""
+    size, middle = game.n_base_states, np.arange(N_POSITIONS) == CENTRE
+    return Waiting(
+        choices=np.ones(size, np.int32),
+        position=np.broadcast_to(np.r_[CENTRE, -np.ones(N_POSITIONS - 1)].astype(np.int8), (size, N_POSITIONS)),
+        start=game.base_pair_start.astype(np.int64),
+        limits=limits,
+        hurry=hurry,
+        place=np.broadcast_to(middle.astype(np.int8) - 1, (size, N_POSITIONS)).astype(np.int8),
+    )
+
+
 def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recovery: Recovery) -> Waiting:
     """The tables of a game by position (see the head of this module); arguments as those of the game."""
     base = np.arange(game.n_base_states)

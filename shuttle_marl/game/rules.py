@@ -1,14 +1,20 @@
-"""The rules of a rally as functions of a state, for a batch at a time."""
+"""The rules of the game, for one stroke at a time in plain Python: read this first.
 
-from typing import Final
+A rally alternates between two players: one strikes, the other receives and is the next to strike. What a striker may play and
+what becomes of it depends on their :class:`State` alone, and chance decides by probabilities that real matches gave
+(:mod:`shuttle_marl.game.tables`). The winner of a rally scores a point and serves next (:mod:`shuttle_marl.game.scoring`).
+
+Nothing plays by these functions: they are slow. Tests compare everything that plays with them, stroke by stroke.
+"""
+
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import I8, I32, Bools, Ints
 from shuttle_marl.base.errors import ActionError
-from shuttle_marl.game.layout import LONGEST_DUEL, Layout
+from shuttle_marl.game.layout import LONGEST_DUEL
+from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
 
 OUTCOMES: Final = (
     "fault",
@@ -35,74 +41,81 @@ class IllegalStrokeError(ActionError):
         self.stroke, self.row = stroke, row
 
 
-def states_of_rallies(game: Layout, stroke: Ints, position: Ints, hurried: Bools | Ints) -> I32:
-    """The state in which each stroke of rallies was struck.
+class State(NamedTuple):
+    """What the striker knows of the rally, in the order of :meth:`~shuttle_marl.game.layout.Layout.observation`."""
+
+    own: int
+    """Catalogue index of their own last stroke, n if they have not struck."""
+    incoming: int
+    """Catalogue index of the stroke that comes to them, n if they serve."""
+    contact: int
+    """Where they meet the shuttle: 0 below, 1 above the net."""
+    duel: int
+    """Net shots in a row up to the incoming stroke, 3 for three or more."""
+    effort: int
+    """Attacks that they have played in this rally, L - 1 for so many or more."""
+    opponent_effort: int
+    """The same of the receiver."""
+    hurried: int
+    """1 if they are late or stretched."""
+
+
+def serve(game: Game) -> State:
+    """The state of the server, in which every rally starts."""
+    return State(game.n_strokes, game.n_strokes, 0, 0, 0, 0, 0)
+
+
+def legal_strokes(game: Game, state: State) -> list[int]:
+    """Catalogue indices of the strokes that people play to the incoming stroke from this contact."""
+    return [stroke for stroke in range(game.n_strokes) if game.reply_mask[state.incoming, state.contact, stroke]]
+
+
+def legal_positions(game: Game, state: State) -> list[int]:
+    """Positions in which people wait for a stroke from this state; only one where the receiver has no choice."""
+    return np.flatnonzero(game.people_positions(game.state_of(*state))).tolist()
+
+
+def outcome(game: Game, striker: int, state: State, stroke: int, position: int, draw: int) -> int:
+    """What becomes of a legal stroke, an index into :data:`OUTCOMES`.
 
     Args:
-        stroke: ``[N]`` catalogue indices, rally after rally.
-        position: ``[N]`` number of each stroke in its rally, from 0.
-        hurried: ``[N]`` whether the striker of each stroke was hurried.
-
-    Returns:
-        ``[N]`` state, -1 where the game has no such state. It does not look whether the stroke is legal there.
+        striker: their seat, 0 or 1: in the game of a pair each has skill of their own.
+        position: where the receiver waits.
+        draw: uniform integer in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
     """
-    n, stroke, position = game.n_strokes, np.asarray(stroke, dtype=np.int64), np.asarray(position, dtype=np.int64)
-    row = np.arange(len(stroke))
-    own = np.where(position >= 2, stroke[np.maximum(row - 2, 0)], n)
-    incoming = np.where(position >= 1, stroke[np.maximum(row - 1, 0)], n)
-    even = position % 2 == 0
-    attack = game.catalogue.is_attack[stroke]
-    # Attacks before each stroke since the beginning of its rally, of those who struck at even and at odd positions.
-    so_far = np.stack([np.r_[0, np.cumsum(attack & side)] for side in (even, ~even)])
-    counts = np.minimum(so_far[:, row] - so_far[:, row - position], game.levels - 1)
-    effort, opponent_effort = np.where(even, counts, counts[::-1])
-    duel = np.zeros(len(stroke), dtype=np.int64)
-    if game.counts_duels:
-        net = game.catalogue.is_net_shot[stroke]
-        # The last stroke up to each one that is no net shot; at the latest the one before the rally.
-        broken = np.maximum.accumulate(np.where(net, row - position - 1, row))
-        in_a_row = np.minimum(row - broken, LONGEST_DUEL)
-        duel = np.where(position >= 1, in_a_row[np.maximum(row - 1, 0)], 0)
-    hurry = np.asarray(hurried, dtype=np.int64)
-    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort, hurry)
+    limits, hurry = game.seats[striker].chances(int(game.state_of(*state)), stroke, position)
+    late, low = divmod(draw, 1 << 16)
+    result = sum(low >= limit for limit in limits)
+    if result >= RETURNED_BELOW and late < hurry[result - RETURNED_BELOW]:
+        result += HURRIED_BELOW - RETURNED_BELOW
+    return result
 
 
-def strike(
-    game: Game, state: Ints, k: Ints, draw: Ints, striker: Ints | None = None, position: Ints | None = None
-) -> tuple[I8, I32]:
-    """Play the k-th legal stroke of each state.
+def next_state(game: Game, state: State, stroke: int, result: int) -> State:
+    """State of the receiver, who strikes next, after a stroke that they return."""
+    strokes, longer = game.catalogue, game.counts_duels and game.catalogue.is_net_shot[stroke]
+    return State(
+        own=state.incoming,
+        incoming=stroke,
+        contact=(result - RETURNED_BELOW) % 2,
+        duel=min(state.duel + 1, LONGEST_DUEL) if longer else 0,
+        effort=state.opponent_effort,
+        opponent_effort=min(state.effort + int(strokes.is_attack[stroke]), game.levels - 1),
+        hurried=int(result >= HURRIED_BELOW),
+    )
 
-    Args:
-        state: ``[B]`` state of the striker.
-        k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state); not checked.
-        draw: ``[B]`` uniform integers in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
-        striker: ``[B]`` seat of the striker, for the game of a pair; None: ``game`` holds the tables of all strikers.
-        position: ``[B]`` position of the receiver, feasible in the state, which is not checked; None: ``game`` has no recovery.
 
-    Returns:
-        ``[B]`` outcome (index into :data:`OUTCOMES`) and ``[B]`` state of the receiver, who is the next striker;
-        -1 where the rally is over.
-    """
-    if striker is not None and game.people is not None:
-        ends, after = np.empty(len(state), np.int8), np.empty(len(state), np.int32)
-        for seat, tables in enumerate(game.seats):
-            at = striker == seat
-            ends[at], after[at] = strike(tables, state[at], k[at], draw[at], None, None if position is None else position[at])
-        return ends, after
-    block, base = np.divmod(state, game.n_base_states)
-    own, other = np.divmod(block, game.levels)
-    # Rows by `take` and three comparisons: an index array and a sum over an axis of length three cost several times as much.
-    row: Ints = game.base_pair_start[base] + k
-    rows, hurry = game.limits, game.hurry
-    if position is not None:
-        row, rows, hurry = game.waiting.row(base, k, position), game.waiting.limits, game.waiting.hurry
-    at = own * rows.shape[1] + row
-    limits, low = rows.reshape(-1, 3).take(at, axis=0), draw & (ONE - 1)
-    outcome = (low >= limits[..., 0]).view(np.int8) + (low >= limits[..., 1]) + (low >= limits[..., 2])
-    above = np.maximum(outcome - RETURNED_BELOW, 0)
-    hurried = (draw >> 16) < hurry[row, above]
-    outcome += (HURRIED_BELOW - RETURNED_BELOW) * (hurried & (outcome >= RETURNED_BELOW)).view(np.int8)
-    edge = game.reply_edge[game.first_reply[base] + k]
-    after = other * game.levels + np.minimum(own + game.edge_attack[edge], game.levels - 1)
-    following = after * game.n_base_states + 4 * edge + outcome - RETURNED_BELOW
-    return outcome, np.where(outcome >= RETURNED_BELOW, following, -1).astype(np.int32)
+def winner(striker: int, result: int) -> int:
+    """Seat that wins the rally by a winner or a fault of the striker."""
+    return striker if result == WINNER else 1 - striker
+
+
+def next_score(score: tuple[int, int, int, int], won_by: int, rules: Rules = BWF) -> tuple[int, int, int, int]:
+    """Points and games of seats 0 and 1 after a rally: a game takes 21 points and a lead of two, or 30; a match two games."""
+    points, games = [*score[:2]], [*score[2:]]
+    points[won_by] += 1
+    lead = points[won_by] - points[1 - won_by]
+    if points[won_by] == rules.cap or (points[won_by] >= rules.points and lead >= rules.clear):
+        games[won_by] += 1
+        points = [0, 0]
+    return points[0], points[1], games[0], games[1]

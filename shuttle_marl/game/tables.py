@@ -15,11 +15,10 @@ receiver's changes nothing until the roles swap.
 """
 
 import dataclasses
-import datetime
 import functools
 import json
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,12 +27,14 @@ from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
-from shuttle_marl.game.court import Hands
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
-from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS, Recovery, Waiting, waiting_of
+from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, Recovery, Waiting, in_the_middle, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
+
+if TYPE_CHECKING:
+    from shuttle_marl.game.pairs import People
 
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
@@ -68,48 +69,6 @@ class Origin(NamedTuple):
         return ":".join(filter(None, (model, "-".join(filter(None, (self.variant, RECOVERY if self.recovery else None))))))
 
 
-class Seated(Protocol):
-    """Players whose skill the seats of a game have, :class:`shuttle_marl.game.pairs.People`."""
-
-    @property
-    def players(self) -> tuple[str, str]:
-        """Their names."""
-
-    @property
-    def date(self) -> datetime.date | None:
-        """Day of the skill."""
-
-    @property
-    def discipline(self) -> str | None:
-        """``men`` or ``women``; None: the average of both."""
-
-    @property
-    def hands(self) -> Hands:
-        """Their hands."""
-
-    @property
-    def title(self) -> str:
-        """The players in words."""
-
-    @property
-    def origin(self) -> Origin:
-        """Where their game comes from."""
-
-    @property
-    def average(self) -> "Game":
-        """The game without their skill."""
-
-    @property
-    def swapped(self) -> "Seated":
-        """The same players at the other seats."""
-
-    def game(self) -> "Game":
-        """Their game."""
-
-    def refits(self) -> "tuple[Game, ...]":
-        """Their game in the refits of the model."""
-
-
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Game(Layout):
     """A compiled game: its layout and the probabilities of outcomes.
@@ -133,7 +92,7 @@ class Game(Layout):
     hurry: U8
     fault_odds: I32 = dataclasses.field(default_factory=lambda: np.full(1, ONE, dtype=np.int32))
     recovery: Recovery | None = None
-    people: "Seated | None" = None
+    people: "People | None" = None
     whole: "Game | None" = None
     seat: int = 0
 
@@ -242,35 +201,50 @@ class Game(Layout):
         return len(self.fault_odds)
 
     @property
-    def n_positions(self) -> int:
-        """Number of positions of a receiver: 9, or 1 in the game without recovery."""
-        return 1 if self.recovery is None else N_POSITIONS
+    def hides(self) -> bool:
+        """Whether receivers choose where they wait, which strikers do not see: the game with recovery."""
+        return self.recovery is not None
 
     @property
     def n_actions(self) -> int:
         """Number of actions: the n strokes, and in the game with recovery the nine positions behind them."""
-        return self.n_strokes + (0 if self.recovery is None else N_POSITIONS)
+        return self.n_strokes + N_POSITIONS * self.hides
 
     @functools.cached_property
     def action_names(self) -> tuple[str, ...]:
         """Names of the strokes and, in the game with recovery, of the nine positions (``wait:front-centre``)."""
-        return (*self.catalogue.names, *(f"wait:{name}" for name in POSITIONS if self.recovery is not None))
+        return (*self.catalogue.names, *(f"wait:{name}" for name in POSITIONS))[: self.n_actions]
 
     def people_positions(self, state: Indices) -> F64:
         """``[..., 9]`` probabilities of people's positions as receivers where a striker is in each state; see ``waiting``."""
-        assert self.recovery is not None
+        if self.recovery is None:
+            return np.broadcast_to(np.eye(N_POSITIONS)[CENTRE], (*np.shape(state), N_POSITIONS))
         return self.recovery.of_states(self, self.base(state)) / np.float64(CHOICE_ONE)
 
     @functools.cached_property
     def waiting(self) -> Waiting:
-        """The tables by position.
+        """The tables by position of the receiver, who waits in the middle where they have no choice.
 
         Raises:
-            GameError: receivers have no choice, or each seat has tables of its own.
+            GameError: in the game of a pair, each seat has its own.
         """
-        if self.recovery is None or self.people is not None:
-            raise GameError("no positions: expected the game with recovery, and in that of a pair the tables of one seat")
+        if self.recovery is None:
+            return in_the_middle(self, self.limits, self.hurry)
+        if self.people is not None:
+            raise GameError(
+                f"the game of {self.people.title} has the tables of both players; take those of a seat, game.seats[0]"
+            )
         return waiting_of(self, self.threshold, self.hurry, self.fault_odds, self.recovery)
+
+    def chances(self, state: int, stroke: int, position: int) -> tuple[list[int], list[int]]:
+        """How draws decide a legal stroke against a receiver at a feasible position.
+
+        Returns:
+            Limits of fault, winner and return from below in units of 1/65536, and chances of a hurried receiver of a return from
+            below and from above in units of 1/256.
+        """
+        row = int(self.waiting.row(self.base(state), self.rank(state, stroke), np.array(position)))
+        return self.waiting.limits[self.effort(state), row].tolist(), self.waiting.hurry[row].tolist()
 
     @functools.cached_property
     def limits(self) -> U16:
@@ -471,7 +445,7 @@ class Game(Layout):
         return game
 
 
-def _game_of_people(people: Seated, value: str) -> Game:
+def _game_of_people(people: "People", value: str) -> Game:
     """The game of a pair that was pickled by its names.
 
     Raises:

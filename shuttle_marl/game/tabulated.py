@@ -317,10 +317,8 @@ def _check_positions(waits: npt.NDArray[Any], game: Game, where: str) -> None:
     """Check untrusted cumulative probabilities of positions.
 
     Raises:
-        PolicyError: the game has no positions, or they are no distributions over feasible ones; ``where`` begins the message.
+        PolicyError: they are no distributions over feasible positions; ``where`` begins the message.
     """
-    if game.recovery is None:
-        raise PolicyError(f"{where}: a policy of the game with recovery; this game has none")
     if waits.shape != (game.n_states, N_POSITIONS) or waits.dtype != np.uint16 or (waits[:, -1] != CHOICE_ONE).any():
         raise PolicyError(f"{where}: no table of nine positions in the {game.n_states:,} states of this game")
     steps = np.diff(waits.astype(np.int32), axis=1, prepend=0)
@@ -353,7 +351,7 @@ def tabulate(policy: Policy, game: Game) -> TabulatedPolicy:
 
 def _tabulated_positions(policy: Policy, game: Game) -> U16 | None:
     """``[S, 9]`` cumulative probabilities of the positions of a policy; None where it waits as people do."""
-    if game.recovery is None or not isinstance(policy, Waits):
+    if not (game.hides and isinstance(policy, Waits)):
         return None
     states = np.arange(game.n_states, dtype=np.int32)
     found = np.concatenate([checked_positions(policy, States(game=game, state=part)) for part in np.array_split(states, 16)])

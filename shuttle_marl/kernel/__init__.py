@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
-    from shuttle_marl.kernel.core import KernelError
-    from shuttle_marl.kernel.lockstep import Matches, MatchResults
-    from shuttle_marl.kernel.matches import play_matches
+    from shuttle_marl.kernel.core import KernelError, struck
+    from shuttle_marl.kernel.matches import Matches, MatchResults, play_matches, wrong_outcomes
     from shuttle_marl.kernel.players import Players, pack
-    from shuttle_marl.kernel.rally import MatchBatch, RallyBatch, Tally
+    from shuttle_marl.kernel.rally import MatchBatch, RallyBatch
     from shuttle_marl.kernel.sampling import Assess, Distinct, RallySampler, play_rallies
 
 __all__ = [
@@ -25,10 +24,11 @@ __all__ = [
     "Players",
     "RallyBatch",
     "RallySampler",
-    "Tally",
     "pack",
     "play_matches",
     "play_rallies",
+    "struck",
+    "wrong_outcomes",
 ]
 
 __getattr__, __dir__ = lazily(__name__)

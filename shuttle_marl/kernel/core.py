@@ -4,7 +4,7 @@ A stroke reads tables at two unpredictable places, often outside the cache. Ther
 block that does one thing: the reads of many rows overlap, and arithmetic is vectorised. One loop that does everything row by row
 takes twice as long.
 
-The compiled functions are inlined into the loops of this package. They follow :func:`shuttle_marl.game.rules.strike` and
+The compiled functions are inlined into the loops of this package. They follow :mod:`shuttle_marl.game.rules` and
 :mod:`shuttle_marl.game.draws`, to which tests compare them bit for bit.
 
 Compiled code accesses memory unchecked, so every array from outside is checked first (:func:`checked_array`).
@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools, Ints
-from shuttle_marl.base.compiling import inlined
+from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.base.errors import OptionError, ShuttleError, whole_number
 from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2, POSITION_SHIFT
-from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.recovery import CENTRE, N_POSITIONS
 from shuttle_marl.game.tables import Game
 
 int64: Final = cast("Callable[[Any], int]", np.int64)
@@ -103,14 +103,14 @@ class Tables(NamedTuple):
             the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1. With recovery the R rows by
             position (:class:`~shuttle_marl.game.recovery.Waiting`) take the place of the base pairs.
         seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
-        recovery: 1 if receivers choose positions, else None, a type of its own: code is compiled for each game, without the
-            branches of the other one.
-        position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1; ``[0, 9]`` without recovery.
-        place: ``[base states, 9]`` int8 number of each position among the feasible ones, else -1; ``[0, 9]`` without recovery.
-        head: ``[base states, 4]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
-            ``rank`` and of ``mask`` with its legal strokes. With recovery ``[base states, 8]``: also its first row by position,
-            its number of feasible positions, which are the rows from one stroke to the next, and the rows of ``mask`` with these
-            positions and with both.
+        recovery: 1 if receivers choose positions, else None, a type of its own: code is compiled for each game, and without a
+            choice it reads no positions.
+        position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1.
+        place: ``[base states, 9]`` int8 number of each position among the feasible ones, else -1.
+        head: ``[base states, 8]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
+            ``rank`` and of ``mask`` with its legal strokes, first row by position, number of feasible positions, which are the
+            rows from one stroke to the next, and the rows of ``mask`` with these positions and with both. Without recovery the
+            first four, which stay in the cache.
         inverse: 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication.
         first: ``[B, 3]`` int32 of each block: first state, first legal pair, index of its first thresholds in ``limits``.
         follows: ``[B, 2]`` int32 first state of the following block, after a stroke that is not an attack and after an attack.
@@ -155,28 +155,25 @@ def tables_of(game: Game) -> Tables:
     if game.n_blocks * size * size >= 1 << 57 or game.n_pairs >= 1 << 31:
         raise KernelError(f"the game has {game.n_states:,} states and {game.n_pairs:,} legal pairs: too many for the kernel")
     seats = game.seats if game.people is not None else (game,)
-    met = [tables if game.recovery is None else tables.waiting for tables in seats]
+    met = [tables.waiting for tables in seats]
     t = np.concatenate([part.limits.reshape(-1, 3) for part in met]).astype(np.uint64)
     hurry = np.concatenate([np.tile(part.hurry, (game.levels, 1)) for part in met]).astype(np.uint64)
     shifts = np.array([0, 16, 32, 48, 56], np.uint64)
     base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
     effort = block // game.levels
     row = 2 * game.incoming(base) + game.contact(base)
+    mask, shown = _masks(game.reply_mask.reshape(-1, game.n_strokes), met[0].place >= 0, row)
     head = [game.base_pair_start[:-1], np.diff(game.base_pair_start), game.first_reply, row]
-    mask, (position, place) = game.reply_mask.reshape(-1, game.n_strokes), np.zeros((2, 0, N_POSITIONS), np.int8)
-    if game.recovery is not None:
-        waiting = seats[0].waiting
-        position, place = waiting.position, waiting.place
-        mask, shown = _masks(mask, place >= 0, row)
-        head += [waiting.start[:-1], waiting.choices, *shown]
+    head += [met[0].start[:-1], met[0].choices, *shown] if game.hides else []
+    mask = mask[:, : game.n_actions]
     first = np.stack([block * size, block * game.n_base_pairs, effort * len(met[0].hurry)], axis=1, dtype=np.int32)
     width = -(-game.n_actions // _VECTOR) * _VECTOR
     return Tables(
         limits=np.bitwise_or.reduce(np.concatenate([t, hurry], axis=1) << shifts, axis=1),
         seat=np.int64(len(t) // 2 if game.people is not None else 0),
-        recovery=None if game.recovery is None else np.int64(1),
-        position=np.ascontiguousarray(position),
-        place=place,
+        recovery=np.int64(1) if game.hides else None,
+        position=np.ascontiguousarray(met[0].position),
+        place=met[0].place,
         head=np.stack(head, axis=1, dtype=np.int32, casting="same_kind"),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),
@@ -193,7 +190,7 @@ def tables_of(game: Game) -> Tables:
 
 
 def _masks(strokes: Bools, feasible: Bools, row: I32) -> tuple[Bools, tuple[Ints, Ints]]:
-    """Masks of the game with recovery.
+    """Masks of actions.
 
     Args:
         strokes: ``[R, n]`` legal strokes.
@@ -281,13 +278,6 @@ def stroke_of(tables: Tables, legal: Legal, k: int) -> int:
 
 
 @inlined
-def limits_of(tables: Tables, legal: Legal, k: int, seat: int, place: int) -> np.uint64:
-    """Thresholds of the k-th legal stroke of a seat, in the game with recovery against feasible position ``place``, else 0."""
-    limits: np.uint64 = tables.limits[np.uint64(legal.limit + k * legal.choices + place + tables.seat * seat)]
-    return limits
-
-
-@inlined
 def arrival_of(tables: Tables, legal: Legal, k: int) -> int:
     """State of the receiver, contact below and not hurried, after the k-th legal stroke."""
     code = tables.arrival[np.uint64(legal.reply + k)]
@@ -303,7 +293,7 @@ def next_state(arrival: int, outcome: int) -> int:
 
 @inlined
 def with_recovery(tables: Tables) -> bool:
-    """Whether the receiver has a position."""
+    """Whether receivers have a choice of positions; known when code is compiled."""
     return tables.recovery is not None
 
 
@@ -317,26 +307,19 @@ def states_of(tables: Tables) -> int:
 @inlined
 def choices_in(tables: Tables, s: int) -> int:
     """Number of feasible positions of the receiver in a state."""
-    return int64(tables.head[base_of(tables, s), 5])
-
-
-@inlined
-def has_choice(tables: Tables, s: int) -> bool:
-    """Whether the receiver has more than one feasible position in a state."""
-    return with_recovery(tables) and choices_in(tables, s) > 1
+    return int64(tables.head[base_of(tables, s), 5]) if with_recovery(tables) else 1
 
 
 @inlined
 def position_at(tables: Tables, s: int, place: int) -> int:
     """The feasible position ``place`` of the receiver in a state."""
-    return int64(tables.position[base_of(tables, s), np.uint64(place)])
+    return int64(tables.position[base_of(tables, s), np.uint64(place)]) if with_recovery(tables) else CENTRE
 
 
 @inlined
-def strike_one(tables: Tables, legal: Legal, k: int, seat: int, bits: np.uint64) -> tuple[int, int]:
-    """Outcome of the k-th legal stroke of a seat by a draw, of a receiver without a choice, and the :func:`next_state`."""
-    outcome = outcome_of(limits_of(tables, legal, k, seat, 0), bits)
-    return outcome, next_state(arrival_of(tables, legal, k), outcome)
+def place_of(tables: Tables, s: int, position: int) -> int:
+    """Number of a position of the receiver among the feasible ones in a state."""
+    return int64(tables.place[base_of(tables, s), np.uint64(position)]) if with_recovery(tables) else 0
 
 
 @inlined
@@ -383,60 +366,87 @@ def uniform_choice(count: int, bits: np.uint64) -> int:
 
 
 @inlined
-def uniform_place(legal: Legal, bits: np.uint64) -> int:
+def uniform_place(choices: int, bits: np.uint64) -> int:
     """One of the feasible positions of the receiver with equal probabilities, by the draw of the stroke."""
-    return uniform_choice(legal.choices, bits << POSITION_SHIFT)
+    return uniform_choice(choices, bits << POSITION_SHIFT)
 
 
 class Block(NamedTuple):
-    """Arrays ``[BLOCK]`` in which each pass leaves its results for the next.
+    """Arrays ``[BLOCK]``, or longer ones, in which each pass leaves its results for the next.
 
     Attributes:
         bits: uint64 draw of the stroke.
-        limit: int32 index of the thresholds of the stroke, against the first feasible position; that of the receiver is added.
-        reply: int32 index of the stroke among the replies.
-        arrival: int32 state of the next striker, contact below and not hurried.
+        player: int64 number of the striker among :class:`~shuttle_marl.kernel.players.Players`.
+        other: int64 the same of the receiver.
+        place: int64 number of the receiver's feasible position.
+        rank: int64 position of the stroke among the legal strokes.
+        effort: int64 effort block of the state.
+        pair: int64 first legal pair of the state, then that of the stroke.
+        reply: int64 index of its first reply, then of the stroke.
+        limit: int64 index of the thresholds of its first stroke.
+        choices: int64 number of thresholds of a stroke.
         limits: uint64 thresholds of the stroke.
+        arrival: int64 state of the next striker, contact below and not hurried.
         outcome: int64 outcome, 0 to 5.
         listed: int64 indices of rows, see :func:`list_where`.
     """
 
     bits: U64
-    limit: I32
-    reply: I32
-    arrival: I32
+    player: I64
+    other: I64
+    place: I64
+    rank: I64
+    effort: I64
+    pair: I64
+    reply: I64
+    limit: I64
+    choices: I64
     limits: U64
+    arrival: I64
     outcome: I64
     listed: I64
 
 
 @inlined
-def new_block() -> Block:
-    """Allocate a block."""
+def new_block(size: int = BLOCK) -> Block:
+    """Allocate a block; nobody waits where there is a choice."""
     return Block(
-        np.empty(BLOCK, np.uint64),
-        np.empty(BLOCK, np.int32),
-        np.empty(BLOCK, np.int32),
-        np.empty(BLOCK, np.int32),
-        np.empty(BLOCK, np.uint64),
-        np.empty(BLOCK, np.int64),
-        np.empty(BLOCK, np.int64),
-    )
+        np.empty(size, np.uint64), np.empty(size, np.int64), np.empty(size, np.int64), np.zeros(size, np.int64),
+        np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64),
+        np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.uint64), np.empty(size, np.int64),
+        np.empty(size, np.int64), np.empty(size, np.int64),
+    )  # fmt: skip
 
 
 @inlined
-def choose_stroke(tables: Tables, block: Block, j: int, legal: Legal, k: int, seat: int) -> None:
-    """Set the stroke of row j of a block, struck by a seat, to the k-th of its legal strokes."""
-    block.limit[j] = legal.limit + k * legal.choices + tables.seat * seat
-    block.reply[j] = legal.reply + k
-    block.arrival[j] = arrival_of(tables, legal, k)
+def put_legal(block: Block, j: int, legal: Legal) -> None:
+    """Note where the legal strokes of row j are found."""
+    block.effort[j], block.pair[j], block.reply[j] = legal.block, legal.pair, legal.reply
+    block.limit[j], block.choices[j] = legal.limit, legal.choices
 
 
 @inlined
-def read_limits(tables: Tables, block: Block, count: int) -> None:
-    """Read the thresholds of the chosen strokes."""
+def find_legal(tables: Tables, state: Ints, block: Block, count: int) -> None:
+    """Look up the legal strokes of the first ``count`` states."""
     for j in range(count):
-        block.limits[j] = tables.limits[np.uint64(block.limit[j])]
+        put_legal(block, j, legal_strokes(tables, state[j]))
+
+
+@inlined
+def strike(tables: Tables, state: Ints, seat: Ints, block: Block, count: int) -> None:
+    """Decide the strokes of ``rank`` against the positions of ``place``, and move on to the next state.
+
+    This is the one pass by which everything compiled plays, after :func:`find_legal`.
+    """
+    for j in range(count):
+        legal = Legal(np.uint64(block.effort[j]), 0, block.pair[j], block.reply[j], block.limit[j], block.choices[j])
+        k = block.rank[j]
+        at = legal.limit + k * legal.choices + block.place[j] + tables.seat * seat[j]
+        block.limits[j], block.arrival[j] = tables.limits[np.uint64(at)], arrival_of(tables, legal, k)
+        block.pair[j], block.reply[j] = legal.pair + k, legal.reply + k
+    for j in range(count):
+        outcome = outcome_of(block.limits[j], block.bits[j])
+        block.outcome[j], state[j] = outcome, next_state(block.arrival[j], outcome)
 
 
 @inlined
@@ -447,3 +457,35 @@ def list_where(block: Block, count: int, over: bool) -> int:
         block.listed[listed] = j
         listed += (block.outcome[j] < OPEN) == over
     return listed
+
+
+@compiled
+def _strike_all(tables: Tables, state: I64, seat: I8, position: I64, block: Block) -> None:
+    find_legal(tables, state, block, state.size)
+    for j in range(state.size):
+        block.place[j] = place_of(tables, state[j], position[j])
+    strike(tables, state, seat, block, state.size)
+
+
+def struck(
+    game: Game, state: Ints, k: Ints, draw: Ints, striker: Ints | int = 0, position: Ints | int = CENTRE
+) -> tuple[I8, I32]:
+    """Play the k-th legal stroke of each state; the rule of :func:`shuttle_marl.game.rules.outcome`. Nothing is checked.
+
+    Args:
+        state: ``[B]`` state of the striker.
+        k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state).
+        draw: ``[B]`` uniform integers in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
+        striker: ``[B]`` seat of the striker.
+        position: ``[B]`` position of the receiver, feasible in the state.
+
+    Returns:
+        ``[B]`` outcome (index into :data:`shuttle_marl.game.rules.OUTCOMES`) and ``[B]`` state of the receiver, who is the next
+        striker; -1 where the rally is over.
+    """
+    block, size = new_block(len(state)), len(state)
+    block.rank[:], block.bits[:] = k, np.asarray(draw).astype(np.uint64)
+    after, seats, positions = np.empty(size, np.int64), np.empty(size, np.int8), np.empty(size, np.int64)
+    after[:], seats[:], positions[:] = state, striker, position
+    _strike_all(tables_of(game), after, seats, positions, block)
+    return block.outcome.astype(np.int8), np.where(block.outcome < OPEN, -1, after).astype(np.int32)

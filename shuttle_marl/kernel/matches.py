@@ -1,7 +1,8 @@
-"""Whole matches between tabulated policies, compiled.
+"""Whole matches, compiled: all matches of a block play their next stroke together.
 
-Same results, bit for bit, as :func:`shuttle_marl.kernel.lockstep.play` with the same tables and keys; there policies may read the
-score.
+Between tabulated policies, :func:`play_matches` runs nothing but machine code. Policies that read the score or the rally so far
+are asked for every stroke; :func:`play` plays the same matches by the same engine, bit for bit. The draws of a rally depend on
+the key of its match, its number and its server alone, never on the other matches.
 """
 
 import dataclasses
@@ -10,40 +11,142 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import I8, I32, U64
+from shuttle_marl.base.arrays import I8, I32, I64, U8, U16, U64, Bools, Intp
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game import draws
+from shuttle_marl.game.policy import (
+    LAGS,
+    Policy,
+    PolicyError,
+    States,
+    called,
+    checked_positions,
+    checked_probabilities,
+    drawn_strokes,
+)
+from shuttle_marl.game.rally.record import Rallies, stroke_dtype
+from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.core import (
-    BLOCK,
-    Tables,
-    checked_array,
-    checked_number,
-    choose_stroke,
-    extend,
-    hurried_in,
-    int64,
-    legal_strokes,
-    list_where,
-    new_block,
-    position_at,
-    read_limits,
-    tables_of,
-    with_recovery,
-)
-from shuttle_marl.kernel.lockstep import HURRIED_BIT, POSITION_BIT, Log, Matches, MatchResults, new_log, rallies_of
-from shuttle_marl.kernel.players import Players, check_players, pack, place_choice, table_choice
-from shuttle_marl.kernel.rows import Rows, draw_strokes, new_rows, part_of, play
+from shuttle_marl.kernel import core
+from shuttle_marl.kernel.core import BLOCK, Tables, checked_array, checked_number, int64
+from shuttle_marl.kernel.players import Players, check_players, choose, empty_players, pack
+from shuttle_marl.kernel.rows import Rows, draw_strokes, new_rows, part_of
+from shuttle_marl.kernel.rows import play as strike
 
 _STROKES_A_MATCH: Final = 1600
 """Initial capacity for the strokes of a match, doubled as needed. Not a power of two, so that the strokes of different matches do
 not compete for the same cache lines."""
-
+_REPORT_EVERY: Final = 64
+_NOT_GIVEN: Final = np.empty((2, 0), np.int64)
 
 _count_rally = inlined(count_rally)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Matches:
+    """M matches to be played.
+
+    Attributes:
+        entrant: ``[M, 2]`` int32 policy at each seat, an index into the list of policies.
+        first_server: ``[M]`` int8 seat that serves first.
+        key: ``[M]`` uint64 key of the draws of each match; matches with the same key share their draws.
+
+    Raises:
+        KernelError: wrong shapes or kinds of numbers, a negative entrant, or a server that is neither 0 nor 1.
+    """
+
+    entrant: I32
+    first_server: I8
+    key: U64
+
+    def __post_init__(self) -> None:
+        size = len(self.key)
+        for name, type_, shape, high in (
+            ("entrant", np.int32, (size, 2), None), ("first_server", np.int8, (size,), 1), ("key", np.uint64, (size,), None),
+        ):  # fmt: skip
+            object.__setattr__(self, name, checked_array(name, getattr(self, name), type_, shape, 0, high))
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+
+class MatchResults(NamedTuple):
+    """Results of M matches.
+
+    Attributes:
+        games: ``[M, 2]`` int32 games won by each seat.
+        rallies: all rallies in the order of match, rally. ``match`` is the index of the match, ``policy`` the entrants,
+            ``pairing`` 0. ``stroke`` is empty if strokes were not recorded.
+    """
+
+    games: I32
+    rallies: Rallies
+
+
+Choose = Callable[[I32, I32, I32, I32, I32, I32, I32], Intp]
+"""``(entrant [B], state [B], draw [B], striker [B], score [4, B], history [4, B], number [B]) -> [B]``: index of the chosen
+stroke among the legal strokes.
+
+``striker`` is the seat; ``score`` holds points of seats 0 and 1 and games of seats 0 and 1, ``history`` the last strokes of the
+rally and ``number`` that of the stroke as :class:`~shuttle_marl.game.policy.States` do.
+"""
+
+Wait = Callable[[I32, I32, I32, I32, I32, I32, I32], Intp]
+"""The same of receivers, of whom entrant and seat are: ``[B]`` position of each. All that follows the seat is the striker's."""
+
+HURRIED_BIT: Final = 15
+"""Bit of a noted stroke that says whether its striker was hurried."""
+POSITION_BIT: Final = 11
+"""First of the four bits of a noted stroke that are the position of the receiver; the lower ones are the stroke."""
+
+
+class Log(NamedTuple):
+    """Rallies and strokes of M matches; rally r of match m is stored at ``[m, r]``.
+
+    Attributes:
+        server: ``[M, R]`` uint8 seat that served each rally.
+        winner: ``[M, R]`` uint8 seat that won it.
+        reason: ``[M, R]`` uint8 outcome of its last stroke.
+        score: ``[M, R, 4]`` uint8 points of the seats and games of the seats before it.
+        length: ``[M, R]`` int32 its number of strokes; 0 if it was not played.
+        stroke: ``[M, N]`` uint16 every stroke, :data:`POSITION_BIT` and :data:`HURRIED_BIT`; N = 0 if strokes are not recorded.
+    """
+
+    server: U8
+    winner: U8
+    reason: U8
+    score: U8
+    length: I32
+    stroke: U16
+
+
+def new_log(matches: int, rules: Rules, strokes: int) -> Log:
+    """A log without rallies, with room for a number of strokes of each match."""
+    shape = matches, rules.max_rallies
+    server, winner, reason = (np.empty(shape, np.uint8) for _ in range(3))
+    stroke = np.empty((matches, strokes), np.uint16)
+    return Log(server, winner, reason, np.empty((*shape, 4), np.uint8), np.zeros(shape, np.int32), stroke)
+
+
+def rallies_of(log: Log, entrant: I32, n_strokes: int, recovery: bool) -> Rallies:
+    """The rallies of a log in the order of match, rally."""
+    played = log.length > 0
+    match, rally = np.nonzero(played)
+    of_matches = (row[:count] for row, count in zip(log.stroke, log.length.sum(axis=1), strict=True))
+    noted = np.concatenate([log.stroke[:0].ravel(), *of_matches])
+    return Rallies(
+        pairing=np.zeros(len(match), np.uint32),
+        match=match.astype(np.uint32),
+        rally=rally.astype(np.uint16),
+        policy=entrant[match].astype(np.uint16),
+        **{name: getattr(log, name)[played] for name in ("server", "winner", "reason", "score", "length")},
+        stroke=(noted & np.uint16((1 << POSITION_BIT) - 1)).astype(stroke_dtype(n_strokes)),
+        hurried=(noted >> HURRIED_BIT).astype(np.uint8),
+        waited=(noted >> POSITION_BIT & np.uint16(15)).astype(np.int8) if recovery else None,
+    )
 
 
 class _Counts(NamedTuple):
@@ -70,7 +173,7 @@ def _begin_rally(lanes: Rows, lane: int, log: Log, counts: _Counts, match: int, 
     log.server[match, r] = server
     log.score[match, r, 0], log.score[match, r, 1] = counts.points[match, 0], counts.points[match, 1]
     log.score[match, r, 2], log.score[match, r, 3] = counts.games[match, 0], counts.games[match, 1]
-    lanes.key[lane] = extend(key, 2 * r + server)
+    lanes.key[lane] = core.extend(key, 2 * r + server)
     lanes.state[lane] = 0
     lanes.stroke[lane] = 0
     lanes.striker[lane] = server
@@ -85,38 +188,40 @@ def _begin(lanes: Rows, log: Log, counts: _Counts, match_key: U64, first_server:
 
 
 @compiled
-def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: Log, counts: _Counts, step: int) -> tuple[int, int]:
+def _play(
+    tables: Tables, setup: _Setup, lanes: Rows, live: int, log: Log, counts: _Counts, step: int, given: I64
+) -> tuple[int, int]:
     """Play in the first ``live`` lanes until all matches are over or the capacity for strokes is reached.
 
     ``lanes.rally`` is the index of the match. All matches start together and never wait, so stroke n of each match is played in
     step n. Returns the number of lanes that are still live, and the next step.
+
+    Args:
+        given: ``[2, live]`` ranks and positions of one stroke, which alone is played; ``[2, 0]``: the tables choose.
     """
-    players, entrant, keep = setup.players, setup.entrant, log.stroke.shape[1] > 0
-    block, place = new_block(), np.empty(BLOCK, np.int64)
+    entrant, keep, asked = setup.entrant, log.stroke.shape[1] > 0, given.shape[1] > 0
+    block = core.new_block(live)
     while live > 0 and (not keep or step < log.stroke.shape[1]):
         part = part_of(lanes, 0, live)
         draw_strokes(part, block.bits)
-        for j in range(live):
-            s = part.state[j]
-            player = entrant[np.uint64(part.rally[j]), np.uint64(part.striker[j])]
-            legal = legal_strokes(tables, s)
-            choose_stroke(tables, block, j, legal, table_choice(players, player, s, legal.pair, block.bits[j]), part.striker[j])
-        if with_recovery(tables):
+        if asked:
+            core.find_legal(tables, part.state, block, live)
             for j in range(live):
-                receiver = entrant[np.uint64(part.rally[j]), np.uint64(1 - part.striker[j])]
-                place[j] = place_choice(players, receiver, part.state[j], block.bits[j])
-                block.limit[j] += place[j]
-        read_limits(tables, block, live)
+                block.rank[j], block.place[j] = given[0, j], core.place_of(tables, part.state[j], given[1, j])
+        else:
+            for j in range(live):
+                match, seat = np.uint64(part.rally[j]), part.striker[j]
+                block.player[j], block.other[j] = entrant[match, np.uint64(seat)], entrant[match, np.uint64(1 - seat)]
+            choose(tables, setup.players, part.state, block, live)
         if keep:
             for j in range(live):
-                noted = tables.stroke[np.uint64(block.reply[j])] | hurried_in(part.state[j]) << HURRIED_BIT
-                if with_recovery(tables):
-                    noted |= position_at(tables, part.state[j], place[j]) << POSITION_BIT
+                noted = tables.stroke[np.uint64(block.reply[j] + block.rank[j])] | core.hurried_in(part.state[j]) << HURRIED_BIT
+                noted |= core.position_at(tables, part.state[j], block.place[j]) << POSITION_BIT
                 log.stroke[np.uint64(part.rally[j]), step] = noted
-        play(part, block)
+        strike(tables, part, block)
         step += 1
         # From the last to the first, because a lane whose match is over is refilled with the last lane.
-        for i in range(list_where(block, live, over=True) - 1, -1, -1):
+        for i in range(core.list_where(block, live, over=True) - 1, -1, -1):
             j = block.listed[i]
             m = lanes.rally[j]
             r = counts.begun[m] - 1
@@ -133,21 +238,74 @@ def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: Log, count
             live -= 1
             lanes.rally[j], lanes.key[j], lanes.state[j] = lanes.rally[live], lanes.key[live], lanes.state[live]
             lanes.stroke[j], lanes.striker[j] = lanes.stroke[live], lanes.striker[live]
+        if asked:
+            break
     return live, step
 
 
-def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules, *, keep: bool) -> MatchResults:
-    size = len(matches)
-    setup = _Setup(players, matches.entrant, matches.key, rules.as_tuple)
-    log, games = new_log(size, rules, _STROKES_A_MATCH if keep else 0), np.zeros((size, 2), np.int32)
-    counts = _Counts(np.zeros(size, np.int32), np.zeros((size, 2), np.int32), games)
-    lanes, live, step = new_rows(max(1, size)), size, 0
-    _begin(lanes, log, counts, matches.key, matches.first_server)
-    while True:
-        live, step = _play(tables, setup, lanes, live, log, counts, step)
-        if live == 0:
-            return MatchResults(games, rallies_of(log, matches.entrant, tables.rank.shape[1], tables.recovery is not None))
-        log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
+class _Running:
+    """Matches that are being played."""
+
+    def __init__(self, game: Game, matches: Matches, players: Players, rules: Rules, *, keep: bool) -> None:
+        size = len(matches)
+        self.tables, self.lanes, self.live, self.step = core.tables_of(game), new_rows(max(1, size)), size, 0
+        self.setup = _Setup(players, matches.entrant, matches.key, rules.as_tuple)
+        self.log, games = new_log(size, rules, _STROKES_A_MATCH if keep else 0), np.zeros((size, 2), np.int32)
+        self.counts = _Counts(np.zeros(size, np.int32), np.zeros((size, 2), np.int32), games)
+        _begin(self.lanes, self.log, self.counts, matches.key, matches.first_server)
+
+    def play(self, given: I64 = _NOT_GIVEN) -> None:
+        """Play one stroke in each lane that is given, or by tables as many as there is room for."""
+        if self.step == self.log.stroke.shape[1] > 0:
+            self.log = self.log._replace(stroke=np.concatenate([self.log.stroke, np.empty_like(self.log.stroke)], axis=1))
+        args = (self.tables, self.setup, self.lanes, self.live, self.log, self.counts, self.step, given)
+        self.live, self.step = _play(*args)
+
+    def results(self) -> MatchResults:
+        """Games and rallies, after the end of all matches."""
+        tables = self.tables
+        rallies = rallies_of(self.log, self.setup.entrant, tables.rank.shape[1], tables.recovery is not None)
+        return MatchResults(self.counts.games, rallies)
+
+
+def play(
+    game: Game,
+    matches: Matches,
+    choose: Choose,
+    wait: Wait | None = None,
+    *,
+    rules: Rules = BWF,
+    keep_strokes: bool = True,
+    progress: Callable[[int], None] | None = None,
+) -> MatchResults:
+    """Play all matches to their end between players who are asked for every stroke.
+
+    Args:
+        wait: positions of receivers in the game with recovery; None: those of people.
+        keep_strokes: whether to return the strokes, or only their number.
+        progress: called from time to time with the number of strokes played since the last call.
+    """
+    run = _Running(game, matches, empty_players(game, 0), rules, keep=keep_strokes)
+    history, counts, unreported = np.full((len(matches), LAGS), game.n_strokes, np.int32), run.counts, 0
+    while run.live:
+        part = part_of(run.lanes, 0, run.live)
+        match, state, seat, bits = part.rally, part.state.copy(), part.striker.astype(np.int32), draws.draw(part.key, part.stroke)
+        history[match[part.stroke == 0]] = game.n_strokes
+        score = np.concatenate([counts.points[match].T, counts.games[match].T])
+        situation = (score, history[match].T, part.stroke + np.int32(1))
+        k = choose(matches.entrant[match, seat], state, draws.choice_draw(bits), seat, *situation)
+        position, drawn = np.full(run.live, CENTRE), draws.position_draw(bits)
+        if game.hides and wait is not None:
+            position = wait(matches.entrant[match, 1 - seat], state, drawn, 1 - seat, *situation)
+        elif game.hides:
+            position = drawn_strokes(game.people_positions(state), drawn)
+        history[match] = np.column_stack([game.stroke_at(state, k), history[match, :-1]])
+        unreported += run.live
+        run.play(np.stack([k, position]).astype(np.int64))
+        if progress is not None and (unreported > _REPORT_EVERY * len(matches) or not run.live):
+            progress(unreported)
+            unreported = 0
+    return run.results()
 
 
 def play_matches(
@@ -176,11 +334,13 @@ def play_matches(
     check_players(players, game)
     checked_array("entrant", matches.entrant, np.int32, (len(matches), 2), 0, len(players.cumulative) - 1)
     workers = None if threads is None else checked_number("threads", threads, 1)
-    tables = tables_of(game)
 
     def play_from(first: int) -> MatchResults:
         part = Matches(**{f.name: getattr(matches, f.name)[first : first + BLOCK] for f in dataclasses.fields(Matches)})
-        return _play_block(tables, players, part, rules, keep=keep_strokes)
+        run = _Running(game, part, players, rules, keep=keep_strokes)
+        while run.live:
+            run.play()
+        return run.results()
 
     games, rallies = list[I32](), list[Rallies]()
     starts = range(0, max(1, len(matches)), BLOCK)
@@ -190,3 +350,64 @@ def play_matches(
         if progress is not None:
             progress(int(results.rallies.length.sum()))
     return MatchResults(np.concatenate(games), Rallies.concatenate(rallies))
+
+
+def wrong_outcomes(rallies: Rallies, game: Game, key: U64) -> Bools:
+    """``[N]`` whether a stroke is illegal, is met at a position that is not feasible, or has another outcome than its draw gives.
+
+    Args:
+        key: ``[R]`` uint64 key of the draws of each rally.
+    """
+    if rallies.waited is None and game.hides:  # positions that were not recorded count as those of people
+        game = dataclasses.replace(game, recovery=None)
+    state, k = rallies.legal(game)
+    position = np.full(len(state), CENTRE) if rallies.waited is None else rallies.waited.astype(np.int64)
+    feasible = game.seats[0].waiting.mask(game.base(np.maximum(state, 0)))
+    wrong: Bools = (state < 0) | ~feasible[np.arange(len(state)), position]
+    at = np.flatnonzero(~wrong)
+    drawn = draws.outcome_draw(draws.draw(key[rallies.row_of_stroke[at]], rallies.position[at]))
+    outcome, _ = core.struck(game, state[at], k[at], drawn, rallies.striker[at], position[at])
+    wrong[at] = outcome != rallies.outcome(game.catalogue)[at]
+    return wrong
+
+
+def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: I32, *rally: I32) -> Intp:
+    """Strokes of a policy that is evaluated at every stroke, as :data:`Choose` returns them.
+
+    Raises:
+        PolicyError: the policy raised, or returned no distribution over the legal strokes.
+    """
+    states = _decisions(game, state, striker, score, *rally)
+    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states), draw))
+    if (rank < 0).any():
+        raise PolicyError(f"{called(policy)}: no legal stroke was drawn")
+    return rank.astype(np.intp)
+
+
+def ask_position(policy: Policy, game: Game, state: I32, draw: I32, receiver: I32, score: I32, *rally: I32) -> Intp:
+    """Positions of a policy that is evaluated at every stroke, as :data:`Wait` returns them.
+
+    Raises:
+        PolicyError: the policy raised, or returned no distribution over the feasible positions.
+    """
+    return drawn_strokes(checked_positions(policy, _decisions(game, state, 1 - receiver, score, *rally)), draw)
+
+
+def _decisions(game: Game, state: I32, striker: I32, score: I32, history: I32 | None = None, number: I32 | None = None) -> States:
+    # Points and games from the striker's view: own first.
+    seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
+    seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
+    return States(game=game, state=state, score=seen, history=None if history is None else history.T, number=number)
+
+
+def asking(game: Game, policies: Sequence[Policy], *, positions: bool = False) -> Choose:
+    """Strokes, or positions, of policies that are evaluated at every stroke, see :func:`ask`; entrants are indices into them."""
+    one = ask_position if positions else ask
+
+    def choose(entrant: I32, *situation: I32) -> Intp:
+        k = np.empty(len(entrant), np.intp)
+        for i in np.unique(entrant).tolist():
+            k[entrant == i] = one(policies[i], game, *(part[..., entrant == i] for part in situation))
+        return k
+
+    return choose

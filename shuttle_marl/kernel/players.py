@@ -5,13 +5,22 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import I32, U8, U16, Bools
+from shuttle_marl.base.arrays import I32, U8, U16, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE, POSITION_SHIFT
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.core import KernelError, checked_array, int64, tables_of
+from shuttle_marl.kernel.core import (
+    Block,
+    KernelError,
+    Tables,
+    checked_array,
+    find_legal,
+    int64,
+    tables_of,
+    with_recovery,
+)
 
 GUIDES: Final = 16
 """Entries of the guide of a state: one for each value of the highest four bits of a choice."""
@@ -66,18 +75,40 @@ def find_rank(players: Players, player: int, start: int, guess: int, bits: np.ui
 
 
 @inlined
-def table_choice(players: Players, player: int, s: int, start: int, bits: np.uint64) -> int:
-    """Position of the stroke that a tabulated policy chooses in state ``s``, whose first legal pair is ``start``."""
-    return find_rank(players, player, start, first_guess(players, player, s, bits), bits)
-
-
-@inlined
 def place_choice(players: Players, player: int, s: int, bits: np.uint64) -> int:
     """Number of the feasible position in which a policy waits where the opponent is in state ``s``, by the draw of the stroke."""
     choice, row, place = choice_of(bits << POSITION_SHIFT), np.uint64(player), 0
     for i in range(_PLACES):
         place += players.waits[row, np.uint64(s), i] <= choice
     return int64(place)
+
+
+@inlined
+def table_choice(players: Players, player: int, s: int, start: int, bits: np.uint64) -> int:
+    """Position of the stroke that a tabulated policy chooses in state ``s``, whose first legal pair is ``start``."""
+    return find_rank(players, player, start, first_guess(players, player, s, bits), bits)
+
+
+@inlined
+def choose_strokes(tables: Tables, players: Players, state: Ints, block: Block, count: int) -> None:
+    """Choose the stroke of ``player`` in the first ``count`` states by its table.
+
+    Each pass reads tables at unpredictable places in many rows at once.
+    """
+    find_legal(tables, state, block, count)
+    for j in range(count):
+        block.rank[j] = first_guess(players, block.player[j], state[j], block.bits[j])
+    for j in range(count):
+        block.rank[j] = find_rank(players, block.player[j], block.pair[j], block.rank[j], block.bits[j])
+
+
+@inlined
+def choose(tables: Tables, players: Players, state: Ints, block: Block, count: int) -> None:
+    """:func:`choose_strokes`, and the position of ``other``."""
+    choose_strokes(tables, players, state, block, count)
+    if with_recovery(tables):
+        for j in range(count):
+            block.place[j] = place_choice(players, block.other[j], state[j], block.bits[j])
 
 
 @inlined
@@ -106,7 +137,7 @@ def empty_players(game: Game, count: int) -> Players:
     most = int(np.diff(game.pair_start).max())
     if most > _MOST_LEGAL:
         raise KernelError(f"a state has {most} legal strokes; the kernel supports up to {_MOST_LEGAL}")
-    waits = np.full((count, 0 if game.recovery is None else game.n_states, _PLACES), CHOICE_ONE, np.uint16)
+    waits = np.full((count, game.n_states * game.hides, _PLACES), CHOICE_ONE, np.uint16)
     return Players(np.zeros((count, game.n_pairs), np.uint16), np.zeros((count, game.n_states, GUIDES), np.uint8), waits)
 
 
@@ -139,7 +170,7 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Gam
         raise KernelError("table of a policy: the last legal stroke of each state needs the cumulative probability 65535")
     players.cumulative[number] = cumulative
     _write_guides(players.cumulative[number], game.pair_start, players.guide[number])
-    if game.recovery is not None:
+    if game.hides:
         waits = checked_array("positions of a policy", policy.waiting_table, np.uint16, (game.n_states, N_POSITIONS))
         feasible = tables_of(game).position[game.base(np.arange(game.n_states))]
         waits = np.where(feasible < 0, CHOICE_ONE, np.take_along_axis(waits, np.maximum(feasible, 0), axis=1))
@@ -150,24 +181,16 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Gam
 
 def _last_places(game: Game) -> Bools:
     """``[S, 9]`` places from the last feasible position on."""
-    choices = tables_of(game).head[game.base(np.arange(game.n_states)), 5]
+    choices = game.seats[0].waiting.choices[game.base(np.arange(game.n_states))]
     return np.asarray(np.arange(N_POSITIONS) >= choices[:, None] - 1)
 
 
 def check_players(players: Players, game: Game) -> None:
-    """Check that packed policies only choose strokes that exist.
+    """Check that packed policies are of a game.
 
     Raises:
-        KernelError: another game, or tables that :func:`pack` does not produce.
+        KernelError: they are of another one.
     """
-    number = len(players.cumulative)
-    cumulative = checked_array("packed policies", players.cumulative, np.uint16, (number, game.n_pairs))
-    guide = checked_array("guide of packed policies", players.guide, np.uint8, (number, game.n_states, GUIDES))
-    rows = 0 if game.recovery is None else game.n_states
-    waits = checked_array("positions of packed policies", players.waits, np.uint16, (number, rows, _PLACES))
-    last = np.maximum(np.diff(game.pair_start) - 1, 0).astype(np.uint8)  # fits: see empty_players()
-    if cumulative is not players.cumulative or guide is not players.guide or waits is not players.waits:
-        raise KernelError("packed policies: arrays are not C-contiguous; make them with pack()")
-    beyond = rows > 0 and (waits[:, _last_places(game)[:, :_PLACES]] != CHOICE_ONE).any()
-    if (cumulative[:, game.last_pairs] != CHOICE_ONE).any() or (guide > last[:, None]).any() or beyond:
-        raise KernelError("packed policies: tables that choose strokes that do not exist; make them with pack()")
+    shapes = (game.n_pairs, game.n_states, game.n_states * game.hides)
+    if tuple(array.shape[1] for array in players) != shapes:
+        raise KernelError("packed policies of another game; make them with pack()")

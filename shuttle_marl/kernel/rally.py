@@ -4,7 +4,6 @@ Without opponents the strokes of both seats are given, and a step is one stroke.
 the opponent's, until the learner is to strike.
 """
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -13,39 +12,21 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
-from shuttle_marl.game.rules import FAULT, IllegalStrokeError
+from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.core import (
-    BLOCK,
-    OPEN,
-    Block,
-    KernelError,
-    Tables,
-    check_room,
-    checked_array,
-    checked_number,
-    choices_in,
-    choose_stroke,
-    draw,
-    extend,
-    first_server,
-    has_choice,
-    int64,
-    legal_strokes,
-    list_where,
-    new_block,
-    next_state,
-    outcome_of,
-    read_limits,
-    strike_one,
-    tables_of,
-    uniform_choice,
-    uniform_place,
-    with_recovery,
+from shuttle_marl.kernel import core
+from shuttle_marl.kernel.core import BLOCK, OPEN, Block, KernelError, Tables, checked_array, checked_number, int64
+from shuttle_marl.kernel.players import (
+    Players,
+    choose_strokes,
+    empty_players,
+    pack,
+    place_choice,
+    put_player,
+    table_choice,
 )
-from shuttle_marl.kernel.players import Players, empty_players, pack, place_choice, put_player, table_choice
 from shuttle_marl.kernel.rows import (
     DRAWN,
     ILLEGAL,
@@ -67,8 +48,6 @@ from shuttle_marl.kernel.rows import (
     observe_rows,
     part_of,
     play,
-    reward_strikers,
-    strike,
 )
 
 _count_rally = inlined(count_rally)
@@ -118,13 +97,34 @@ class MatchRows(NamedTuple):
     each: int
 
 
+class _Work(NamedTuple):
+    """Room for a block of rows: those worked on as ``row`` numbers within it, their rewards, and strokes of some of them."""
+
+    block: Block
+    row: I64
+    reward: F32
+    state: I64
+    seat: I64
+
+
+@inlined
+def _new_work(size: int) -> _Work:
+    return _Work(
+        core.new_block(size),
+        np.empty(size, np.int64),
+        np.zeros(size, np.float32),
+        np.empty(size, np.int64),
+        np.empty(size, np.int64),
+    )
+
+
 # Arrays of these tuples are read where they are used: a local name for one, across branches, costs a count of its references.
 
 
 @inlined
 def _begin_rally(rows: Rows, matches: MatchRows, i: int, server: int) -> None:
     """Start the next rally of a match."""
-    rows.key[i] = extend(matches.key[i], matches.rally[i])
+    rows.key[i] = core.extend(matches.key[i], matches.rally[i])
     rows.state[i] = 0
     rows.stroke[i] = 0
     rows.striker[i] = server
@@ -153,149 +153,134 @@ def _end_rally(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcome
 
 
 @inlined
-def _until_learner(tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, i: int) -> np.float32:
-    """Let the opponent play until the learner is to decide or the episode is over; returns the learner's reward."""
-    seat, reward = int64(opponents.seat[i]), np.float32(0)
-    while rows.live[i] and rows.striker[i] != seat and not has_choice(tables, rows.state[i]):
-        s, bits = rows.state[i], draw(rows.key[i], rows.stroke[i])
-        legal = legal_strokes(tables, s)
-        k = table_choice(opponents.players, opponents.opponent[i], s, legal.pair, bits)
-        outcome, rows.state[i] = strike_one(tables, legal, k, rows.striker[i], bits)
-        rows.stroke[i] += 1
-        rows.striker[i] ^= 1
-        if outcome < OPEN:
-            reward += _end_rally(rows, matches, seat, i, outcome)
-    return reward
+def _reply(
+    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, work: _Work, first: int, count: int
+) -> None:
+    """Let opponents play in ``count`` rows of ``work`` until the learner is to decide or the episode is over."""
+    block, state, seat = work.block, work.state, work.seat
+    while True:
+        replies = 0
+        for r in range(count):
+            at = first + work.row[r]
+            block.listed[replies] = at
+            replies += rows.live[at] & (rows.striker[at] != opponents.seat[at]) & (core.choices_in(tables, rows.state[at]) == 1)
+        if replies == 0:
+            return
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            block.bits[r] = core.draw(rows.key[at], rows.stroke[at])
+            block.player[r], state[r], seat[r], block.place[r] = opponents.opponent[at], rows.state[at], rows.striker[at], 0
+        choose_strokes(tables, opponents.players, state, block, replies)
+        core.strike(tables, state, seat, block, replies)
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            rows.state[at] = state[r]
+            rows.stroke[at] += 1
+            rows.striker[at] ^= 1
+            if block.outcome[r] < OPEN:
+                learner = int64(opponents.seat[at])
+                work.reward[at - np.uint64(first)] += _end_rally(rows, matches, learner, int64(at), block.outcome[r])
 
 
 @inlined
-def _begin(tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents | None, i: int, serving: Serving) -> None:
-    """Start rallies, or matches, until the learner strikes in one."""
-    while True:
-        begin(rows, i, serving)
-        if matches is not None:
-            matches.key[i] = rows.key[i]
-            matches.rally[i] = matches.reason[i] = 0
-            matches.points[i, 0] = matches.points[i, 1] = 0
-            matches.games[i, 0] = matches.games[i, 1] = 0
-            first = serving.server if serving.server >= 0 else first_server(draw(extend(rows.key[i], 0), 0))
-            _begin_rally(rows, matches, i, first)
+def _begin(
+    tables: Tables,
+    rows: Rows,
+    matches: MatchRows | None,
+    opponents: Opponents | None,
+    work: _Work,
+    first: int,
+    count: int,
+    serving: Serving,
+) -> None:
+    """Start rallies, or matches, in ``count`` rows of ``work`` until the learner decides in one."""
+    while count > 0:
+        for r in range(count):
+            i = first + work.row[r]
+            work.reward[work.row[r]] = 0
+            begin(rows, i, serving)
+            if matches is not None:
+                matches.key[i] = rows.key[i]
+                matches.rally[i] = matches.reason[i] = 0
+                matches.points[i, 0] = matches.points[i, 1] = 0
+                matches.games[i, 0] = matches.games[i, 1] = 0
+                server = serving.server if serving.server >= 0 else core.first_server(core.draw(core.extend(rows.key[i], 0), 0))
+                _begin_rally(rows, matches, i, server)
+            if opponents is not None:
+                opponents.opponent[i] = opponents.following[i]
         if opponents is None:
             return
-        opponents.opponent[i] = opponents.following[i]
-        reward = _until_learner(tables, rows, matches, opponents, i)
-        if rows.live[i]:
+        _reply(tables, rows, matches, opponents, work, first, count)
+        again = 0
+        for r in range(count):
+            j = work.row[r]
+            i = first + j
             if matches is not None:
-                matches.owed[i] = reward
-            return
-        won = matches.server[i] == opponents.seat[i] if matches is not None else reward > 0
-        opponents.unseen[i, 1 - won] += 1
+                matches.owed[i] = work.reward[j]
+            if not rows.live[i]:
+                won = matches.server[i] == opponents.seat[i] if matches is not None else work.reward[j] > 0
+                opponents.unseen[i, 1 - won] += 1
+                work.row[again] = j
+                again += 1
+        count = again
 
 
 @compiled
 def _reset(
     tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents | None, which: Bools, serving: Serving
 ) -> None:
-    for i in range(rows.state.size):
-        if which[i]:
-            _begin(tables, rows, matches, opponents, i, serving)
+    work = _new_work(min(BLOCK, which.size))
+    for first in range(0, which.size, BLOCK):
+        count = 0
+        for j in range(min(BLOCK, which.size - first)):
+            if which[first + j]:
+                work.row[count] = j
+                count += 1
+        _begin(tables, rows, matches, opponents, work, first, count, serving)
 
 
 @inlined
-def _reply(tables: Tables, players: Players, opponent: I32, part: Rows, block: Block, output: Output) -> None:
-    """Play the opponent's stroke in every row of a block whose rally continues."""
-    # From here on the first entries of the block belong to the listed rows; outcomes stay those of the rows.
-    replies = list_where(block, part.state.size, over=False)
-    for r in range(replies):
-        at = np.uint64(block.listed[r])
-        block.bits[r] = draw(part.key[at], part.stroke[at])
-    for r in range(replies):
-        at = np.uint64(block.listed[r])
-        s = part.state[at]
-        legal = legal_strokes(tables, s)
-        k = table_choice(players, opponent[at], s, legal.pair, block.bits[r])
-        choose_stroke(tables, block, r, legal, k, part.striker[at])
-    read_limits(tables, block, replies)
-    for r in range(replies):
-        at = np.uint64(block.listed[r])
-        outcome = outcome_of(block.limits[r], block.bits[r])
-        ends = outcome < OPEN
-        block.outcome[at] = outcome
-        part.state[at] = next_state(block.arrival[r], outcome)
-        part.stroke[at] += 1
-        part.striker[at] ^= 1
-        output.done[at] = ends
-        output.reward[at] = (1 - 2 * outcome) * ends
-
-
-@inlined
-def _count(
-    tables: Tables,
-    rows: Rows,
-    matches: MatchRows,
-    opponents: Opponents,
-    block: Block,
-    output: Output,
-    begin_block: int,
-) -> None:
-    """Count the rallies of matches that ended in a block, and let the opponent serve."""
-    for j in range(output.done.size):
-        i = begin_block + j
-        reward = matches.owed[i]
-        matches.owed[i] = 0
-        if matches.reason[i] == ILLEGAL:
-            rows.live[i], block.outcome[j] = False, FAULT  # so that a reset finds the row
-            reward -= 1
-        else:
-            if output.done[j]:
-                reward += _end_rally(rows, matches, int64(opponents.seat[i]), i, block.outcome[j])
-            if output.done[j] or with_recovery(tables):
-                reward += _until_learner(tables, rows, matches, opponents, i)
-                if not rows.live[i]:
-                    block.outcome[j] = FAULT
-        output.reward[j], output.done[j] = reward, not rows.live[i]
-
-
-@inlined
-def _decide(tables: Tables, opponents: Opponents, part: Rows, begin_block: int, rank: I16, place: I16, block: Block) -> None:
+def _decide(opponents: Opponents, part: Rows, first: int, rank: I16, block: Block) -> None:
     """Split the learner's actions of a block into strokes and positions, and let the opponents choose the others."""
-    for r in range(_list_deciding(opponents, part, begin_block, block, strikes=True)):
+    for r in range(_list_deciding(opponents, part, first, block, strikes=True)):
         j = block.listed[r]
-        place[j] = place_choice(opponents.players, opponents.opponent[begin_block + j], part.state[j], block.bits[j])
-    for r in range(_list_deciding(opponents, part, begin_block, block, strikes=False)):
+        block.place[j] = place_choice(opponents.players, opponents.opponent[first + j], part.state[j], block.bits[j])
+    for r in range(_list_deciding(opponents, part, first, block, strikes=False)):
         j = block.listed[r]
-        s, opponent, place[j] = part.state[j], opponents.opponent[begin_block + j], rank[j]
-        rank[j] = table_choice(opponents.players, opponent, s, legal_strokes(tables, s).pair, block.bits[j])
+        opponent, block.place[j] = opponents.opponent[first + j], rank[j]
+        block.rank[j] = table_choice(opponents.players, opponent, part.state[j], block.pair[j], block.bits[j])
 
 
 @inlined
-def _list_deciding(opponents: Opponents, part: Rows, begin_block: int, block: Block, strikes: bool) -> int:
+def _list_deciding(opponents: Opponents, part: Rows, first: int, block: Block, strikes: bool) -> int:
     """List the rows whose learner is to strike, or those whose learner is to choose a position; returns their number."""
     listed = 0
     for j in range(part.state.size):
         block.listed[listed] = j
-        listed += (part.striker[j] == opponents.seat[begin_block + j]) == strikes
+        listed += (part.striker[j] == opponents.seat[first + j]) == strikes
     return listed
 
 
 @inlined
-def _after_decisions(
-    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, block: Block, begin_block: int, output: Output
+def _count(
+    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, work: _Work, first: int, output: Output
 ) -> None:
-    """Rewards of the learners, who may have been receivers; rallies continue up to their next decision."""
-    listed = 0
-    for j in range(output.done.size):
-        i = begin_block + j
-        waits = rows.striker[i] != opponents.seat[i]  # the striker is already the receiver of the stroke
-        output.reward[j] *= 2 * waits - 1
-        block.listed[listed] = j
-        listed += waits & (not output.done[j]) & (choices_in(tables, rows.state[i]) == 1)
-    if matches is None:
-        for r in range(listed):
-            j = block.listed[r]
-            output.reward[j] = _until_learner(tables, rows, matches, opponents, begin_block + j)
-            if not rows.live[begin_block + j]:
-                output.done[j], block.outcome[j] = True, FAULT  # so that a reset finds the row
+    """Count the strokes of a block for the learners, and let their opponents play up to the next decision."""
+    size = output.done.size
+    for j in range(size):
+        i, outcome = first + j, work.block.outcome[j]
+        work.row[j], work.reward[j] = j, 0
+        if matches is not None:
+            work.reward[j], matches.owed[i] = matches.owed[i], 0
+            if matches.reason[i] == ILLEGAL:
+                rows.live[i] = False
+                work.reward[j] -= 1
+                continue
+        if outcome < OPEN:
+            work.reward[j] += _end_rally(rows, matches, int64(opponents.seat[i]), i, outcome)
+    _reply(tables, rows, matches, opponents, work, first, size)
+    for j in range(size):
+        output.reward[j], output.done[j] = work.reward[j], not rows.live[first + j]
 
 
 @compiled
@@ -311,85 +296,54 @@ def _step(
     serving: Serving,
     span: tuple[int, int],
 ) -> None:
-    first, last = span
-    block = new_block()
-    for begin_block in range(first, last, BLOCK):
-        end_block = min(begin_block + BLOCK, last)
-        part = part_of(rows, begin_block, end_block)
-        results = Output(output.reward[begin_block:end_block], output.done[begin_block:end_block], output.observed)
-        if opponents is not None and with_recovery(tables):
-            draw_strokes(part, block.bits)
-            _decide(tables, opponents, part, begin_block, rank[begin_block:end_block], place[begin_block:end_block], block)
-        strike(tables, part, rank[begin_block:end_block], place[begin_block:end_block], block)
-        reward_strikers(block, results.reward, results.done)
-        if opponents is not None and with_recovery(tables):
-            _after_decisions(tables, rows, matches, opponents, block, begin_block, results)
-        elif opponents is not None:
-            _reply(tables, opponents.players, opponents.opponent[begin_block:end_block], part, block, results)
-        if matches is not None and opponents is not None:
-            _count(tables, rows, matches, opponents, block, results, begin_block)
+    start, end = span
+    work = _new_work(min(BLOCK, end - start))
+    block = work.block
+    for first in range(start, end, BLOCK):
+        last = min(first + BLOCK, end)
+        part, size = part_of(rows, first, last), last - first
+        results = Output(output.reward[first:last], output.done[first:last], output.observed)
+        draw_strokes(part, block.bits)
+        core.find_legal(tables, part.state, block, size)
+        for j in range(size):
+            block.rank[j] = rank[first + j]
+            block.place[j] = place[first + j]
+        if opponents is not None and core.with_recovery(tables):
+            _decide(opponents, part, first, rank[first:last], block)
+        play(tables, part, block)
+        if opponents is not None:
+            _count(tables, rows, matches, opponents, work, first, results)
         else:
-            for j in range(results.done.size):
-                part.live[j] = not results.done[j]
+            for j in range(size):
+                over = block.outcome[j] < OPEN
+                results.reward[j], results.done[j], part.live[j] = (2 * block.outcome[j] - 1) * over, over, not over
         if serving.reset:
-            for r in range(list_where(block, results.done.size, over=True)):
-                if results.done[block.listed[r]]:
-                    _begin(tables, rows, matches, opponents, begin_block + block.listed[r], serving)
+            count = 0
+            for j in range(size):
+                work.row[count] = j
+                count += results.done[j]
+            _begin(tables, rows, matches, opponents, work, first, count, serving)
         if output.observed.mask.shape[0] > 0:
-            observe(tables, rows, other, output.observed, begin_block, end_block)
+            observe(tables, rows, other, output.observed, first, last)
 
 
 @compiled
-def _run(tables: Tables, rows: Rows, players: Players, tally: I64, serving: Serving, strokes: int, first: int, last: int) -> None:
-    """Let rows play by themselves; ``tally`` counts rallies won by the striker, lost by the striker, won by seat 0.
-
-    A block of rows plays all its strokes while it is in the first-level cache.
-    """
-    tabulated = players.cumulative.shape[0] > 0
-    block = new_block()
-    for begin_block in range(first, last, BLOCK):
-        part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
+def _run(tables: Tables, rows: Rows, serving: Serving, strokes: int, start: int, end: int) -> None:
+    """Let rows play random legal strokes; a block of rows plays all of its while it is in the first-level cache."""
+    block = core.new_block()
+    for first in range(start, end, BLOCK):
+        part = part_of(rows, first, min(first + BLOCK, end))
         count = part.state.size
         for _ in range(strokes):
             draw_strokes(part, block.bits)
-            if tabulated:
-                for j in range(count):
-                    s = part.state[j]
-                    legal = legal_strokes(tables, s)
-                    k = table_choice(players, part.striker[j], s, legal.pair, block.bits[j])
-                    choose_stroke(tables, block, j, legal, k, part.striker[j])
-            else:
-                for j in range(count):
-                    legal = legal_strokes(tables, part.state[j])
-                    choose_stroke(tables, block, j, legal, uniform_choice(legal.n, block.bits[j]), part.striker[j])
-                    block.limit[j] += uniform_place(legal, block.bits[j])
-            if tabulated and with_recovery(tables):
-                for j in range(count):
-                    block.limit[j] += place_choice(players, 1 - part.striker[j], part.state[j], block.bits[j])
-            read_limits(tables, block, count)
-            play(part, block)
-            for i in range(list_where(block, count, over=True)):
-                j = block.listed[i]
-                won = block.outcome[j]
-                tally[0] += won
-                tally[1] += 1 - won
-                tally[2] += part.striker[j] == won
-                begin(rows, begin_block + j, serving)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Tally:
-    """Results of :meth:`RallyBatch.run`.
-
-    Attributes:
-        winners: rallies that ended on a winner.
-        faults: rallies that ended on a fault.
-        won_by_seat_0: rallies that seat 0 won.
-    """
-
-    winners: int
-    faults: int
-    won_by_seat_0: int
+            for j in range(count):
+                legal = core.legal_strokes(tables, part.state[j])
+                core.put_legal(block, j, legal)
+                block.rank[j] = core.uniform_choice(legal.n, block.bits[j])
+                block.place[j] = core.uniform_place(legal.choices, block.bits[j])
+            play(tables, part, block)
+            for i in range(core.list_where(block, count, over=True)):
+                begin(rows, first + block.listed[i], serving)
 
 
 class RallyBatch:
@@ -427,7 +381,7 @@ class RallyBatch:
         if server not in (None, 0, 1):
             raise KernelError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.game, self.rows, self.threads = game, new_rows(batch), checked_number("threads", threads, 1)
-        self._tables, self._server = tables_of(game), DRAWN if server is None else int(server)
+        self._tables, self._server = core.tables_of(game), DRAWN if server is None else int(server)
         seats = np.asarray(seat)
         if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
             raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
@@ -519,24 +473,10 @@ class RallyBatch:
         in_slices(lambda a, b: _step(*self._state, self._other, rank, place, output, serving, (a, b)), len(self), self.threads)
         return output.reward, output.done
 
-    def run(self, strokes: int, policies: tuple[TabulatedPolicy, TabulatedPolicy] | None = None) -> Tally:
-        """Let every row play a number of strokes by itself; rallies that end are followed by the next.
-
-        Args:
-            policies: policies at seats 0 and 1; None: both play random legal strokes.
-        """
-        strokes = checked_number("strokes", strokes, 0)
-        players = pack(policies, self.game) if policies else empty_players(self.game, 0)
-        tallies, serving = list[I64](), self._serving()
-
-        def work(first: int, last: int) -> None:
-            tally = np.zeros(3, np.int64)
-            tallies.append(tally)
-            _run(self._tables, self.rows, players, tally, serving, strokes, first, last)
-
-        in_slices(work, len(self), self.threads)
-        winners, faults, seat_0 = np.sum(tallies, axis=0).tolist()
-        return Tally(winners=winners, faults=faults, won_by_seat_0=seat_0)
+    def run(self, strokes: int) -> None:
+        """Let every row play a number of random legal strokes by itself; rallies that end are followed by the next."""
+        strokes, serving = checked_number("strokes", strokes, 0), self._serving()
+        in_slices(lambda a, b: _run(self._tables, self.rows, serving, strokes, a, b), len(self), self.threads)
 
     def new_observations(self) -> Observations:
         """Allocate observations."""
@@ -565,7 +505,7 @@ class RallyBatch:
     @property
     def _shapes(self) -> tuple[tuple[tuple[int, int], type], tuple[tuple[int, int], type]]:
         """Shapes and types of :class:`Observations`."""
-        tokens = TOKENS + (self.game.recovery is not None)
+        tokens = TOKENS + self.game.hides
         return ((len(self), tokens), np.int32), ((len(self), self.game.n_actions), np.bool_)
 
     def _serving(self, *, reset: bool = True) -> Serving:
@@ -573,7 +513,7 @@ class RallyBatch:
 
     def _check(self, observed: Observations) -> None:
         for name, array, (shape, kind) in zip(("tokens", "mask"), observed, self._shapes, strict=True):
-            check_room(name, array, kind, shape)
+            core.check_room(name, array, kind, shape)
 
     def _ranks(self, stroke: Ints) -> I16:
         """``[B]`` position of each stroke among the legal strokes.
@@ -604,16 +544,16 @@ class RallyBatch:
         return np.asarray(self.rows.striker == self._other)
 
     def _places(self, position: Ints | None) -> I16:
-        """``[B]`` number of each position among the feasible ones; of no meaning with opponents, ``[0]`` without recovery.
+        """``[B]`` number of each position among the feasible ones; 0 where none is given.
 
         Raises:
             KernelError: wrong shape, not integers, or an infeasible position; or positions that are not needed or missing.
         """
-        needed = self.game.recovery is not None and not self.n_opponents
+        needed = self.game.hides and not self.n_opponents
         if needed != (position is not None):
             raise KernelError("positions are for rows without opponents in the game with recovery, and needed there")
         if position is None:
-            return np.empty(0 if self.game.recovery is None else len(self), np.int16)
+            return np.zeros(len(self), np.int16)
         wanted = checked_array("positions", position, np.int64, (len(self),))
         place = np.empty(len(self), np.int16)
         in_slices(lambda a, b: find_places(self._tables, self.rows, wanted, place, a, b), len(self), self.threads)

@@ -12,31 +12,8 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.recovery import N_POSITIONS
-from shuttle_marl.kernel.core import (
-    BLOCK,
-    OPEN,
-    Block,
-    Tables,
-    base_of,
-    block_of,
-    checked_number,
-    choose_stroke,
-    draw,
-    extend,
-    first_server,
-    hurried_in,
-    legal_strokes,
-    new_block,
-    next_state,
-    outcome_of,
-    position_at,
-    read_limits,
-    row_of,
-    stroke_of,
-    uniform_choice,
-    uniform_place,
-    with_recovery,
-)
+from shuttle_marl.kernel import core
+from shuttle_marl.kernel.core import BLOCK, Block, Tables, checked_number
 
 ILLEGAL: Final = 2
 """Reason of the end of a match that was lost by an illegal stroke; otherwise FAULT or WINNER, the outcome of the last stroke."""
@@ -118,13 +95,13 @@ def part_of(rows: Rows, first: int, last: int) -> Rows:
 def begin(rows: Rows, i: int, serving: Serving) -> np.uint64:
     """Start the next rally of row i; returns its first draw."""
     rows.rally[i] += rows.rally.size
-    key = extend(serving.seed_key, rows.rally[i])
-    bits = draw(key, 0)
+    key = core.extend(serving.seed_key, rows.rally[i])
+    bits = core.draw(key, 0)
     rows.key[i] = key
     rows.state[i] = 0
     rows.stroke[i] = 0
     rows.live[i] = True
-    rows.striker[i] = serving.server if serving.server >= 0 else first_server(bits)
+    rows.striker[i] = serving.server if serving.server >= 0 else core.first_server(bits)
     return bits
 
 
@@ -132,39 +109,16 @@ def begin(rows: Rows, i: int, serving: Serving) -> np.uint64:
 def draw_strokes(part: Rows, bits: U64) -> None:
     """Write the draw of the next stroke of each row."""
     for j in range(part.key.size):
-        bits[j] = draw(part.key[j], part.stroke[j])
+        bits[j] = core.draw(part.key[j], part.stroke[j])
 
 
 @inlined
-def play(part: Rows, block: Block) -> None:
-    """Decide the chosen stroke of every row and move on to the next stroke."""
+def play(tables: Tables, part: Rows, block: Block) -> None:
+    """Strike in every row of a block, and hand over to the receiver."""
+    core.strike(tables, part.state, part.striker, block, part.state.size)
     for j in range(part.state.size):
-        outcome = outcome_of(block.limits[j], block.bits[j])
-        block.outcome[j] = outcome
-        part.state[j] = next_state(block.arrival[j], outcome)
         part.stroke[j] += 1
         part.striker[j] ^= 1
-
-
-@inlined
-def strike(tables: Tables, part: Rows, rank: I16, place: I16, block: Block) -> None:
-    """Play the legal stroke of position ``rank`` in every row by its draw, with recovery against feasible position ``place``."""
-    draw_strokes(part, block.bits)
-    for j in range(rank.size):
-        choose_stroke(tables, block, j, legal_strokes(tables, part.state[j]), rank[j], part.striker[j])
-        if with_recovery(tables):
-            block.limit[j] += place[j]
-    read_limits(tables, block, rank.size)
-    play(part, block)
-
-
-@inlined
-def reward_strikers(block: Block, reward: F32, over: Bools) -> None:
-    """Write the reward of each striker, and whether the rally is over."""
-    for j in range(reward.size):
-        ends = block.outcome[j] < OPEN
-        over[j] = ends
-        reward[j] = (2 * block.outcome[j] - 1) * ends
 
 
 @inlined
@@ -175,7 +129,7 @@ def waits(tables: Tables, rows: Rows, other: I8, i: int) -> bool:
         other: ``[B]`` seats of the learners' opponents; -1 without learners.
     """
     # Without a branch: one that holds tuples of arrays costs counts of their references, more than all the rest.
-    return with_recovery(tables) & (rows.striker[i] == other[i])
+    return core.with_recovery(tables) & (rows.striker[i] == other[i])
 
 
 @compiled
@@ -191,16 +145,16 @@ def find_ranks(tables: Tables, rows: Rows, other: I8, action: I64, rank: I16, fi
             continue
         if waits(tables, rows, other, i):
             if n <= action[i] < n + N_POSITIONS:
-                rank[i] = tables.place[base_of(tables, rows.state[i]), np.uint64(action[i] - n)]
+                rank[i] = tables.place[core.base_of(tables, rows.state[i]), np.uint64(action[i] - n)]
         elif 0 <= action[i] < n:
-            rank[i] = tables.rank[row_of(tables, rows.state[i]), np.uint64(action[i])]
+            rank[i] = tables.rank[core.row_of(tables, rows.state[i]), np.uint64(action[i])]
 
 
 @compiled
 def find_places(tables: Tables, rows: Rows, position: I64, place: I16, first: int, last: int) -> None:
     """Write the number of each position among the feasible ones, -1 if it is none of them."""
     for i in range(first, last):
-        base, found = base_of(tables, rows.state[i]), 0 <= position[i] < N_POSITIONS
+        base, found = core.base_of(tables, rows.state[i]), 0 <= position[i] < N_POSITIONS
         place[i] = tables.place[base, np.uint64(position[i])] if found else -1
 
 
@@ -247,8 +201,8 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
     n = observed.mask.shape[1]
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
-        block, position = block_of(tables, rows.state[i]), np.uint64(waits(tables, rows, other, i))
-        edge = base_of(tables, rows.state[i]) >> np.uint64(2)
+        block, position = core.block_of(tables, rows.state[i]), np.uint64(waits(tables, rows, other, i))
+        edge = core.base_of(tables, rows.state[i]) >> np.uint64(2)
         # A receiver sees the state from the other side.
         observed.tokens[i, position] = tables.own[edge]
         observed.tokens[i, np.uint64(1) - position] = tables.incoming[edge]
@@ -256,8 +210,8 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
         observed.tokens[i, 3] = tables.duel[edge]
         observed.tokens[i, np.uint64(4) + position] = tables.efforts[block, 0]
         observed.tokens[i, np.uint64(5) - position] = tables.efforts[block, 1]
-        observed.tokens[i, 6] = hurried_in(rows.state[i])
-        if with_recovery(tables):
+        observed.tokens[i, 6] = core.hurried_in(rows.state[i])
+        if core.with_recovery(tables):
             observed.tokens[i, 7] = position
     # Whole vectors are copied; the next row overwrites the padding. The last rows are exact, as no row follows them.
     width = tables.mask.shape[1]
@@ -274,8 +228,8 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
 @inlined
 def _shown(tables: Tables, rows: Rows, other: I8, i: int) -> np.uint64:
     """Row of ``mask`` of row i: the strokes or positions of a learner, or both without learners."""
-    column = with_recovery(tables) * (4 * (other[i] < 0) + 3 * waits(tables, rows, other, i))
-    return np.uint64(tables.head[base_of(tables, rows.state[i]), np.uint64(3 + column)])
+    column = core.with_recovery(tables) * (4 * (other[i] < 0) + 3 * waits(tables, rows, other, i))
+    return np.uint64(tables.head[core.base_of(tables, rows.state[i]), np.uint64(3 + column)])
 
 
 @compiled
@@ -287,19 +241,18 @@ def observe_rows(tables: Tables, rows: Rows, other: I8, observed: Observations, 
 @compiled
 def choose_uniform(tables: Tables, rows: Rows, other: I8, action: I64, position: I64, first: int, last: int) -> None:
     """Write a random legal action and, with recovery, a random position of each of rows ``first`` up to ``last``."""
-    block = new_block()
+    block = core.new_block()
     for begin_block in range(first, last, BLOCK):
         part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
         chosen = action[begin_block : begin_block + part.state.size]
         draw_strokes(part, block.bits)
         for j in range(part.state.size):
-            legal = legal_strokes(tables, part.state[j])
-            chosen[j] = stroke_of(tables, legal, uniform_choice(legal.n, block.bits[j]))
-            if with_recovery(tables):
-                waited = position_at(tables, part.state[j], uniform_place(legal, block.bits[j]))
-                position[begin_block + j] = waited
-                if waits(tables, rows, other, begin_block + j):
-                    chosen[j] = tables.rank.shape[1] + waited
+            legal = core.legal_strokes(tables, part.state[j])
+            chosen[j] = core.stroke_of(tables, legal, core.uniform_choice(legal.n, block.bits[j]))
+            waited = core.position_at(tables, part.state[j], core.uniform_place(legal.choices, block.bits[j]))
+            position[begin_block + j] = waited
+            if waits(tables, rows, other, begin_block + j):
+                chosen[j] = tables.rank.shape[1] + waited
 
 
 @lru_cache(maxsize=4)

@@ -2,8 +2,7 @@
 
 The network is not evaluated at every stroke: few states make up most of the play, so it is evaluated once for each of them, and
 its outputs are stored in a table. Rallies are played from tables alone. A rally that reaches a state whose entry is missing or
-stale is set aside; when all rallies are played or set aside, the network is evaluated in these states together, and the rallies
-are played again: with the same draws and entries they reach the same states and continue.
+stale waits there; when all rallies are over or wait, the network is evaluated in these states together, and they continue.
 
 A rally is played to its end, so its advantages (Schulman et al. 2016) follow at once from the values of the table. They are
 summed for each state and stroke, positive and negative ones apart: the clipped objective of PPO is linear in each of the two, so
@@ -21,36 +20,13 @@ from shuttle_marl.base.arrays import F32, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel import table_play
 from shuttle_marl.kernel.core import KernelError, Tables, checked_array, checked_number, tables_of
 from shuttle_marl.kernel.players import empty_players, pack, put_player
-from shuttle_marl.kernel.table_play import (
-    FULL,
-    START,
-    TOO_LONG,
-    Collected,
-    Credit,
-    DistinctArrays,
-    Learned,
-    Pending,
-    Schedule,
-    Starts,
-    StrokeList,
-    Sums,
-    Tape,
-    Workspace,
-    collect,
-    doubled,
-    new_stroke_list,
-    new_tape,
-    new_workspace,
-    no_starts,
-    read_tape,
-    replay,
-    take,
-    write,
-)
+from shuttle_marl.kernel.table_play import Learned, Played, StrokeList, Tape
 
 Assess = Callable[[I32], tuple[F32, F32]]
 """Maps states ``[U]`` to logits of all strokes ``[U, n]`` and values to the striker ``[U]``.
@@ -59,13 +35,11 @@ With recovery it maps decisions, states or S plus the state in which the opponen
 ``[U, n + 9]`` and values to the player who decides.
 """
 
+_ROOM: Final = 8
+"""Strokes on the tape for each stroke that is asked for; memory that is not written costs nothing."""
 _WHOLE: Final = 1 << 16
 _GUESS: Final = 4.0
 """Initial guess of the learner's strokes per rally."""
-_LONG: Final = 256
-"""Initial capacity for the strokes of a rally."""
-_STALE: Final = -(1 << 30)
-"""``Schedule.oldest`` with which no entry is stale."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -139,24 +113,22 @@ class RallySampler:
         players = empty_players(game, 1 + len(opponents))
         for number, policy in enumerate(opponents, start=1):
             put_player(players, number, policy, game)
-        recovery = game.recovery is not None
         # Numbers of decisions and of their options, see table_play.
-        states, pairs = (1 + recovery) * game.n_states, game.n_pairs + N_POSITIONS * game.n_states * recovery
+        states, pairs = (1 + game.hides) * game.n_states, game.n_pairs + N_POSITIONS * game.n_states * game.hides
         self._learned = Learned(players, np.zeros(pairs, np.float32), np.zeros(states, np.float32), np.zeros(states, np.int32))
-        self._sums = Sums(
+        self._sums = table_play.Sums(
             np.zeros((pairs, 3), np.float32), np.zeros((states, 2), np.float32), np.zeros(states, np.int32), np.zeros(7)
         )
         self._shaping = np.zeros(0, np.float32)
         if shaping is not None:
             self._shaping = checked_array("shaping", shaping, np.float32, (game.limits[..., 0].size,))[game.limit_row()]
-        self._workspace = new_workspace(_LONG)
         self._opponents = np.arange(1, len(opponents) + 1, dtype=np.int32) if opponents else np.full(1, -1, np.int32)
-        self._starts = no_starts()
+        self._starts, self._fraction = np.zeros(0, np.int32), 0
         self._now = 0
         self._known = np.zeros(0, np.int32)
         self._untaken = False
-        self.strokes = new_stroke_list()
-        self._tape, self._tape_next = new_tape(), False
+        self.strokes, self._listed = table_play.new_stroke_list(), np.zeros(1, np.int64)
+        self._played, self._tape = table_play.new_played(0), table_play.new_tape(0)
         self.reset(0)
 
     @property
@@ -175,7 +147,7 @@ class RallySampler:
         """
         self._discard()
         self._seed_key = draws.stream(seed)[0]
-        self._next, self._played, self._rallies = 0, 0.0, 0
+        self._first, self._next, self._seen, self._rallies = 0, 0, 0.0, 0
         self._learned.written[:] = 0
         self._now = 0
         if known is not None:
@@ -205,7 +177,7 @@ class RallySampler:
         """
         if not 0 <= fraction <= 1:
             raise KernelError(f"fraction {fraction}: expected 0 to 1")
-        self._starts = Starts(self._playable(states, self.game.n_states - 1), np.full(1, round(fraction * _WHOLE), np.int64))
+        self._starts, self._fraction = self._playable(states, self.game.n_states - 1), round(fraction * _WHOLE)
 
     def _playable(self, states: Ints, highest: int) -> I32:
         checked = checked_array("states", states, np.int32, (len(states),), 0, highest)
@@ -236,17 +208,18 @@ class RallySampler:
         self._discard()
         self._now += 1
         self._untaken = True
-        self._begin(count, keep=keep)
-        self._first = self._next
+        if len(self._tape.state) < _ROOM * count:
+            self._tape = table_play.new_tape(_ROOM * count)
+        self._sums.total[:] = self._listed[:] = self._tape.used[:] = 0
+        self.strokes = table_play.new_stroke_list(2 * len(self._tape.state) * keep)
+        self._played, self._first = table_play.new_played(0), self._next
         self._refresh(self._known, assess)
         while self._sums.total[0] < count:
-            length = self._played / self._rallies if self._rallies else _GUESS
+            length = self._seen / self._rallies if self._rallies else _GUESS
             wanted = max(1, math.ceil((count - self._sums.total[0]) / max(length, 0.5)))
-            numbers = np.arange(self._next, self._next + wanted, dtype=np.int64)
-            self._next += wanted
             before = self._sums.total[:2].copy()
-            self._finish(numbers, assess)
-            self._played += self._sums.total[0] - before[0]
+            self._finish(wanted, assess)
+            self._seen += self._sums.total[0] - before[0]
             self._rallies += self._sums.total[1] - before[1]
         self.strokes = StrokeList._make([column[: self._listed[0]] for column in self.strokes])
         self._known = self._sums.visited[: int(self._sums.total[6])].copy()
@@ -266,43 +239,29 @@ class RallySampler:
         behind = self.game.n_pairs + N_POSITIONS * positions[:, None] + np.arange(N_POSITIONS)
         return np.concatenate([self.game.pairs(own)[1], behind.ravel()])
 
-    def _begin(self, count: int, *, keep: bool) -> None:
-        """Allocate the results of an iteration of about ``count`` strokes."""
-        self._sums.total[:] = 0
-        self.strokes, self._listed = new_stroke_list(count + count // 8 + 1024 if keep else 0), np.zeros(1, np.int64)
-        if not self._tape_next:
-            self._tape = new_tape()
-        elif not len(self._tape.rally):
-            self._tape = new_tape(1024 + count // 4, 1024 + 2 * count, recovery=self.game.recovery is not None)
-        self._tape.used[:] = 0
-        self._tape_next = False
-
-    @property
-    def _schedule(self) -> Schedule:
-        return Schedule(self._opponents, self._starts, self._seed_key, self._oldest)
+    def _finish(self, rallies: int, assess: Assess) -> None:
+        """Play the next rallies to their end and add them up."""
+        schedule = table_play.Schedule(self._opponents, self._starts, self._fraction, self._seed_key, self._oldest)
+        new = table_play.new_played(rallies)
+        table_play.begin(schedule, self._next, new)
+        waiting = len(self._played.key) + np.arange(rallies)
+        self._played = Played._make([np.r_[getattr(self._played, name), getattr(new, name)] for name in Played._fields])
+        self._next += rallies
+        missing = np.empty(2 * rallies, np.int32)
+        while len(waiting):
+            collected = table_play.Collected(self._sums, self.strokes, self._listed, self._gae_lambda, self._shaping)
+            args = (self._tables, self._learned, schedule, self._played, waiting, self._tape, missing, collected)
+            left, wanted = table_play.advance(*args)
+            waiting = waiting[:left]
+            if left and not wanted:
+                self._tape = doubled(self._tape)
+                self.strokes = StrokeList._make([np.resize(column, 2 * len(column)) for column in self.strokes])
+            self._refresh(missing[:wanted], assess)
 
     @property
     def _oldest(self) -> int:
         """First iteration whose entries may be used."""
         return max(1, self._now - self._cache_iterations + 1)
-
-    def _finish(self, numbers: I64, assess: Assess) -> None:
-        """Play these rallies to their end and add them up."""
-        while len(numbers):
-            pending = Pending(np.empty_like(numbers), np.empty(2 * len(numbers), np.int32), np.zeros(2, np.int64))
-            while len(numbers):
-                collected = Collected(self._sums, self.strokes, self._listed, self._tape)
-                credit = Credit(self._gae_lambda, self._shaping)
-                args = (self._tables, self._learned, self._schedule, numbers, credit, self._workspace, collected, pending)
-                played, small = collect(*args)
-                numbers = numbers[played:]
-                if small == TOO_LONG:
-                    self._workspace = new_workspace(2 * self._workspace.rallies.state.shape[1])
-                elif small == FULL:
-                    self.strokes = StrokeList._make([np.resize(column, 2 * len(column)) for column in self.strokes])
-                    self._tape = doubled(self._tape)
-            self._refresh(pending.state[: pending.used[1]], assess)
-            numbers = pending.rally[: pending.used[0]]
 
     def _refresh(self, states: I32, assess: Assess) -> None:
         self._learned.written[states] = 0  # requested again if the network fails
@@ -311,7 +270,7 @@ class RallySampler:
             logits, value = assess(part)
             logits = checked_array("logits", logits, np.float32, (len(part), self.game.n_actions))
             value = checked_array("values", value, np.float32, (len(part),))
-            wrong = write(self._tables, self._learned, part, logits, value, self._now)
+            wrong = table_play.write(self._tables, self._learned, part, logits, value, self._now)
             if wrong >= 0:
                 where = self.game.describe(int(part[wrong]) % self.game.n_states)
                 raise KernelError(f"outputs of the network are not finite in state: {where}")
@@ -325,7 +284,7 @@ class RallySampler:
         known, self._untaken = self._known, False
         states = np.sort(known) if order is None else known[np.asarray(order)]
         room = 2 * min(len(self._pairs(states)), int(self._sums.total[0]))
-        out = DistinctArrays(
+        out = table_play.DistinctArrays(
             start=np.empty(len(states) + 1, np.int64),
             row=np.empty(room, np.int64),
             stroke=np.empty(room, np.int64),
@@ -334,7 +293,7 @@ class RallySampler:
             visits=np.empty(len(states), np.float32),
             returns=np.empty(len(states), np.float32),
         )
-        rows = take(self._tables, self._learned, self._sums, states, out)
+        rows = table_play.take(self._tables, self._learned, self._sums, states, out)
         by_row = {name: getattr(out, name)[:rows] for name in ("row", "stroke", "log_probability", "advantage")}
         count, rallies, won, total, squares, played = self._sums.total[:6].tolist()
         return Distinct(
@@ -361,16 +320,8 @@ class RallySampler:
         return np.arange(self._first, self._next, dtype=np.int64)
 
     def served(self, numbers: Ints) -> Bools:
-        """``[R]`` whether rallies start with a serve."""
-        alone = self._opponents[numbers % len(self._opponents)] < 0
-        if not len(self._starts.states):
-            return np.ones(len(numbers), np.bool_)
-        bits = draws.draw(draws.extend(np.full(1, self._seed_key), numbers), START)
-        return ~alone | ((bits & np.uint64(_WHOLE - 1)).astype(np.int64) >= self._starts.fraction[0])
-
-    def note_next(self) -> None:
-        """Record the next iteration on a tape, so that :meth:`record` need not replay it."""
-        self._tape_next = True
+        """``[R]`` whether rallies of the last iteration start with a serve."""
+        return self._played.served[np.asarray(numbers) - self._first]
 
     def record(self, numbers: Ints, *, figures: bool = False) -> Rallies:
         """Rallies of the last iteration, for a log; to be called before the next iteration.
@@ -386,15 +337,7 @@ class RallySampler:
             KernelError: a rally that was not played in the last iteration.
         """
         number = checked_array("rallies", numbers, np.int64, (len(numbers),), self._first, self._next - 1)
-        tape = self._tape if self._tape.used[0] else self._replayed(number)
-        return _rallies_of(self._tables, self._learned, self._opponents, tape, number, figures=figures)
-
-    def _replayed(self, numbers: I64) -> Tape:
-        mean = self._sums.total[5] / max(1.0, self._sums.total[1])
-        tape = new_tape(len(numbers), 4096 + int(1.25 * len(numbers) * mean), recovery=self.game.recovery is not None)
-        schedule = self._schedule._replace(starts=no_starts(), oldest=_STALE)
-        tape, self._workspace = _replayed(self._tables, self._learned, schedule, numbers, self._workspace, tape)
-        return tape
+        return _rallies_of(self._tables, self._learned, self._played, self._tape, number, self._first, figures=figures)
 
 
 def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], n: int, *, seed: int = 0) -> Rallies:
@@ -410,54 +353,48 @@ def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], 
         KernelError: fewer than one rally, or a policy of another game.
     """
     numbers = np.arange(checked_number("rallies", n, 1), dtype=np.int64)
-    none = np.empty(0, np.float32)
-    learned = Learned(pack(policies, game), none, none, np.zeros(2 * game.n_states, np.int32))
-    schedule = Schedule(np.ones(1, np.int32), no_starts(), draws.stream(seed)[0], _STALE)
-    tape = new_tape(n, 16 * n, recovery=game.recovery is not None)
-    tape, _ = _replayed(tables_of(game), learned, schedule, numbers, new_workspace(_LONG), tape)
-    return _rallies_of(tables_of(game), learned, schedule.opponents, tape, numbers, figures=False)
+    none, tables = np.empty(0, np.float32), tables_of(game)
+    learned = Learned(pack(policies, game), none, none, np.ones(2 * game.n_states, np.int32))
+    schedule = table_play.Schedule(np.ones(1, np.int32), np.zeros(0, np.int32), 0, draws.stream(seed)[0], 1)
+    played, tape, waiting = table_play.new_played(n), table_play.new_tape(16 * n), numbers.copy()
+    table_play.begin(schedule, 0, played)
+    while len(waiting):
+        left, _ = table_play.advance(tables, learned, schedule, played, waiting, tape, np.empty(0, np.int32), None)
+        waiting, tape = waiting[:left], doubled(tape) if left else tape
+    return _rallies_of(tables, learned, played, tape, numbers, 0, figures=False)
 
 
-def _replayed(
-    tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, workspace: Workspace, tape: Tape
-) -> tuple[Tape, Workspace]:
-    """Play rallies onto a tape; tape and workspace grow as needed."""
-    while len(numbers):
-        numbers = numbers[replay(tables, learned, schedule, numbers, workspace, tape) :]
-        if len(numbers):
-            tape, workspace = doubled(tape), new_workspace(2 * workspace.rallies.state.shape[1])
-    return tape, workspace
+def doubled(tape: Tape) -> Tape:
+    """The same strokes with twice the capacity."""
+    return Tape._make([*(np.concatenate([column, np.empty_like(column)]) for column in tape[:-1]), tape.used])
 
 
-def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, number: I64, *, figures: bool) -> Rallies:
-    """Rallies of a tape by their numbers ``[R]``."""
-    rally, lengths = tape.rally[: tape.used[0]], tape.length[: tape.used[0]]
-    order = np.argsort(rally, kind="stable")
-    rows = order[np.searchsorted(rally, number, sorter=order)]
-    start, length = (np.cumsum(lengths, dtype=np.int64) - lengths)[rows], lengths[rows]
+def _rallies_of(
+    tables: Tables, learned: Learned, played: Played, tape: Tape, number: I64, first: int, *, figures: bool
+) -> Rallies:
+    """Rallies by their numbers ``[R]``, of those that begin with number ``first``."""
+    rows = number - first
+    length, server, reason = played.length[rows], played.server[rows].astype(np.uint8), played.outcome[rows].astype(np.uint8)
     count = int(length.sum(dtype=np.int64))
     stroke = np.empty(count, stroke_dtype(tables.rank.shape[1]))
-    hurried, extra = np.empty(count, np.uint8), np.empty((2 if figures else 0, count), np.float32)
-    read_tape(tables, learned, opponents, tape, np.stack([rows, start]), stroke, hurried, extra)
-    server, winner, reason = tape.ended[:, rows]
-    waited = None
-    if tables.recovery is not None:
-        waited = tape.waited[np.repeat(start - (np.cumsum(length) - length), length) + np.arange(count)]
+    hurried, waited, extra = np.empty(count, np.uint8), np.empty(count, np.int8), np.empty((2 * figures, count), np.float32)
+    table_play.read_strokes(tables, learned, played, tape, rows, stroke, hurried, waited, extra)
+    last = (server + length - 1) & 1
     policy = np.zeros((len(number), 2), np.uint16)
-    policy[:, 1] = np.maximum(opponents[number % len(opponents)], 0)
+    policy[:, 1] = np.maximum(played.opponent[rows], 0)
     return Rallies(
         pairing=np.zeros(len(number), np.uint32),
         match=number.astype(np.uint32),
         rally=np.zeros(len(number), np.uint16),
         policy=policy,
         server=server,
-        winner=winner,
+        winner=np.where(reason == WINNER, last, 1 - last).astype(np.uint8),
         reason=reason,
         score=np.zeros((len(number), 4), np.uint8),
         length=length,
         stroke=stroke,
         hurried=hurried,
-        waited=waited,
+        waited=waited if tables.recovery is not None else None,
         log_probability=extra[0] if figures else None,
         value=extra[1] if figures else None,
     )

@@ -1,48 +1,27 @@
 """Play and sum up whole rallies of a learner that acts from a table, a block of them at a time, compiled.
 
-:mod:`shuttle_marl.kernel.sampling` explains their use and calls them; it checks every array from outside. Each stroke depends on
-several table reads. Therefore all rallies of a block advance by one stroke together, in passes that do one thing each, so that
-the reads of many rallies overlap.
+:mod:`shuttle_marl.kernel.sampling` explains their use and calls them; it checks every array from outside. All rallies of a block
+advance by one stroke together. A rally waits where an entry of the table is missing or stale, and continues from there when it is
+written. Strokes of all rallies stand on one tape, each with the number of the one before it in its rally, so a rally is read
+backwards, as its advantages are computed.
 
-In the game with recovery the learner has **decisions** of two kinds: decision s < S is the stroke in state s, decision S + s the
-position where the opponent strikes in state s. Its i-th feasible position is numbered P + 9 s + i, behind the P legal pairs.
+The learner has **decisions** of two kinds: decision s < S is the stroke in state s, and where receivers have a choice decision
+S + s is the position where the opponent strikes in state s. Its i-th feasible position is numbered P + 9 s + i, behind the P
+legal pairs.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, U8, U64, UInts
+from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, U8, U64, Bools, UInts
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
 from shuttle_marl.game.recovery import N_POSITIONS
-from shuttle_marl.game.rules import FAULT, WINNER
-from shuttle_marl.kernel.core import (
-    BLOCK,
-    LOW_16,
-    OPEN,
-    Legal,
-    Tables,
-    arrival_of,
-    choices_in,
-    draw,
-    extend,
-    first_server,
-    hurried_in,
-    int64,
-    legal_strokes,
-    limits_of,
-    next_state,
-    outcome_of,
-    position_at,
-    states_of,
-    stroke_of,
-    uniform_choice,
-    with_recovery,
-)
-from shuttle_marl.kernel.players import Players, find_rank, first_guess, place_choice, write_guide
+from shuttle_marl.kernel import core
+from shuttle_marl.kernel.core import BLOCK, OPEN, Block, Tables, int64
+from shuttle_marl.kernel.players import Players, choose, write_guide
 
-STALE, TOO_LONG, FULL = -1, -2, -3
 _CHOICE_ONE: Final = np.float32(draws.CHOICE_ONE)
 START: Final = 1 << 40
 """Counter of the draw of the initial state of a rally; no rally has so many strokes."""
@@ -64,213 +43,226 @@ class Learned(NamedTuple):
     written: I32
 
 
-class Starts(NamedTuple):
-    """Initial states of some rallies of self-play.
-
-    Attributes:
-        states: ``[M]`` states, drawn with equal probabilities.
-        fraction: ``[1]`` fraction of the rallies that start in one of them, in units of 1/65536.
-    """
-
-    states: I32
-    fraction: I64
-
-
-def no_starts() -> Starts:
-    """All rallies start with a serve."""
-    return Starts(np.zeros(0, np.int32), np.zeros(1, np.int64))
-
-
 class Schedule(NamedTuple):
     """Opponents, initial states and draws of the rallies, by their number.
 
     Attributes:
         opponents: ``[K]`` int32 opponent of rally r is entry r modulo K: an index into ``Learned.players``, or -1: the learner.
-        starts: initial states.
+        starts: ``[M]`` initial states of some rallies of self-play, drawn with equal probabilities.
+        fraction: fraction of the rallies that start in one of them, in units of 1/65536.
         seed_key: key of the seed.
         oldest: entries of the table that were written before this iteration are stale.
     """
 
     opponents: I32
-    starts: Starts
+    starts: I32
+    fraction: int
     seed_key: np.uint64
     oldest: int
 
 
-class BlockRallies(NamedTuple):
-    """Up to BLOCK rallies.
+class Played(NamedTuple):
+    """R rallies with consecutive numbers.
 
     Attributes:
-        state: ``[BLOCK, T]`` states of the strokes.
-        pair: ``[BLOCK, T]`` legal pairs of the strokes.
-        place: ``[BLOCK, T]`` number of the receiver's feasible position; written in the game with recovery alone.
-        length: ``[BLOCK]`` number of strokes; STALE if an entry of the table is missing or stale, TOO_LONG if it exceeds T.
-        server: ``[BLOCK]`` seat that serves; if ``length`` is STALE, the decision of the entry.
-        outcome: ``[BLOCK]`` outcome of the last stroke.
+        key: ``[R]`` key of the draws.
+        server: ``[R]`` seat that serves.
+        opponent: ``[R]`` index into ``Learned.players``, or -1: the learner itself.
+        served: ``[R]`` whether the rally starts with a serve.
+        state: ``[R]`` state of the next stroke.
+        length: ``[R]`` number of strokes.
+        last: ``[R]`` index of the last stroke on the tape, -1 before the first.
+        outcome: ``[R]`` outcome of the last stroke; below OPEN where the rally is over.
+    """
+
+    key: U64
+    server: I8
+    opponent: I32
+    served: Bools
+    state: I32
+    length: I32
+    last: I64
+    outcome: I8
+
+
+def new_played(size: int) -> Played:
+    """Allocate rallies."""
+    kinds = (np.uint64, np.int8, np.int32, np.bool_, np.int32, np.int32, np.int64, np.int8)
+    return Played._make(np.empty(size, kind) for kind in kinds)
+
+
+class Tape(NamedTuple):
+    """Strokes of both players in the order in which they were played.
+
+    Attributes:
+        state: ``[N]`` state.
+        pair: ``[N]`` legal pair.
+        place: ``[N]`` number of the receiver's feasible position.
+        before: ``[N]`` index of the stroke before it in its rally, -1 for none.
+        used: ``[1]`` number of strokes on the tape.
     """
 
     state: I32
     pair: I32
-    place: I32
-    length: I64
-    server: I64
-    outcome: I64
+    place: I8
+    before: I64
+    used: I64
+
+
+def new_tape(strokes: int) -> Tape:
+    """Allocate a tape."""
+    kinds = (np.int32, np.int32, np.int8, np.int64)
+    return Tape._make([*(np.empty(strokes, kind) for kind in kinds), np.zeros(1, np.int64)])
+
+
+@compiled
+def begin(schedule: Schedule, first: int, played: Played) -> None:
+    """Start the rallies with numbers from ``first`` on."""
+    for r in range(played.key.size):
+        key = core.extend(schedule.seed_key, first + r)
+        opponent = schedule.opponents[(first + r) % schedule.opponents.size]
+        played.key[r], played.opponent[r], played.server[r] = key, opponent, core.first_server(core.draw(key, 0))
+        played.state[r], played.served[r] = 0, True
+        if opponent < 0 and schedule.starts.size > 0:
+            bits = core.draw(key, START)
+            if int64(bits & core.LOW_16) < schedule.fraction:
+                played.state[r], played.served[r] = schedule.starts[core.uniform_choice(schedule.starts.size, bits)], False
+        played.length[r], played.last[r], played.outcome[r] = 0, -1, OPEN
 
 
 class Lanes(NamedTuple):
-    """Rallies that continue, as arrays ``[BLOCK]`` that the passes share.
+    """Rallies of a block that continue, as arrays ``[BLOCK]``, beside the ``player`` and ``other`` of their block.
 
     Attributes:
-        rally: index of the rally in the block.
+        rally: index of the rally.
         key: key of its draws.
-        player: player of the next stroke; 0 is the learner.
-        other: player of the stroke after it.
         state: state of the striker.
-        bits: draw of the stroke.
-        block: effort block of the state.
-        first: first legal pair of the state.
-        reply: index of its first reply.
-        limit: index of its first thresholds.
-        choices: number of thresholds of a stroke.
-        rank: position of the stroke among the legal strokes.
-        place: number of the receiver's feasible position; 0 without recovery.
-        limits: its thresholds.
-        arrival: state of the next striker, contact below and not hurried.
+        seat: seat of the striker.
+        stroke: number of the stroke.
     """
 
     rally: I64
     key: U64
-    player: I64
-    other: I64
     state: I64
-    bits: U64
-    block: I64
-    first: I64
-    reply: I64
-    limit: I64
-    choices: I64
-    rank: I64
-    place: I64
-    limits: U64
-    arrival: I64
-
-
-class Workspace(NamedTuple):
-    """Arrays to play a block of rallies."""
-
-    rallies: BlockRallies
-    lanes: Lanes
-
-
-def new_workspace(strokes: int) -> Workspace:
-    """Allocate arrays for rallies of up to ``strokes`` strokes."""
-    kinds = {"key": np.uint64, "bits": np.uint64, "limits": np.uint64}
-    lanes: dict[str, Any] = {name: np.zeros(BLOCK, kinds.get(name, np.int64)) for name in Lanes._fields}
-    lists: list[I32] = [np.empty((BLOCK, strokes), np.int32) for _ in range(3)]
-    ends: list[I64] = [np.empty(BLOCK, np.int64) for _ in range(3)]
-    return Workspace(BlockRallies(lists[0], lists[1], lists[2], ends[0], ends[1], ends[2]), Lanes(**lanes))
+    seat: I64
+    stroke: I64
 
 
 @inlined
-def play(tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, workspace: Workspace) -> None:
-    """Play the rallies with these numbers, up to BLOCK, to their end or to a missing or stale entry."""
-    rallies, lanes = workspace.rallies, workspace.lanes
-    for i in range(numbers.size):
-        key = extend(schedule.seed_key, numbers[i])
-        opponent = int64(schedule.opponents[numbers[i] % schedule.opponents.size])
-        server = first_server(draw(key, 0))
-        rallies.server[i] = server
-        lanes.rally[i], lanes.key[i], lanes.state[i] = i, key, _initial_state(schedule.starts, opponent, key)
-        rival = max(opponent, 0)  # in self-play the learner
-        lanes.player[i], lanes.other[i] = (rival, 0) if server else (0, rival)
-    count, t = numbers.size, 0
-    while count:
-        count = _admit(tables, learned, rallies, lanes, count, t, schedule.oldest)
-        _choose(tables, learned.players, lanes, count)
-        _look_up(tables, rallies, lanes, count, t)
-        t += 1
-        count = _strike(rallies, lanes, count, t)
+def _resume(played: Played, waiting: I64, first: int, size: int, lanes: Lanes, block: Block) -> None:
+    """Put some rallies that wait into lanes."""
+    for i in range(size):
+        r = waiting[first + i]
+        rival = max(played.opponent[r], 0)  # in self-play the learner
+        lanes.rally[i], lanes.key[i], lanes.state[i], lanes.stroke[i] = r, played.key[r], played.state[r], played.length[r]
+        lanes.seat[i] = (played.server[r] + played.length[r]) & 1
+        block.player[i], block.other[i] = (rival, 0) if lanes.seat[i] else (0, rival)
 
 
 @inlined
-def _initial_state(starts: Starts, opponent: int, key: np.uint64) -> int:
-    """The serve, or a random state of ``starts``."""
-    if starts.states.size == 0 or opponent >= 0:
-        return int64(0)
-    bits = draw(key, START)
-    if int64(bits & LOW_16) >= starts.fraction[0]:
-        return int64(0)
-    return int64(starts.states[uniform_choice(starts.states.size, bits)])
-
-
-@inlined
-def _admit(tables: Tables, learned: Learned, rallies: BlockRallies, lanes: Lanes, count: int, t: int, oldest: int) -> int:
-    """Draw stroke ``t`` of each rally whose entries are there and that fits; returns their number."""
-    full, recovery, states = t == rallies.state.shape[1], with_recovery(tables), states_of(tables)
-    admitted = 0
+def _admit(tables: Tables, learned: Learned, played: Played, lanes: Lanes, block: Block, count: int, oldest: int) -> int:
+    """Keep the rallies whose entries are there, and draw their strokes; returns their number."""
+    states, admitted = core.states_of(tables), 0
     for i in range(count):
-        rally, s = lanes.rally[i], lanes.state[i]
-        decision = s
-        missing = lanes.player[i] == 0 and learned.written[np.uint64(s)] < oldest
-        if recovery and not missing and lanes.other[i] == 0:
-            decision = states + s
-            missing = learned.written[np.uint64(decision)] < oldest
-        if missing or full:
-            rallies.length[rally], rallies.server[rally] = STALE if missing else TOO_LONG, decision
-        _move(lanes, i, admitted)
-        lanes.state[admitted], lanes.bits[admitted] = s, draw(lanes.key[i], t)
-        admitted += not (missing or full)
+        s = lanes.state[i]
+        missing = block.player[i] == 0 and learned.written[np.uint64(s)] < oldest
+        if core.with_recovery(tables) and not missing and block.other[i] == 0:
+            missing = learned.written[np.uint64(states + s)] < oldest
+        if missing:
+            played.state[lanes.rally[i]] = s
+        _move(lanes, block, i, admitted, s, block.player[i], block.other[i])
+        block.bits[admitted] = core.draw(lanes.key[admitted], lanes.stroke[admitted])
+        admitted += not missing
     return admitted
 
 
 @inlined
-def _move(lanes: Lanes, i: int, to: int) -> None:
+def _move(lanes: Lanes, block: Block, i: int, to: int, state: int, player: int, other: int) -> None:
     """Move a rally from lane i to an earlier lane."""
-    lanes.rally[to], lanes.key[to] = lanes.rally[i], lanes.key[i]
-    lanes.player[to], lanes.other[to] = lanes.player[i], lanes.other[i]
+    lanes.rally[to], lanes.key[to], lanes.seat[to], lanes.stroke[to] = (
+        lanes.rally[i],
+        lanes.key[i],
+        lanes.seat[i],
+        lanes.stroke[i],
+    )
+    lanes.state[to], block.player[to], block.other[to] = state, player, other
 
 
 @inlined
-def _choose(tables: Tables, players: Players, lanes: Lanes, count: int) -> None:
-    """Choose a stroke and a position in each lane."""
+def _note(played: Played, lanes: Lanes, block: Block, states: I64, count: int, tape: Tape) -> int:
+    """Write the strokes onto the tape; returns how many rallies continue, which are moved to the first lanes."""
+    alive, used = 0, tape.used[0]
     for i in range(count):
-        s = lanes.state[i]
-        legal = legal_strokes(tables, s)
-        lanes.block[i], lanes.first[i], lanes.reply[i], lanes.limit[i] = legal.block, legal.pair, legal.reply, legal.limit
-        lanes.rank[i] = first_guess(players, lanes.player[i], s, lanes.bits[i])
-        lanes.choices[i] = legal.choices
-    if with_recovery(tables):
-        for i in range(count):
-            lanes.place[i] = place_choice(players, lanes.other[i], lanes.state[i], lanes.bits[i])
-    for i in range(count):
-        lanes.rank[i] = find_rank(players, lanes.player[i], lanes.first[i], lanes.rank[i], lanes.bits[i])
-
-
-@inlined
-def _look_up(tables: Tables, rallies: BlockRallies, lanes: Lanes, count: int, t: int) -> None:
-    """Store stroke t of each rally, and read its thresholds and the state that follows."""
-    for i in range(count):
-        legal = Legal(np.uint64(lanes.block[i]), 0, lanes.first[i], lanes.reply[i], lanes.limit[i], lanes.choices[i])
-        k, place = lanes.rank[i], lanes.place[i]
-        at = np.uint64(lanes.rally[i]), np.uint64(t)
-        rallies.state[at], rallies.pair[at], rallies.place[at] = lanes.state[i], legal.pair + k, place
-        lanes.limits[i] = limits_of(tables, legal, k, (rallies.server[lanes.rally[i]] + t) & 1, place)
-        lanes.arrival[i] = arrival_of(tables, legal, k)
-
-
-@inlined
-def _strike(rallies: BlockRallies, lanes: Lanes, count: int, t: int) -> int:
-    """Decide the last of t strokes of each rally; returns how many rallies continue."""
-    alive = 0
-    for i in range(count):
-        rally, player, other = lanes.rally[i], lanes.player[i], lanes.other[i]
-        outcome = outcome_of(lanes.limits[i], lanes.bits[i])
-        rallies.length[rally], rallies.outcome[rally] = t, outcome
-        _move(lanes, i, alive)
-        lanes.state[alive] = next_state(lanes.arrival[i], outcome)
-        lanes.player[alive], lanes.other[alive] = other, player
-        alive += outcome >= OPEN
+        at, r = used + i, lanes.rally[i]
+        tape.state[at], tape.pair[at], tape.place[at], tape.before[at] = states[i], block.pair[i], block.place[i], played.last[r]
+        played.last[r], played.outcome[r] = at, block.outcome[i]
+        lanes.stroke[i] += 1
+        played.length[r] = lanes.stroke[i]
+        lanes.seat[i] ^= 1
+        _move(lanes, block, i, alive, lanes.state[i], block.other[i], block.player[i])
+        alive += block.outcome[i] >= OPEN
+    tape.used[0] = used + count
     return alive
+
+
+@compiled
+def advance(
+    tables: Tables,
+    learned: Learned,
+    schedule: Schedule,
+    played: Played,
+    waiting: I64,
+    tape: Tape,
+    missing: I32,
+    collected: "Collected | None",
+) -> tuple[int, int]:
+    """Play the rallies of ``waiting`` until they end, need an entry of the table, or the tape is full.
+
+    Returns:
+        How many rallies still wait, which are moved to the front of ``waiting``, and how many entries are ``missing``.
+    """
+    block, before = core.new_block(), np.empty(BLOCK, np.int64)
+    lanes = Lanes(
+        np.empty(BLOCK, np.int64), np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64),
+        np.empty(BLOCK, np.int64),
+    )  # fmt: skip
+    still, wanted = 0, 0
+    for first in range(0, waiting.size, BLOCK):
+        size = min(BLOCK, waiting.size - first)
+        _resume(played, waiting, first, size, lanes, block)
+        count = _admit(tables, learned, played, lanes, block, size, schedule.oldest)
+        while count and tape.used[0] + count <= tape.state.size:
+            before[:count] = lanes.state[:count]
+            choose(tables, learned.players, lanes.state, block, count)
+            core.strike(tables, lanes.state, lanes.seat, block, count)
+            count = _note(played, lanes, block, before, count, tape)
+            count = _admit(tables, learned, played, lanes, block, count, schedule.oldest)
+        for i in range(count):  # the tape is full
+            played.state[lanes.rally[i]] = lanes.state[i]
+        for i in range(first, first + size):
+            r = waiting[i]
+            if played.outcome[r] >= OPEN:
+                waiting[still] = r
+                still += 1
+                wanted = _request(tables, learned, played, r, schedule.oldest, missing, wanted)
+            elif collected is not None:
+                _credit(tables, learned, collected, played, r, tape)
+    return still, wanted
+
+
+@inlined
+def _request(tables: Tables, learned: Learned, played: Played, r: int, oldest: int, missing: I32, wanted: int) -> int:
+    """List the entries that the learner needs for the next stroke of a rally; returns the new number of missing entries."""
+    states, s = core.states_of(tables), int64(played.state[r])
+    learner_strikes = played.opponent[r] < 0 or (played.server[r] + played.length[r]) & 1 == 0
+    learner_waits = core.with_recovery(tables) and (played.opponent[r] < 0 or not learner_strikes)
+    if learner_strikes and 0 <= learned.written[s] < oldest:
+        missing[wanted], learned.written[s] = s, -1
+        wanted += 1
+    if learner_waits and 0 <= learned.written[states + s] < oldest:
+        missing[wanted], learned.written[states + s] = states + s, -1
+        wanted += 1
+    return wanted
 
 
 class Sums(NamedTuple):
@@ -315,87 +307,22 @@ def new_stroke_list(size: int = 0) -> StrokeList:
     return StrokeList(*(np.empty(size, kind) for kind in ("i4", "i4", "i4", "f4", "f4")))
 
 
-class Tape(NamedTuple):
-    """Rallies in the order in which they ended; R = N = 0 if they are not wanted.
-
-    Attributes:
-        rally: ``[R]`` number of the rally.
-        length: ``[R]`` number of strokes.
-        ended: ``[3, R]`` server, winner, and outcome of the last stroke.
-        state: ``[N]`` state of every stroke of both players, rally after rally.
-        pair: ``[N]`` legal pair of every stroke.
-        waited: ``[N]`` position of every receiver; N = 0 in the game without recovery.
-        used: ``[2]`` number of rallies and of strokes on the tape.
-    """
-
-    rally: I64
-    length: I32
-    ended: U8
-    state: I32
-    pair: I32
-    waited: I8
-    used: I64
-
-
-def new_tape(rallies: int = 0, strokes: int = 0, *, recovery: bool = False) -> Tape:
-    """Allocate a tape of a capacity; with capacity 0 nothing is recorded."""
-    return Tape(
-        np.empty(rallies, np.int64),
-        np.empty(rallies, np.int32),
-        np.empty((3, rallies), np.uint8),
-        np.empty(strokes, np.int32),
-        np.empty(strokes, np.int32),
-        np.empty(strokes * recovery, np.int8),
-        np.zeros(2, np.int64),
-    )
-
-
-def doubled(tape: Tape) -> Tape:
-    """The same rallies with twice the capacity."""
-    columns = [np.concatenate([column, np.empty_like(column)], axis=-1) for column in tape[:-1]]
-    return Tape._make([*columns, tape.used])
-
-
-class Credit(NamedTuple):
-    """Rewards and advantages of the learner.
-
-    Attributes:
-        gae_lambda: lambda of the advantages.
-        shaping: ``[P]`` addition to the reward of a stroke, or ``[0]``.
-    """
-
-    gae_lambda: float
-    shaping: F32
-
-
 class Collected(NamedTuple):
     """Results of an iteration.
 
     Attributes:
         sums: sums by state and stroke.
-        strokes: the strokes one by one, if they are wanted.
+        strokes: the strokes one by one, if they are wanted; at least as long as twice the tape.
         listed: ``[1]`` int64 number of entries of ``strokes`` in use.
-        tape: the rallies, if they are wanted.
+        gae_lambda: lambda of the advantages.
+        shaping: ``[P]`` addition to the reward of a stroke, or ``[0]``.
     """
 
     sums: Sums
     strokes: StrokeList
     listed: I64
-    tape: Tape
-
-
-class Pending(NamedTuple):
-    """Rallies that could not be played to their end.
-
-    Attributes:
-        rally: ``[R]`` their numbers.
-        state: ``[R]`` states whose entries are missing or stale.
-        used: ``[2]`` number of rallies and of states.
-    """
-
-    rally: I64
-    state: I32
-    used: I64
+    gae_lambda: float
+    shaping: F32
 
 
 class _Stroke(NamedTuple):
@@ -409,32 +336,8 @@ class _Stroke(NamedTuple):
 
 
 @inlined
-def _fits(tape: Tape, length: int) -> bool:
-    """Whether a rally fits onto the tape."""
-    fits: bool = tape.used[0] < tape.rally.size and tape.used[1] + length <= tape.state.size
-    return fits
-
-
-@inlined
-def _write(tables: Tables, tape: Tape, rallies: BlockRallies, i: int, number: int) -> None:
-    """Write rally i of a block onto the tape."""
-    at, first = tape.used[0], tape.used[1]
-    length, server, outcome = rallies.length[i], rallies.server[i], rallies.outcome[i]
-    tape.rally[at], tape.length[at] = number, length
-    last = (server + length - 1) & 1
-    tape.ended[0, at], tape.ended[1, at] = server, last ^ (1 - outcome)
-    tape.ended[2, at] = WINNER if outcome else FAULT
-    for t in range(length):
-        tape.state[first + t], tape.pair[first + t] = rallies.state[i, t], rallies.pair[i, t]
-        if with_recovery(tables):
-            tape.waited[first + t] = position_at(tables, rallies.state[i, t], rallies.place[i, t])
-    tape.used[0] += 1
-    tape.used[1] += length
-
-
-@inlined
 def _add(learned: Learned, collected: Collected, at: int, stroke: _Stroke) -> None:
-    """Add a stroke to the sums, and to the list at index ``at`` unless that is negative."""
+    """Add a stroke to the sums, and to the list, if it is wanted, at index ``at``."""
     sums, strokes, s, pair, a = collected.sums, collected.strokes, stroke.state, stroke.pair, stroke.advantage
     if sums.state[s, 0] == 0:
         sums.visited[np.int64(sums.total[6])] = s
@@ -449,7 +352,7 @@ def _add(learned: Learned, collected: Collected, at: int, stroke: _Stroke) -> No
     sums.total[0] += 1
     sums.total[3] += a
     sums.total[4] += a * a
-    if at >= 0:
+    if strokes.state.size > 0:
         strokes.state[at], strokes.pair[at], strokes.following[at] = s, pair, stroke.following
         strokes.reward[at], strokes.advantage[at] = stroke.reward, a
 
@@ -461,148 +364,90 @@ def _advantage(reward: float, value: float, next_value: float, next_advantage: f
 
 
 @inlined
-def _place_pair(tables: Tables, learned: Learned, rallies: BlockRallies, i: int, t: int) -> int:
-    """Number of the receiver's position at stroke t of rally i, behind the legal pairs."""
-    return int64(learned.log_probability.size - N_POSITIONS * (states_of(tables) - rallies.state[i, t]) + rallies.place[i, t])
+def _place_pair(tables: Tables, learned: Learned, s: int, place: int) -> int:
+    """Number of the receiver's feasible position in a state, behind the legal pairs."""
+    return int64(learned.log_probability.size - N_POSITIONS * (core.states_of(tables) - s) + place)
 
 
 @inlined
-def _credit_both(
-    tables: Tables,
-    learned: Learned,
-    collected: Collected,
-    first: int,
-    rallies: BlockRallies,
-    i: int,
-    reward: float,
-    credit: Credit,
-) -> None:
-    """Add all strokes of a rally of self-play, backwards; each value is that of its striker, so gamma is -1.
+def _credit(tables: Tables, learned: Learned, collected: Collected, played: Played, r: int, tape: Tape) -> None:
+    """Count a rally that is over, and add the learner's decisions, backwards."""
+    sums, length, alone = collected.sums, played.length[r], played.opponent[r] < 0
+    own = length if alone or core.with_recovery(tables) else (length - played.server[r] + 1) // 2
+    own += length if alone and core.with_recovery(tables) else 0
+    reward = 2.0 * played.outcome[r] - 1.0
+    sums.total[1] += 1
+    sums.total[5] += length
+    end = collected.listed[0] + own
+    if alone:
+        _credit_both(tables, learned, collected, end, tape, int64(played.last[r]), reward)
+    else:
+        seat = (played.server[r] + length - 1) & 1
+        if seat:
+            reward = -reward
+        sums.total[2] += reward > 0
+        _credit_learner(tables, learned, collected, end, tape, int64(played.last[r]), seat, reward)
+    collected.listed[0] = end
+
+
+@inlined
+def _credit_both(tables: Tables, learned: Learned, collected: Collected, end: int, tape: Tape, last: int, reward: float) -> None:
+    """Add all strokes of a rally of self-play; each value is that of its striker, so gamma is -1.
 
     What a stroke returns to the striker, the position against it returns to the receiver with the other sign.
     """
-    recovery, states = with_recovery(tables), states_of(tables)
-    a, after, following, won = 0.0, 0.0, -1, reward
-    for t in range(rallies.length[i] - 1, -1, -1):
-        s = rallies.state[i, t]
-        a = _advantage(won, learned.value[s], after, a, -1.0, credit.gae_lambda)
-        at = first + (1 + recovery) * t if first >= 0 else -1
-        _add(learned, collected, at, _Stroke(s, rallies.pair[i, t], following, won, a))
-        if recovery:
+    states = core.states_of(tables)
+    a, after, following, won, at = 0.0, 0.0, -1, reward, last
+    while at >= 0:
+        s = int64(tape.state[at])
+        a = _advantage(won, learned.value[s], after, a, -1.0, collected.gae_lambda)
+        end -= 1 + core.with_recovery(tables)
+        _add(learned, collected, end, _Stroke(s, tape.pair[at], following, won, a))
+        if core.with_recovery(tables):
             b, then = -(a + learned.value[s]) - learned.value[states + s], states + following if following >= 0 else -1
-            position = _Stroke(states + s, _place_pair(tables, learned, rallies, i, t), then, -won, b)
-            _add(learned, collected, at + 1 if first >= 0 else -1, position)
-        after, following, won = learned.value[s], s, 0.0
+            position = _Stroke(states + s, _place_pair(tables, learned, s, tape.place[at]), then, -won, b)
+            _add(learned, collected, end + 1, position)
+        after, following, won, at = learned.value[s], s, 0.0, tape.before[at]
 
 
 @inlined
 def _credit_learner(
-    tables: Tables,
-    learned: Learned,
-    collected: Collected,
-    first: int,
-    rallies: BlockRallies,
-    i: int,
-    reward: float,
-    credit: Credit,
+    tables: Tables, learned: Learned, collected: Collected, end: int, tape: Tape, last: int, seat: int, reward: float
 ) -> None:
-    """Add the learner's strokes of a rally, every other one: from the second on if the opponent serves.
-
-    With recovery the learner decides at every stroke: when the opponent strikes, on a position.
-    """
-    a, after, following, won = 0.0, 0.0, -1, reward
-    recovery, states, server = with_recovery(tables), states_of(tables), rallies.server[i]
-    begin, step = (0, 1) if recovery else (server, 2)
-    for j in range((rallies.length[i] - 1 - begin) // step, -1, -1):
-        t = begin + step * j
-        s, pair = int64(rallies.state[i, t]), int64(rallies.pair[i, t])
-        if recovery and (server + t) & 1:
-            s, pair = states + s, _place_pair(tables, learned, rallies, i, t)
-        elif credit.shaping.size > 0:
-            won += credit.shaping[pair]
-        a = _advantage(won, learned.value[s], after, a, 1.0, credit.gae_lambda)
-        at = first + j if first >= 0 else -1
-        _add(learned, collected, at, _Stroke(s, pair, following, won, a))
-        after, following, won = learned.value[s], s, 0.0
-
-
-@compiled
-def collect(
-    tables: Tables,
-    learned: Learned,
-    schedule: Schedule,
-    numbers: I64,
-    credit: Credit,
-    workspace: Workspace,
-    collected: Collected,
-    pending: Pending,
-) -> tuple[int, int]:
-    """Play the rallies with these numbers and add them to ``collected``; those that miss entries of the table go to ``pending``.
-
-    Returns:
-        Number of rallies before the first for which an array is too small, so that results do not depend on the sizes of arrays;
-        and which: TOO_LONG (workspace), FULL (results), or 0.
-    """
-    sums, strokes, tape, waiting = collected.sums, collected.strokes, collected.tape, pending.used
-    recovery = with_recovery(tables)
-    listed, taped, used = strokes.state.size > 0, tape.rally.size > 0, collected.listed
-    rallies = workspace.rallies
-    for first in range(0, numbers.size, BLOCK):
-        block = numbers[first : first + BLOCK]
-        play(tables, learned, schedule, block, workspace)
-        for i in range(block.size):
-            number, length, server = block[i], rallies.length[i], rallies.server[i]
-            opponent = schedule.opponents[number % schedule.opponents.size]
-            if length == STALE:
-                pending.rally[waiting[0]] = number
-                waiting[0] += 1
-                # In self-play both decisions of a state are asked for at once.
-                for decision in (server, (server + states_of(tables)) % learned.written.size if opponent < 0 else server):
-                    if 0 <= learned.written[decision] < schedule.oldest:
-                        pending.state[waiting[1]] = decision
-                        waiting[1] += 1
-                        learned.written[decision] = -1
-                continue
-            own = length if opponent < 0 or recovery else (length - server + 1) // 2
-            own += length if opponent < 0 and recovery else 0
-            if length == TOO_LONG:
-                return first + i, TOO_LONG
-            if (listed and used[0] + own > strokes.state.size) or (taped and not _fits(tape, length)):
-                return first + i, FULL
-            reward = 2.0 * rallies.outcome[i] - 1.0
-            sums.total[1] += 1
-            sums.total[5] += length
-            at = used[0] if listed else -1
-            if opponent < 0:
-                _credit_both(tables, learned, collected, at, rallies, i, reward, credit)
-            else:
-                if (server + length - 1) & 1:
-                    reward = -reward
-                sums.total[2] += reward > 0
-                _credit_learner(tables, learned, collected, at, rallies, i, reward, credit)
-            used[0] += own if listed else 0
-            if taped:
-                _write(tables, tape, rallies, i, number)
-    return numbers.size, 0
+    """Add the learner's decisions of a rally whose last striker has this seat: strokes, and where it receives positions."""
+    a, after, following, won, at, states = 0.0, 0.0, -1, reward, last, core.states_of(tables)
+    while at >= 0:
+        s, pair = int64(tape.state[at]), int64(tape.pair[at])
+        if seat == 0 or core.with_recovery(tables):
+            if seat:
+                s, pair = states + s, _place_pair(tables, learned, s, tape.place[at])
+            elif collected.shaping.size > 0:
+                won += collected.shaping[pair]
+            a = _advantage(won, learned.value[s], after, a, 1.0, collected.gae_lambda)
+            end -= 1
+            _add(learned, collected, end, _Stroke(s, pair, following, won, a))
+            after, following, won = learned.value[s], s, 0.0
+        seat ^= 1
+        at = tape.before[at]
 
 
 @inlined
 def _options(tables: Tables, decision: int, pairs: int) -> tuple[int, int, int]:
     """Of a decision: its state, the number of its first option behind P legal pairs, and how many options it has."""
-    states = states_of(tables)
+    states = core.states_of(tables)
     if decision < states:
-        legal = legal_strokes(tables, decision)
+        legal = core.legal_strokes(tables, decision)
         return decision, int64(legal.pair), int64(legal.n)
-    return decision - states, pairs + N_POSITIONS * (decision - states), choices_in(tables, decision - states)
+    return decision - states, pairs + N_POSITIONS * (decision - states), core.choices_in(tables, decision - states)
 
 
 @inlined
 def _action(tables: Tables, decision: int, k: int) -> int:
     """The k-th option of a decision as an action: catalogue index of a stroke, or n plus a position."""
-    states = states_of(tables)
+    states = core.states_of(tables)
     if decision < states:
-        return stroke_of(tables, legal_strokes(tables, decision), k)
-    return tables.rank.shape[1] + position_at(tables, decision - states, k)
+        return core.stroke_of(tables, core.legal_strokes(tables, decision), k)
+    return tables.rank.shape[1] + core.position_at(tables, decision - states, k)
 
 
 @compiled
@@ -674,42 +519,39 @@ def take(tables: Tables, learned: Learned, sums: Sums, states: I32, out: Distinc
 
 
 @compiled
-def replay(tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, workspace: Workspace, tape: Tape) -> int:
-    """Play rallies onto a tape; returns the number of rallies that fit."""
-    for first in range(0, numbers.size, BLOCK):
-        block = numbers[first : first + BLOCK]
-        play(tables, learned, schedule, block, workspace)
-        for i in range(block.size):
-            length = workspace.rallies.length[i]
-            if length < 0 or not _fits(tape, length):
-                return first + i
-            _write(tables, tape, workspace.rallies, i, block[i])
-    return numbers.size
-
-
-@compiled
-def read_tape(
-    tables: Tables, learned: Learned, opponents: I32, tape: Tape, places: I64, stroke: UInts, hurried: U8, figures: F32
+def read_strokes(
+    tables: Tables,
+    learned: Learned,
+    played: Played,
+    tape: Tape,
+    rows: I64,
+    stroke: UInts,
+    hurried: U8,
+    waited: I8,
+    figures: F32,
 ) -> None:
-    """Write the strokes of some rallies of a tape, rally after rally, and the learner's figures of them.
+    """Write the strokes of some rallies, rally after rally, and the learner's figures of them.
 
     Args:
-        opponents: see :class:`Schedule`.
-        places: ``[2, R]`` rows of the tape, and index of their first stroke on it.
+        rows: ``[R]`` rallies.
         stroke: ``[N]`` output: catalogue indices.
         hurried: ``[N]`` output: whether the striker was hurried.
+        waited: ``[N]`` output: position of the receiver.
         figures: ``[2, N]`` output: log-probability and value of the learner's strokes, NaN for others; ``[0, N]``: not wanted.
     """
-    n = 0
-    for i in range(places.shape[1]):
-        row, start = places[0, i], places[1, i]
-        both, server = opponents[tape.rally[row] % opponents.size] < 0, tape.ended[0, row]
-        for t in range(tape.length[row]):
-            s, pair = tape.state[start + t], tape.pair[start + t]
-            legal = legal_strokes(tables, s)
-            stroke[n], hurried[n] = stroke_of(tables, legal, pair - legal.pair), hurried_in(s)
+    end = 0
+    for r in rows:
+        end += played.length[r]
+        at, n, seat = played.last[r], end, (played.server[r] + played.length[r] - 1) & 1
+        while at >= 0:
+            n -= 1
+            s, pair = tape.state[at], tape.pair[at]
+            legal = core.legal_strokes(tables, s)
+            stroke[n], hurried[n] = core.stroke_of(tables, legal, pair - legal.pair), core.hurried_in(s)
+            waited[n] = core.position_at(tables, s, tape.place[at])
             if figures.shape[0] > 0:
-                own = both or (server + t) & 1 == 0
+                own = played.opponent[r] < 0 or seat == 0
                 figures[0, n] = learned.log_probability[pair] if own else np.nan
                 figures[1, n] = learned.value[s] if own else np.nan
-            n += 1
+            seat ^= 1
+            at = tape.before[at]

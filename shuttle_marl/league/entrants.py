@@ -18,7 +18,7 @@ from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
-from shuttle_marl.kernel.lockstep import ask, ask_position
+from shuttle_marl.kernel.matches import ask, ask_position
 from shuttle_marl.policy import history, registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import UnrequestedError, resolve, resolve_recorded
@@ -229,7 +229,7 @@ class Strikers:
         self._game, self._entrants, self._tables = game, entrants, seat_tables(game, entrants)
 
     def choose(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32, *_: I32) -> Intp:
-        """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.lockstep.Choose`.
+        """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.matches.Choose`.
 
         Raises:
             ForfeitError: a policy that reads the score raised, or returned no distribution.
@@ -237,7 +237,7 @@ class Strikers:
         return self._decide(TabulatedPolicy.choose, ask, entrant, state, draw, striker, score)
 
     def wait(self, entrant: I32, state: I32, draw: I32, receiver: I32, score: I32, *_: I32) -> Intp:
-        """Position of each receiver, of the game with recovery; see :data:`shuttle_marl.kernel.lockstep.Wait`.
+        """Position of each receiver, of the game with recovery; see :data:`shuttle_marl.kernel.matches.Wait`.
 
         Raises:
             ForfeitError: a policy that reads the score raised, or returned no distribution.

@@ -19,7 +19,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel.lockstep import Matches, play
+from shuttle_marl.kernel.matches import Matches, play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers, seat_tables
 
 if TYPE_CHECKING:

@@ -32,8 +32,8 @@ from shuttle_marl.game.shipped import real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import lockstep
-from shuttle_marl.kernel.lockstep import Matches, ask, ask_position
+from shuttle_marl.kernel.matches import Matches, ask, ask_position
+from shuttle_marl.kernel.matches import play as play_asked
 from shuttle_marl.policy.mixtures import deterministic
 from shuttle_marl.policy.registry import resolve
 
@@ -263,7 +263,7 @@ def sample(
 ) -> SampledOdds:
     """Play matches of a policy against a tabulated one; seats and the first serve are balanced over four matches.
 
-    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.lockstep.play`.
+    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.matches.play`.
 
     Args:
         key: of the pairing, see :func:`shuttle_marl.game.draws.pairing_key`.
@@ -299,7 +299,7 @@ def sample(
             first_server=((number >> 1) & 1).astype(np.int8),
             key=draws.stream(seed, key, number),
         )
-        games, played = lockstep.play(opponent.game, seated, choose, wait, keep_strokes=watch is not None)
+        games, played = play_asked(opponent.game, seated, choose, wait, keep_strokes=watch is not None)
         match = first + played.match
         if watch is not None:
             watch(dataclasses.replace(played, match=match))

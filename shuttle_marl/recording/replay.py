@@ -64,8 +64,10 @@ def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Ma
     """``[N]`` whether a stroke is illegal, or differs in its outcome or its policy's choice from the replay."""
     if header.draws == "unknown":
         return rallies.legal(game)[0] < 0
+    from shuttle_marl.kernel import wrong_outcomes  # noqa: PLC0415  numba is slow to import
+
     key = header.rally_key(rallies)
-    wrong = rallies.wrong_outcomes(game, key)
+    wrong = wrong_outcomes(rallies, game, key)
     if not policies:
         return wrong
     state, k = rallies.legal(game)

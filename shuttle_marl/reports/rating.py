@@ -315,7 +315,7 @@ class Places:
 def places_of(game: Game, state: int, seat: int, solution: Solution) -> Places | None:
     """The positions between which the receiver chooses while a seat strikes in a state; None: they have no choice."""
     tables = game.seats[seat]
-    people = tables.people_positions(state) if tables.recovery is not None else np.ones(1)
+    people = tables.people_positions(state)
     position = np.flatnonzero(people)
     if len(position) < 2:
         return None

@@ -49,7 +49,7 @@ class Value:
     """
 
     def __init__(self, game: Game, values: tuple[F64, F64], seat: int = 0, opponent: StatePolicy | None = None) -> None:
-        self._tables = game if game.recovery is None or opponent is None else met_by(game, opponent)
+        self._tables = game if opponent is None else met_by(game, opponent)
         self._before, self._after = values[seat], values[1 - seat]
 
     def before(self, states: slice | Indices) -> F64:

@@ -88,8 +88,6 @@ class RunLog(LogContext):
         """
         if self._recorder is None:
             return
-        if self._sampling.every == 1:
-            sampler.note_next()
         numbers = sampler.numbers[sampler.served(sampler.numbers)]
         numbers = numbers[self._kept(self._sampling, segment, numbers)]
         if not len(numbers):

@@ -10,15 +10,13 @@ from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.single import SingleMatchEnv
 from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
 from shuttle_marl.game.observation import HURRIED, SWAP, observations
-from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import GamePolicy, PolicyError, States, UniformPolicy
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
-from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError, strike
+from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.shipped import default_game
-from shuttle_marl.game.tables import Game
-from tests.recovery import Prefers, small_recovery_game, with_recovery
-from tests.reduced import reduced_model
+from shuttle_marl.kernel import struck
+from tests.recovery import Prefers, small_recovery_game
 
 GAME = small_recovery_game()
 FORWARD = Prefers((9, 5, 9, 2, 1, 2, 1, 1, 1))
@@ -37,32 +35,16 @@ def test_the_ids_name_the_shipped_game() -> None:
     assert "shuttle_marl/MatchRecovery-v0" in gymnasium.registry
 
 
-def pair() -> Game:
-    """Two left- and right-handed people with skill, and random effects of positions."""
-    return with_recovery(pair_game("viktor-axelsen", "kento-momota", game=reduced_model()), 3, 4)
-
-
-@pytest.mark.parametrize("game", [GAME, pair()], ids=["small", "pair"])
-def test_steps_equal_the_rule_for_batches(game: Game) -> None:
-    rng, stepper = np.random.default_rng(1), stepper_of(game)
-    tables = game.seats[0]
-    pairs = rng.integers(0, game.n_pairs, 3000)
-    state, k = tables.pair_state[pairs], tables.base_pair_rank[pairs % game.n_base_pairs]
-    position = np.array([rng.choice(np.flatnonzero(row)) for row in tables.waiting.mask(tables.base(state))])
-    draws, seat = rng.integers(0, 1 << 24, len(pairs)), rng.integers(0, 2, len(pairs))
-    outcome, following = strike(game, state, k, draws, seat, position)
-    others = 0
-    for i, where in enumerate(position.tolist()):
-        arguments = int(state[i]), int(seat[i]), int(tables.pair_stroke[pairs[i]]), int(draws[i])
-        played, after = stepper.step(*arguments, where)
-        assert played.outcome == outcome[i]
-        assert after == following[i] or played.outcome < RETURNED_BELOW
-        plain, _ = stepper.step(*arguments)
-        assert played[3:] == plain[3:], "the probabilities that are told do not depend on the position"
-        others += plain.outcome != played.outcome
-        assert [stepper.is_feasible(int(state[i]), p) for p in range(-1, 10)] == [
-            False, *tables.waiting.mask(tables.base(state[i])).tolist(), False,
-        ]  # fmt: skip
+def test_what_is_told_of_a_stroke_tells_nothing_of_the_position() -> None:
+    rng, stepper, others = np.random.default_rng(1), stepper_of(GAME), 0
+    for pair in rng.integers(0, GAME.n_pairs, 1000).tolist():
+        state, stroke, draw = int(GAME.pair_state[pair]), int(GAME.pair_stroke[pair]), int(rng.integers(1 << 24))
+        plain, _ = stepper.step(state, 0, stroke, draw)
+        for position in np.flatnonzero(GAME.waiting.mask(GAME.base(state))).tolist():
+            assert stepper.is_feasible(state, position)
+            played, _ = stepper.step(state, 0, stroke, draw, position)
+            assert played[3:] == plain[3:]
+            others += plain.outcome != played.outcome
     assert others > 20, "positions matter"
 
 
@@ -72,7 +54,7 @@ def test_outcomes_are_as_frequent_as_their_probabilities() -> None:
         state, k = np.full(size, GAME.pair_state[number]), np.full(size, GAME.base_pair_rank[number % GAME.n_base_pairs])
         for position in np.flatnonzero(GAME.waiting.mask(GAME.base(state[0]))).tolist():
             drawn = rng.integers(0, 1 << 24, size)
-            outcome, _ = strike(GAME, state, k, drawn, None, np.full(size, position))
+            outcome, _ = struck(GAME, state, k, drawn, 0, position)
             expected = GAME.outcome_probabilities(np.array([number]), position)[0]
             found = np.bincount(outcome, minlength=len(OUTCOMES)) / size
             assert (np.abs(found - expected) < 5 * np.sqrt(expected * (1 - expected) / size) + 1e-9).all()

@@ -16,11 +16,12 @@ from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.aec import PlayedRally, ShuttleEnv
+from shuttle_marl.game import rules
 from shuttle_marl.game.draws import draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import RALLY_WIDTH, observations
-from shuttle_marl.game.rules import RETURNED_BELOW, WINNER, IllegalStrokeError, strike
+from shuttle_marl.game.rules import RETURNED_BELOW, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Rules, Score
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import tiring_game
 from tests.recovery import with_recovery
 
@@ -74,17 +75,15 @@ class Turns(RuleBasedStateMachine):
         return draw(stream(self.seed, self.episode, *([] if self.reward is None else [self.rally])), self.count)
 
     def serve(self, server: int) -> None:
-        self.striker, self.state, self.count = server, ROOT, 0
+        self.striker, self.seen, self.count = server, rules.serve(self.game), 0
         self.waited: list[int | None] = []
         self.arrive()
 
     def arrive(self) -> None:
         """The shuttle was returned: the receiver chooses between several positions, or has one."""
-        self.position, self.choosing = None, False
-        if self.game.recovery is not None:
-            self.feasible = np.flatnonzero(self.game.waiting.mask(self.game.base(self.state))).tolist()
-            self.choosing = len(self.feasible) > 1
-            self.position = None if self.choosing else self.feasible[0]
+        self.state = int(self.game.state_of(*self.seen))
+        self.feasible = rules.legal_positions(self.game, self.seen)
+        self.choosing, self.position = len(self.feasible) > 1, self.feasible[0]
 
     @property
     def actor(self) -> int:
@@ -93,7 +92,7 @@ class Turns(RuleBasedStateMachine):
     def legal(self) -> list[int]:
         if self.choosing:
             return [self.game.n_strokes + position for position in self.feasible]
-        return self.game.legal_strokes(self.state).tolist()
+        return rules.legal_strokes(self.game, self.seen)
 
     @precondition(lambda self: not self.over)
     @rule(data=st.data(), times=st.integers(1, 8))
@@ -109,16 +108,15 @@ class Turns(RuleBasedStateMachine):
         if self.choosing:
             self.choosing, self.position = False, action - self.game.n_strokes
             return
-        state, k = np.array([self.state]), np.array([self.game.rank(self.state, action)])
-        position = None if self.position is None else np.array([self.position])
-        (outcome,), (following,) = strike(self.game, state, k, outcome_draw(self.bits()), position=position)
+        drawn = int(outcome_draw(self.bits())[0])
+        outcome = rules.outcome(self.game, self.striker, self.seen, action, self.position, drawn)
         self.waited.append(self.position)
         self.striker, self.count, self.strokes = 1 - self.striker, self.count + 1, self.strokes + 1
         if outcome < RETURNED_BELOW:
             self.ended += 1
             self.won(self.striker ^ (outcome == WINNER))
         else:
-            self.state = int(following)
+            self.seen = rules.next_state(self.game, self.seen, action, outcome)
             self.arrive()
         if self.strokes == self.cut and not self.over:
             self.over = "truncated"

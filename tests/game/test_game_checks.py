@@ -158,12 +158,13 @@ def test_the_game_of_a_pair_has_tables_for_each_seat() -> None:
         _ = pair.limits
 
 
-def test_positions_are_of_one_seat_in_the_game_with_recovery() -> None:
+def test_positions_are_of_one_seat_and_without_recovery_there_is_one() -> None:
     hidden = with_recovery(GAME, 3, 3)
-    for game in (GAME, a_pair()):
-        with pytest.raises(GameError, match="no positions: expected the game with recovery"):
-            _ = game.waiting
+    with pytest.raises(GameError, match="has the tables of both players; take those of a seat"):
+        _ = a_pair().waiting
     assert len(hidden.waiting.choices) == GAME.n_base_states
-    assert (hidden.n_actions, hidden.n_positions, GAME.n_actions, GAME.n_positions) == (N + 9, 9, N, 1)
+    assert np.array_equal(GAME.waiting.mask(np.arange(GAME.n_base_states)), np.tile(np.arange(9) == 4, (GAME.n_base_states, 1)))
+    assert np.array_equal(GAME.waiting.limits, GAME.limits)
+    assert (hidden.n_actions, hidden.hides, GAME.n_actions, GAME.hides) == (N + 9, True, N, False)
     assert hidden.action_names[N : N + 2] == ("wait:front-forehand", "wait:front-centre")
     assert GAME.action_names == GAME.catalogue.names

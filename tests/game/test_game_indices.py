@@ -7,9 +7,11 @@ from hypothesis import strategies as st
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, states_of_rallies, strike
+from shuttle_marl.game.rally.record import states_of_rallies
+from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.kernel import struck
 from tests.game.test_rally_layout import games
 
 GAME = default_game()
@@ -48,7 +50,7 @@ def test_values_of_strokes_are_means_over_all_draws() -> None:
         state, k = np.full(ONE, GAME.pair_state[pair]), np.full(ONE, GAME.base_pair_rank[pair % GAME.n_base_pairs])
         total, count = 0.0, np.zeros(len(OUTCOMES), np.int64)
         for high in range(HURRY_ONE):
-            outcome, after = strike(GAME, state, k, high * ONE + low)
+            outcome, after = struck(GAME, state, k, high * ONE + low)
             total += np.where(outcome == WINNER, 1.0, np.where(outcome == FAULT, -1.0, -following[after])).sum()
             count += np.bincount(outcome, minlength=len(OUTCOMES))
         assert every[pair] == pytest.approx(total / ONE / HURRY_ONE, abs=1e-12)
@@ -81,7 +83,7 @@ def test_states_count_what_was_played(made: tuple[Game, Bools], seed: int) -> No
             rally.append(int(game.stroke_at(state, k)))
             visited.append(state)
             pair = game.pair_at(state, k)
-            _, following = strike(game, np.array([state]), np.array([k]), rng.integers(1, 257, 1) * ONE - 1)
+            _, following = struck(game, np.array([state]), np.array([k]), rng.integers(1, 257, 1) * ONE - 1)
             assert following[0] in game.arrivals(pair)
             state = int(following[0])
         strokes += rally

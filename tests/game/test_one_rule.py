@@ -10,10 +10,11 @@ import pytest
 from shuttle_marl import match_v0
 from shuttle_marl.game import default_game, scoring
 from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.rules import next_score
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches
-from shuttle_marl.kernel.lockstep import ask, play
+from shuttle_marl.kernel.matches import ask, play
 
 GAME = default_game()
 UNIFORM = UniformPolicy()
@@ -23,23 +24,17 @@ RULES = [
     scoring.BWF,
 ]
 
-Rally = tuple[tuple[int, ...], int]
+Rally = tuple[tuple[int, int, int, int], int]
 """Points and games of seats 0 and 1 before a rally, and who won it."""
 
 
-def counted_by_hand(winners: Sequence[int], rules: Rules) -> list[tuple[int, ...]]:
+def counted(winners: Sequence[int], rules: Rules) -> list[tuple[int, int, int, int]]:
     """The score before every rally, and after the last one."""
-    points, games = [0, 0], [0, 0]
-    scores: list[tuple[int, ...]] = [(0, 0, 0, 0)]
+    scores: list[tuple[int, int, int, int]] = [(0, 0, 0, 0)]
     for winner in winners:
-        assert max(games) < rules.games, "a rally after the end of the match"
-        points[winner] += 1
-        lead = points[winner] - points[1 - winner]
-        if points[winner] == rules.cap or (points[winner] >= rules.points and lead >= rules.clear):
-            games[winner] += 1
-            points = [0, 0]
-        scores.append((*points, *games))
-    assert max(games) == rules.games, "the match breaks off"
+        assert max(scores[-1][2:]) < rules.games, "a rally after the end of the match"
+        scores.append(next_score(scores[-1], winner, rules))
+    assert max(scores[-1][2:]) == rules.games, "the match breaks off"
     return scores
 
 
@@ -58,7 +53,7 @@ def by_match_v0(rules: Rules) -> Iterator[list[Rally]]:
     env = match_v0.raw_env(rules=rules)
     env.reset(seed=2)
     rng = np.random.default_rng(2)
-    scores: list[tuple[int, ...]] = []
+    scores: list[tuple[int, int, int, int]] = []
     for _ in env.agent_iter():
         seen, _, terminated, truncated, _ = env.last()
         if not scores or scores[-1] != env.score_of(0):
@@ -70,7 +65,7 @@ def by_match_v0(rules: Rules) -> Iterator[list[Rally]]:
     yield list(zip(scores[:-1], winners, strict=True))
 
 
-def _winner(before: tuple[int, ...], after: tuple[int, ...]) -> int:
+def _winner(before: tuple[int, int, int, int], after: tuple[int, int, int, int]) -> int:
     if before[2:] != after[2:]:
         return int(after[3] > before[3])
     return int(after[1] > before[1])
@@ -102,5 +97,5 @@ def by_kernel(rules: Rules) -> Iterator[list[Rally]]:
 @pytest.mark.parametrize("player", [by_scoring, by_match_v0, by_lockstep, by_kernel])
 def test_every_player_of_matches_follows_the_rules_it_is_given(player: Any, rules: Rules) -> None:
     for rallies in player(rules):
-        scores = counted_by_hand([winner for _, winner in rallies], rules)
+        scores = counted([winner for _, winner in rallies], rules)
         assert [score for score, _ in rallies] == scores[:-1]

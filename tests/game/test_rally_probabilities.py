@@ -14,10 +14,11 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.recovery import STEP, Recovery
-from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW, strike
+from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.tabulated import thresholds
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
+from shuttle_marl.kernel import struck
 from tests.exact.exact_games import tiring_game
 from tests.recovery import with_recovery
 
@@ -70,7 +71,7 @@ def test_all_draws_of_a_stroke_give_its_probabilities_exactly() -> None:
     for pair, good, returned, above in zip(pairs, *game.stroke_probabilities(pairs), strict=True):
         state = game.pair_state[pair]
         k = pair - game.pair_start[state]
-        outcome, _ = strike(game, np.full(ONE, state), np.full(ONE, k), draws)
+        outcome, _ = struck(game, np.full(ONE, state), np.full(ONE, k), draws)
         share = np.bincount(outcome, minlength=4) / ONE
         q = good * returned
         expected = [1 - good, good - q, q * (1 - above), q * above]
@@ -78,7 +79,7 @@ def test_all_draws_of_a_stroke_give_its_probabilities_exactly() -> None:
         assert (np.diff(outcome) >= 0).all(), "outcomes are ordered by draw"
         for end in set(outcome.tolist()):
             upper = np.arange(HURRY_ONE) * ONE + int((outcome == end).argmax())
-            found, _ = strike(game, np.full(HURRY_ONE, state), np.full(HURRY_ONE, k), upper)
+            found, _ = struck(game, np.full(HURRY_ONE, state), np.full(HURRY_ONE, k), upper)
             hurried = game.hurry_of(pair)[end - RETURNED_BELOW] if end >= RETURNED_BELOW else 0
             assert (found != end).mean() == hurried
             assert set(found.tolist()) <= {end, end + HURRIED_BELOW - RETURNED_BELOW}

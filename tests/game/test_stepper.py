@@ -1,4 +1,4 @@
-"""One stroke in plain Python against the rule for batches and the draws by counter."""
+"""One stroke in plain Python: what it tells, and the draws by counter."""
 
 import copy
 import pickle
@@ -10,7 +10,7 @@ from shuttle_marl.game import Game, UniformPolicy, court, default_game, tabulate
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.observation import SWAP, observations
 from shuttle_marl.game.rally.stepper import RallyDraws, Stepper, choose, stepper_of
-from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, strike
+from shuttle_marl.game.rules import HURRIED_BELOW
 
 
 @pytest.fixture(scope="module")
@@ -23,20 +23,14 @@ def pairs(game: Game) -> np.ndarray:
     return np.random.default_rng(1).integers(0, game.n_pairs, 2000)
 
 
-def test_step_equals_strike(game: Game, pairs: np.ndarray) -> None:
-    stepper, draws = stepper_of(game), np.random.default_rng(2).integers(0, 1 << 24, len(pairs))
-    state, stroke = game.pair_state[pairs], game.pair_stroke[pairs]
-    outcome, following = strike(game, state, game.base_pair_rank[pairs % game.n_base_pairs], draws)
+def test_strokes_tell_their_probabilities(game: Game, pairs: np.ndarray) -> None:
+    stepper, state, stroke = stepper_of(game), game.pair_state[pairs], game.pair_stroke[pairs]
     good, returned, _ = game.stroke_probabilities(pairs)
-    assert len(set(outcome.tolist())) == len(OUTCOMES)
     for i in range(len(pairs)):
-        played, after = stepper.step(int(state[i]), i % 2, int(stroke[i]), int(draws[i]))
-        assert played == (i % 2, stroke[i], outcome[i], good[i], returned[i])
-        if outcome[i] >= RETURNED_BELOW:
-            assert after == following[i]
-            assert stepper.is_hurried(after) == (outcome[i] >= HURRIED_BELOW)
-        else:
-            assert after in game.arrivals(pairs[i : i + 1])[:, 0]
+        played, after = stepper.step(int(state[i]), i % 2, int(stroke[i]), (1 << 24) - 1)
+        assert (played.player, played.stroke, played.p_succ, played.p_ret) == (i % 2, stroke[i], good[i], returned[i])
+        assert after in game.arrivals(pairs[i : i + 1])
+        assert stepper.is_hurried(after) == (played.outcome >= HURRIED_BELOW)
 
 
 def test_observations_and_masks_equal_those_of_batches(game: Game, pairs: np.ndarray) -> None:

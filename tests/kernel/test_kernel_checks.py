@@ -9,7 +9,7 @@ import pytest
 
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, RallySampler, pack, play_matches
+from shuttle_marl.kernel import KernelError, Matches, RallyBatch, RallySampler, pack, play_matches
 from shuttle_marl.kernel.rows import Observations
 from tests.exact.exact_games import hand_made, random_game, random_policy, tiring_game
 from tests.recovery import with_recovery
@@ -81,27 +81,10 @@ def test_assigned_opponents_are_checked(batch: RallyBatch, opponents: np.ndarray
     assert (batch.opponents.following == 0).all()
 
 
-def changed(name: str, at: Any, value: int) -> Players:
-    players = Players(PLAYERS.cumulative.copy(), PLAYERS.guide.copy(), PLAYERS.waits)
-    getattr(players, name)[at] = value
-    return players
-
-
-@pytest.mark.parametrize(
-    "players",
-    [
-        PLAYERS._replace(cumulative=PLAYERS.cumulative[:, :-1]),
-        PLAYERS._replace(cumulative=PLAYERS.cumulative.astype(np.int64)),
-        PLAYERS._replace(cumulative=PLAYERS.cumulative[:, ::-1]),
-        PLAYERS._replace(guide=PLAYERS.guide[:1]),
-        changed("cumulative", (1, -1), 65534),
-        changed("guide", (1, 7, 3), 255),
-        changed("guide", (0, 1, 0), 1),
-    ],
-)
-def test_packed_policies_made_by_hand_are_checked(players: Players) -> None:
-    with pytest.raises(KernelError, match=r"packed policies"):
-        play_matches(GAME, some_matches(), players)
+def test_packed_policies_of_another_game_are_refused() -> None:
+    other = random_game(3)
+    with pytest.raises(KernelError, match="packed policies of another game"):
+        play_matches(GAME, some_matches(), pack([random_policy(other, 0)], other))
 
 
 @pytest.mark.parametrize("cumulative", [TABLE.cumulative[:-1], TABLE.cumulative.astype(float), np.zeros_like(TABLE.cumulative)])

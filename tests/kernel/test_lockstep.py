@@ -12,7 +12,7 @@ from shuttle_marl.game.policy import PolicyError, States, UniformPolicy
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Matches
-from shuttle_marl.kernel.lockstep import ask, ask_position, asking, play
+from shuttle_marl.kernel.matches import ask, ask_position, asking, play
 from tests.exact.exact_games import hand_made, tiring_game
 from tests.lost_serves import SCORES
 from tests.recovery import with_recovery

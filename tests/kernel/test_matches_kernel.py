@@ -1,7 +1,6 @@
 """Compiled matches against the lock-step, and that against matches played stroke by stroke; also in the game of a pair."""
 
 import dataclasses
-import itertools
 from typing import Any, Literal
 
 import numpy as np
@@ -11,15 +10,15 @@ from hypothesis import strategies as st
 
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
-from shuttle_marl.game import draws, scoring
+from shuttle_marl.game import scoring
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.rules import OUTCOMES, WINNER, IllegalStrokeError, strike
+from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.game.tables import ROOT, Game, GameError
+from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, Matches, MatchResults, RallyBatch, pack, play_matches, play_rallies
+from shuttle_marl.kernel import KernelError, Matches, MatchResults, pack, play_matches, play_rallies
 from shuttle_marl.kernel.core import BLOCK
-from shuttle_marl.kernel.lockstep import play
+from shuttle_marl.kernel.matches import play
 from shuttle_marl.league.entrants import Entrant, Strikers, enter
 from shuttle_marl.league.tournament import groups, join, matches_of, round_robin
 from shuttle_marl.policy.registry import resolve
@@ -115,36 +114,6 @@ Row = tuple[int, int, int, int, str, tuple[int, ...], list[int], list[int]]
 """Match, rally, server, winner, reason, score before, and strokes of a rally."""
 
 
-def one_by_one(matches: Matches, rules: scoring.Rules) -> list[Row]:
-    """Every rally, a stroke at a time."""
-    rallies: list[Row] = []
-    for m in range(len(matches)):
-        score = scoring.Score(server=int(matches.first_server[m]), rules=rules)
-        for rally in itertools.count():
-            server = score.server
-            key = draws.extend(matches.key[m : m + 1], 2 * rally + server)
-            before = (*score.points, *score.games)
-            state, striker = ROOT, server
-            strokes, hurried = list[int](), list[int]()
-            while True:
-                bits = draws.draw(key, len(strokes))
-                table = ENTRANTS[matches.entrant[m, striker]].table
-                first, last = GAME.pair_start[state], GAME.pair_start[state + 1]
-                k = int(np.searchsorted(table.cumulative[first:last], draws.choice_draw(bits)[0], side="right"))
-                strokes.append(int(GAME.pair_stroke[first + k]))
-                hurried.append(int(GAME.hurried(state)))
-                outcome, following = strike(GAME, np.array([state]), np.array([k]), draws.outcome_draw(bits))
-                if following[0] < 0:
-                    break
-                state, striker = int(following[0]), 1 - striker
-            winner = striker if outcome[0] == WINNER else 1 - striker
-            rallies.append((m, rally, server, winner, OUTCOMES[outcome[0]], before, strokes, hurried))
-            score = score.after(winner)
-            if score.over:
-                break
-    return rallies
-
-
 def as_rows(results: MatchResults) -> list[Row]:
     played = results.rallies
     ends = np.cumsum(played.length)
@@ -165,13 +134,6 @@ def as_rows(results: MatchResults) -> list[Row]:
 
 def matches_of_all(seed: int, first: int = 0, last: int = 4) -> Matches:
     return join([matches_of(pairing, seed, first, last) for pairing in round_robin(NAMES)])
-
-
-@pytest.mark.parametrize("rules", [SHORT_RULES, scoring.BWF], ids=["short", "bwf"])
-def test_lock_step_is_play_one_stroke_at_a_time(rules: scoring.Rules) -> None:
-    matches = matches_of_all(seed=3, last=2 if rules is scoring.BWF else 6)
-    played = play(GAME, matches, STRIKERS.choose, rules=rules)
-    assert as_rows(played) == one_by_one(matches, rules)
 
 
 @settings(max_examples=15, deadline=None)
@@ -290,4 +252,4 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(GameError, match="expected 0 or 1 for all rows"):
         RallyVectorEnv(4, game=PAIR, seat=np.array([0, 1, 0, 1]))
     with pytest.raises(KernelError, match="tabulated for another game"):
-        RallyBatch(PAIR, 4).run(3, (seated("bc")[0], random_policy(random_game(1), 0)))
+        pack([seated("bc")[0], random_policy(random_game(1), 0)], PAIR)

@@ -205,21 +205,18 @@ def test_some_rallies_may_begin_anywhere() -> None:
         sampler.restart(np.array([1]), 0.5)
 
 
-@pytest.mark.parametrize("opponents", [(), (RANDOM, BC)], ids=["self-play", "two"])
-def test_rallies_that_were_noted_are_those_that_are_played_again(opponents: tuple[TabulatedPolicy, ...]) -> None:
-    found = []
-    for noted in (False, True):
-        sampler = RallySampler(GAME, opponents)
-        for iteration in range(2):
-            if noted:
-                sampler.note_next()
-            sampler.collect(2000, network(iteration))
-        found.append((sampler.record(sampler.numbers[::-3], figures=True), sampler.take()))
-    (expected, strokes), (played, taken) = found
+def test_records_have_the_figures_of_the_learner() -> None:
+    sampler = RallySampler(GAME, [RANDOM])
+    sampler.collect(2000, network(0))
+    played = sampler.record(sampler.numbers[::-3], figures=True)
     assert played.optional_columns == ("log_probability", "value")
-    for name, column in expected.columns():
-        assert np.array_equal(column, getattr(played, name), equal_nan=name in played.optional_columns), name
-    assert np.array_equal(taken.visits, strokes.visits)
+    own = played.striker == 0
+    assert np.array_equal(np.isnan(played.value), ~own)
+    logits, value = network(0)(played.states(GAME)[own])
+    logits = np.where(GAME.mask(played.states(GAME)[own]), logits, -np.inf)
+    chance = np.take_along_axis(logits, played.stroke[own, None].astype(np.int64), axis=1)[:, 0]
+    np.testing.assert_allclose(played.log_probability[own], chance - np.logaddexp.reduce(logits, axis=1), atol=1e-5)
+    assert np.array_equal(played.value[own], value)
 
 
 def test_numbers_that_cannot_be_meant_are_refused() -> None:

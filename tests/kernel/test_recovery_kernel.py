@@ -9,16 +9,26 @@ import pytest
 from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.game import draws
-from shuttle_marl.game.rules import WINNER, strike
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions
-from shuttle_marl.kernel import KernelError, Matches, RallyBatch, lockstep, pack, play_matches, play_rallies
+from shuttle_marl.kernel import (
+    KernelError,
+    Matches,
+    MatchResults,
+    RallyBatch,
+    pack,
+    play_matches,
+    play_rallies,
+    wrong_outcomes,
+)
+from shuttle_marl.kernel.matches import asking as asked_of
+from shuttle_marl.kernel.matches import play
 from tests.exact.exact_games import random_game, random_policy
 from tests.kernel.recovery import GAME, PAIR, RECOVERY, TABLES, people, with_positions
 from tests.kernel.test_matches_kernel import RULES, assert_same, some_matches
 
 
-def by_numpy(game: Game, wanted: Matches, tables: list[TabulatedPolicy], rule: str) -> lockstep.MatchResults:
+def by_numpy(game: Game, wanted: Matches, tables: list[TabulatedPolicy], rule: str) -> MatchResults:
     """Matches of tables in lockstep; in the game of a pair the tables of seat 1 follow those of seat 0."""
 
     def choose(entrant: I32, state: I32, draw: I32, *_: I32) -> Intp:
@@ -33,7 +43,7 @@ def by_numpy(game: Game, wanted: Matches, tables: list[TabulatedPolicy], rule: s
             position[entrant == i] = table.choose_position(state[entrant == i], draw[entrant == i])
         return position
 
-    return lockstep.play(game, wanted, choose, wait, rules=RULES[rule])
+    return play(game, wanted, choose, wait, rules=RULES[rule])
 
 
 @pytest.mark.parametrize("rule", ["bwf", "one point"])
@@ -64,30 +74,8 @@ def test_matches_of_a_pair() -> None:
 
 def test_policies_that_are_called_wait_as_their_tables_do() -> None:
     wanted = some_matches(20, 2, 3)
-    asking = (lockstep.asking(GAME, TABLES, positions=positions) for positions in (False, True))
-    assert_same(lockstep.play(GAME, wanted, *asking, rules=RULES["to five"]), by_numpy(GAME, wanted, TABLES, "to five"))
-
-
-def test_a_rally_is_played_by_the_rules_one_stroke_at_a_time() -> None:
-    played = play_rallies(GAME, (TABLES[0], TABLES[1]), 300, seed=5)
-    assert played.waited is not None
-    for r in range(300):
-        key = draws.stream(5, r)
-        server = int(draws.first_server(draws.draw(key, 0))[0])
-        state, strokes, positions = np.array([ROOT]), list[int](), list[int]()
-        for t in range(1000):
-            bits, striker = draws.draw(key, t), (server + t) % 2
-            k = TABLES[striker].choose(state, draws.choice_draw(bits))
-            position = TABLES[1 - striker].choose_position(state, draws.position_draw(bits))
-            strokes.append(int(GAME.stroke_at(state, k)[0]))
-            positions.append(int(position[0]))
-            outcome, following = strike(GAME, state, k, draws.outcome_draw(bits), position=position)
-            if following[0] < 0:
-                break
-            state = following
-        part = played.slice(r, r + 1)
-        assert (part.stroke.tolist(), part.waited.tolist()) == (strokes, positions)
-        assert part.winner[0] == (striker if outcome[0] == WINNER else 1 - striker)
+    asking = (asked_of(GAME, TABLES, positions=positions) for positions in (False, True))
+    assert_same(play(GAME, wanted, *asking, rules=RULES["to five"]), by_numpy(GAME, wanted, TABLES, "to five"))
 
 
 def test_exact_values_are_those_of_sampled_rallies() -> None:
@@ -101,18 +89,14 @@ def test_exact_values_are_those_of_sampled_rallies() -> None:
 def test_recorded_positions_replay_the_outcomes() -> None:
     played = play_rallies(GAME, (TABLES[1], TABLES[2]), 500, seed=1)
     key = draws.extend(draws.stream(1), np.arange(500))
-    assert not played.wrong_outcomes(GAME, key).any()
-    assert dataclasses.replace(played, waited=(played.waited + 1) % 9).wrong_outcomes(GAME, key).any()
+    assert not wrong_outcomes(played, GAME, key).any()
+    assert wrong_outcomes(dataclasses.replace(played, waited=(played.waited + 1) % 9), GAME, key).any()
 
 
 def test_positions_of_packed_policies_are_checked() -> None:
     wrong = dataclasses.replace(TABLES[1], waits=np.zeros_like(TABLES[1].waits))
     with pytest.raises(KernelError, match="positions of a policy"):
         pack([wrong], GAME)
-    packed = pack(TABLES, GAME)
-    packed.waits[0, 5] = 0
-    with pytest.raises(KernelError, match="packed policies"):
-        play_matches(GAME, some_matches(3, 3, 0), packed)
 
 
 def test_people_wait_where_their_table_says() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.kernel.lockstep import play
+from shuttle_marl.kernel.matches import play
 from shuttle_marl.league.entrants import Entrant, Strikers, enter
 from shuttle_marl.league.ranking import rank, results_table
 from shuttle_marl.league.tournament import MatchOptions, Tournament, matches_of, round_robin

@@ -11,7 +11,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError, States, UniformPolicy, checked_probabilities
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.kernel import Matches
-from shuttle_marl.kernel.lockstep import ask, play
+from shuttle_marl.kernel.matches import ask, play
 
 GAME = default_game()
 TABLES = (

@@ -11,7 +11,7 @@ from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel import RallyBatch, RallySampler
+from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training.config import SHARP, A2CConfig, PPOConfig
 from shuttle_marl.training.learner import Callback, Learner, Observer
@@ -103,23 +103,3 @@ def test_torchrl_environments() -> None:
     for env in (VersusEnv(8, game=GAME, opponents=TABLES[1]), RallyEnv(8, game=GAME)):
         check_env_specs(env)
         assert env.rollout(30, break_when_any_done=False)["next", "terminated"].any()
-
-
-def test_self_play_of_the_batch_is_that_against_the_table() -> None:
-    """Both actions of each row are those of tables: the rallies are those that the kernel plays."""
-    from shuttle_marl.game import draws
-
-    batch = RallyBatch(GAME, 64, seed=4)
-    alone = RallyBatch(GAME, 64, seed=4)
-    for _ in range(40):
-        bits = draws.draw(batch.rows.key, batch.rows.stroke)
-        seat, state = batch.rows.striker, batch.rows.state
-        k = np.where(
-            seat == 0, TABLES[0].choose(state, draws.choice_draw(bits)), TABLES[1].choose(state, draws.choice_draw(bits))
-        )
-        drawn = draws.position_draw(bits)
-        place = np.where(seat == 1, TABLES[0].choose_position(state, drawn), TABLES[1].choose_position(state, drawn))
-        batch.step(GAME.stroke_at(state, k), place)
-    alone.run(40, (TABLES[0], TABLES[1]))
-    for name in ("state", "striker", "stroke", "rally", "key"):
-        assert np.array_equal(getattr(batch.rows, name), getattr(alone.rows, name))

@@ -7,13 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, U64, Bools, Ints, UInts
+from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.court import HANDS, Hands, area_box, seen_by, service_area, service_box
-from shuttle_marl.game.draws import draw, outcome_draw
-from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.layout import LONGEST_DUEL, Layout
 from shuttle_marl.game.recovery import N_POSITIONS
-from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies, strike
+from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, Score, serves_from_right
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
@@ -26,12 +25,44 @@ OPTIONAL: Final = ("update", "waited", "log_probability", "value")
 
 def columns_of(game: Game, *others: str) -> tuple[str, ...]:
     """The columns of :data:`OPTIONAL` that a record of a game has: some, and the positions in the game with recovery."""
-    return tuple(name for name in OPTIONAL if name in others or (name == "waited" and game.recovery is not None))
+    return tuple(name for name in OPTIONAL if name in others or (name == "waited" and game.hides))
 
 
 def stroke_dtype(n_strokes: int) -> np.dtype[np.unsignedinteger]:
     """Type of ``Rallies.stroke`` in a game of ``n_strokes`` strokes: uint8 or uint16."""
     return np.dtype(np.uint8 if n_strokes <= 256 else np.uint16)
+
+
+def states_of_rallies(game: Layout, stroke: Ints, position: Ints, hurried: Bools | Ints) -> I32:
+    """The state in which each stroke of rallies was struck.
+
+    Args:
+        stroke: ``[N]`` catalogue indices, rally after rally.
+        position: ``[N]`` number of each stroke in its rally, from 0.
+        hurried: ``[N]`` whether the striker of each stroke was hurried.
+
+    Returns:
+        ``[N]`` state, -1 where the game has no such state. It does not look whether the stroke is legal there.
+    """
+    n, stroke, position = game.n_strokes, np.asarray(stroke, dtype=np.int64), np.asarray(position, dtype=np.int64)
+    row = np.arange(len(stroke))
+    own = np.where(position >= 2, stroke[np.maximum(row - 2, 0)], n)
+    incoming = np.where(position >= 1, stroke[np.maximum(row - 1, 0)], n)
+    even = position % 2 == 0
+    attack = game.catalogue.is_attack[stroke]
+    # Attacks before each stroke since the beginning of its rally, of those who struck at even and at odd positions.
+    so_far = np.stack([np.r_[0, np.cumsum(attack & side)] for side in (even, ~even)])
+    counts = np.minimum(so_far[:, row] - so_far[:, row - position], game.levels - 1)
+    effort, opponent_effort = np.where(even, counts, counts[::-1])
+    duel = np.zeros(len(stroke), dtype=np.int64)
+    if game.counts_duels:
+        net = game.catalogue.is_net_shot[stroke]
+        # The last stroke up to each one that is no net shot; at the latest the one before the rally.
+        broken = np.maximum.accumulate(np.where(net, row - position - 1, row))
+        in_a_row = np.minimum(row - broken, LONGEST_DUEL)
+        duel = np.where(position >= 1, in_a_row[np.maximum(row - 1, 0)], 0)
+    hurry = np.asarray(hurried, dtype=np.int64)
+    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort, hurry)
 
 
 class RallyError(ShuttleError):
@@ -307,24 +338,6 @@ class Rallies:
         state = self.states(game)
         k = np.where(state < 0, -1, game.rank(np.maximum(state, 0), self.stroke.astype(np.int64)))
         return np.where(k < 0, -1, state), k
-
-    def wrong_outcomes(self, game: Game, key: U64) -> Bools:
-        """``[N]`` whether a stroke is illegal, or has another outcome than its draw gives.
-
-        Args:
-            key: ``[R]`` uint64 key of the draws of each rally.
-        """
-        state, k = self.legal(game)
-        wrong: Bools = state < 0
-        legal = np.flatnonzero(~wrong)
-        drawn = outcome_draw(draw(key[self.row_of_stroke[legal]], self.position[legal]))
-        position = None if self.waited is None or game.recovery is None else self.waited[legal]
-        outcome, _ = strike(game, state[legal], k[legal], drawn, self.striker[legal], position)
-        wrong[legal] = outcome != self.outcome(game.catalogue)[legal]
-        if position is not None:
-            feasible = game.seats[0].waiting.mask(game.base(state[legal]))
-            wrong[legal] |= ~feasible[np.arange(len(legal)), position]
-        return wrong
 
     def slice(self, first: int, last: int) -> "Rallies":
         """Rows ``first`` up to ``last``, without a copy."""

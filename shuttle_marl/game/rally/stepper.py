@@ -11,7 +11,7 @@
 
 With recovery ``step`` also takes the receiver's position: ``choose(…, waits=True) - n``, by ``draws.position``.
 
-The rule is that of :func:`shuttle_marl.game.rules.strike` and the draws are those of :mod:`shuttle_marl.game.draws`, without
+The rule is that of :mod:`shuttle_marl.game.rules` and the draws are those of :mod:`shuttle_marl.game.draws`, without
 the cost of numpy calls on single numbers; tests hold both equal.
 """
 
@@ -29,6 +29,7 @@ from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_dra
 from shuttle_marl.game.observation import EFFORT, SWAP, features
 from shuttle_marl.game.policy import LAGS, Policy, States, checked_positions, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -72,10 +73,9 @@ class Stepper:
 
     def __init__(self, game: Game) -> None:
         self.game = game
-        seen, hides = features(game), game.recovery is not None
-        self.observations = np.pad(np.concatenate([seen, seen[:, SWAP]]), ((0, 0), (0, hides)))
-        self._n, self._one, self._positions = game.n_strokes, ONE, game.n_positions
-        waiting = None if game.recovery is None else [tables.waiting for tables in game.seats]
+        seen = features(game)
+        self.observations = np.pad(np.concatenate([seen, seen[:, SWAP]]), ((0, 0), (0, game.hides)))
+        self._n, self._one = game.n_strokes, ONE
         self.n_actions = game.n_actions
         masks = game.reply_mask.reshape(-1, self._n).astype(np.int8)
         self._masks = np.pad(masks, ((0, 0), (0, self.n_actions - self._n)))
@@ -89,15 +89,14 @@ class Stepper:
         self._incoming = _view(game.edge_incoming)
         self._size, self._levels = game.n_base_states, game.levels
         self._next_block = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
-        self._only = _view(np.full(self._size, -1, np.int8))
-        if waiting:
-            self._met: Sequence[Sequence[_Flat]] = [[_view(limits) for limits in tables.limits] for tables in waiting]
-            self._late: Sequence[_Flat] = [_view(tables.hurry) for tables in waiting]
-            feasible = waiting[0].mask(np.arange(self._size)).astype(np.int8)
-            self._position_masks = np.pad(feasible, ((0, 0), (self._n, 0)))
-            self._place, self._choices = _view(waiting[0].place), _view(waiting[0].choices)
-            self._first_row = _view(waiting[0].start)
-            self._only = _view(np.where(waiting[0].choices > 1, -1, waiting[0].position[:, 0]))
+        waiting = [tables.waiting for tables in game.seats]
+        self._met: Sequence[Sequence[_Flat]] = [[_view(limits) for limits in tables.limits] for tables in waiting]
+        self._late: Sequence[_Flat] = [_view(tables.hurry) for tables in waiting]
+        self._feasible = waiting[0].place >= 0
+        self._place, self._choices, self._first_row = (
+            _view(table) for table in (waiting[0].place, waiting[0].choices, waiting[0].start)
+        )
+        self._only = _view(np.where(waiting[0].choices > 1, -1, waiting[0].position[:, 0]))
         highest = max(1, game.levels - 1)
         self._efforts = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]
 
@@ -122,22 +121,23 @@ class Stepper:
         return mask
 
     def position_mask(self, state: int) -> I8:
-        """``[n_actions]`` int8 feasible positions of the receiver, a new array; of the game with recovery."""
-        mask: I8 = self._position_masks[state % self._size].copy()
+        """``[n_actions]`` int8 feasible positions of a receiver who has a choice, a new array."""
+        mask = np.zeros(self.n_actions, np.int8)
+        mask[self._n :] = self._feasible[state % self._size]
         return mask
 
     def chooses_position(self, state: int) -> bool:
         """Whether the receiver can wait at more than one position."""
-        return self.n_actions > self._n and self.only_position(state) is None
+        return bool(self._only[state % self._size] < 0)
 
     def only_position(self, state: int) -> int | None:
-        """Where a receiver without a choice waits; None: they have one, or it is the game without recovery."""
+        """Where a receiver without a choice waits; None: they have one."""
         only: int = self._only[state % self._size]
         return None if only < 0 else only
 
     def is_feasible(self, state: int, position: int) -> bool:
-        """Whether a receiver can wait at a position; of the game with recovery."""
-        return 0 <= position < self._positions and self._place[self._positions * (state % self._size) + position] >= 0
+        """Whether a receiver can wait at a position."""
+        return 0 <= position < N_POSITIONS and self._place[N_POSITIONS * (state % self._size) + position] >= 0
 
     def is_legal(self, state: int, stroke: int) -> bool:
         """Whether a stroke is in the catalogue and legal in a state."""
@@ -154,8 +154,7 @@ class Stepper:
         Args:
             stroke: catalogue index, legal in this state; not checked.
             draw: uniform integer in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
-            position: where the receiver waits, feasible in this state, which is not checked; None: as people do, and in the game
-                without recovery.
+            position: where the receiver waits, feasible in this state, which is not checked; None: as people do.
 
         Returns:
             The stroke and the receiver's state; after a fault or a winner, the state after the stroke with contact below and not
@@ -169,7 +168,7 @@ class Stepper:
         fault, winner, one = limits[entry], limits[entry + 1], self._one
         good, returned = (one - fault) / one, (one - winner) / (one - fault)
         if position is not None:
-            row = self._first_row[base] + k * self._choices[base] + self._place[self._positions * base + position]
+            row = self._first_row[base] + k * self._choices[base] + self._place[N_POSITIONS * base + position]
             entry = 3 * row
             limits, hurry = self._met[player][block // self._levels], self._late[player]
             fault, winner = limits[entry], limits[entry + 1]
