@@ -46,9 +46,9 @@ class Point:
 
 
 def recognises(value: Any) -> bool:
-    """Whether JSON is of this format."""
+    """Whether a parsed file is of this format."""
     points = list(value.values()) if isinstance(value, dict) else value
-    return bool(points) and isinstance(points, list) and isinstance(points[0], dict) and "PointInfo" in points[0]
+    return isinstance(points, list) and bool(points) and isinstance(points[0], dict) and "PointInfo" in points[0]
 
 
 def read(path: Path, content: bytes, value: Any) -> Sheet:

@@ -9,7 +9,7 @@ import itertools
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from shuttle_marl.data.readers.tree import line_of, spans_around, text_of
 from shuttle_marl.data.sheet import Sheet
 from shuttle_marl.data.words import Words, bare
 
-ROOT: Final = "ANNOTATION_DOCUMENT"
 _OF_BADMINTON_DB: Final = {"points": "score", "servereceive": "service", "servicereceive": "service"}
 _OF_ANOTHER: Final = "REF_ANNOTATION"
 _DEEPEST: Final = 20
@@ -50,14 +49,19 @@ Tier = list[Annotation]
 """Annotations in order of time."""
 
 
-def read(path: Path, content: bytes, root: ET.Element) -> Sheet:
+def recognises(value: Any) -> bool:
+    """Whether a parsed file is of this format."""
+    return isinstance(value, ET.Element) and value.tag == "ANNOTATION_DOCUMENT"
+
+
+def read(path: Path, content: bytes, value: ET.Element) -> Sheet:
     """Read a file.
 
     Raises:
         DataError: it has no tier of strokes, or none of players or points.
     """
     inferred = list[str]()
-    tiers = _tiers(path, root, inferred)
+    tiers = _tiers(path, value, inferred)
     words = Words("column", tiers)
     named: dict[str, str] = {}
     for name, annotations in tiers.items():

@@ -31,6 +31,11 @@ _MOST_KEYS: Final = 20
 """Keys that a message lists."""
 
 
+def recognises(value: Any) -> bool:
+    """Whether a parsed file is of this format: any JSON."""
+    return isinstance(value, dict | list)
+
+
 def read(path: Path, content: bytes, value: Any) -> Sheet:
     """Read a file.
 

@@ -4,7 +4,7 @@
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,21 +32,21 @@ _LOST: Final = (
 )
 
 
-def recognises(header: Sequence[str]) -> bool:
-    """Whether a CSV file is of this format."""
-    return set(header) >= _MARKS
+def recognises(value: Any) -> bool:
+    """Whether a parsed file is of this format, and the user maps no columns."""
+    return isinstance(value, Sheet) and not value.map.columns and set(value.header) >= _MARKS
 
 
-def read(path: Path, sheet: Sheet) -> Sheet:
+def read(path: Path, content: bytes, value: Sheet) -> Sheet:
     """Read a file."""
     of_file = re.fullmatch(r"set(\d)", path.stem)
     absent = {"match_id": path.absolute().parent.name, "set": of_file[1]} if of_file else {"match_id": path.stem, "set": "1"}
-    columns = [map(str.strip, sheet.columns.get(name, (absent.get(name, ""),) * len(sheet))) for name in _COLUMNS]
+    columns = [map(str.strip, value.columns.get(name, (absent.get(name, ""),) * len(value))) for name in _COLUMNS]
     rows = [dict(zip(_COLUMNS, values, strict=True)) for values in zip(*columns, strict=True)]
     for row in rows:
         row.update({name: _DECIMALS.sub("", value) for name, value in row.items() if name != "match_id"})
-    about: dict[str, Any] = {"format": "ShuttleSet", "source": "ShuttleSet", "lost": _LOST, "empty": sheet.empty}
-    found = Sheet.of(path, sheet.content, [_entry(row) for row in rows], sheet.line.tolist(), **about)
+    about: dict[str, Any] = {"format": "ShuttleSet", "source": "ShuttleSet", "lost": _LOST, "empty": value.empty}
+    found = Sheet.of(path, content, [_entry(row) for row in rows], value.line.tolist(), **about)
     before: dict[str, str] = {}
     for number, row in enumerate(rows):
         first = any(before.get(name) != row[name] for name in ("match_id", "set", "rally"))

@@ -15,24 +15,29 @@ from shuttle_marl.data.readers.tree import line_of, spans_around, text_of
 from shuttle_marl.data.sheet import Sheet
 from shuttle_marl.data.words import Words
 
-INSTANCE: Final = "ALL_INSTANCES/instance"
+_INSTANCE: Final = ".//ALL_INSTANCES/instance"
 _KINDS: Final = ("shot", "ending", "technique", "height", "area")
 """Kinds of words that labels without a group may be, the first ones first."""
 
 
-def read(path: Path, content: bytes, root: ET.Element) -> Sheet:
+def recognises(value: Any) -> bool:
+    """Whether a parsed file is of this format."""
+    return isinstance(value, ET.Element) and value.find(_INSTANCE) is not None
+
+
+def read(path: Path, content: bytes, value: ET.Element) -> Sheet:
     """Read a file.
 
     Raises:
         DataError: it holds no strokes.
     """
     columns = Words("column", ())
-    kinds = {kind: Words(kind, (label.text or "" for label in root.iter("text"))) for kind in _KINDS}
+    kinds = {kind: Words(kind, (label.text or "" for label in value.iter("text"))) for kind in _KINDS}
     spans: dict[str, list[tuple[float, float]]] = {"game": [], "rally": []}
     strokes: list[tuple[float, float, int, dict[str, str]]] = []
     twice: list[Problem] = []
     others, unread = 0, set[str]()
-    for instance in root.iterfind(f".//{INSTANCE}"):
+    for instance in value.iterfind(_INSTANCE):
         code = text_of(instance, "code")
         entry: dict[str, str] = {}
         for label in instance.iterfind("label"):
