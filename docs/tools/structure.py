@@ -1,4 +1,4 @@
-"""Structure of the package as a table and a diagram: the layers of ``pyproject.toml``."""
+"""Structure of the package as a table: the layers of ``pyproject.toml``."""
 
 import ast
 import tomllib
@@ -28,10 +28,3 @@ def layers() -> str:
         kind = "/" if (ROOT / PACKAGE / name).is_dir() else ".py"
         rows.append((f"`{name}{kind}`", _summary(name), "never" if f"{PACKAGE}.{name}" in _NO_TORCH else ""))
     return markdown(("layer", "contents", "imports PyTorch"), rows, left=("layer", "contents", "imports PyTorch"))
-
-
-def diagram() -> str:
-    """The layers as a Mermaid diagram: each layer imports only from layers below."""
-    rows = [f'    L{i}["{" &nbsp; · &nbsp; ".join(layer)}"]' for i, layer in enumerate(_LAYERS)]
-    arrows = [f"    {' --> '.join(f'L{i}' for i in range(len(rows)))}"]
-    return "\n".join(["```mermaid", "flowchart TD", *rows, *arrows, "```"])

@@ -36,7 +36,7 @@ LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {
     "ranking_short": league_tables.ranking_short,
 }
 """Tables of a tournament by name, and what makes them from its run folder."""
-_OF_THE_CODE: Final = {"layer_diagram": structure.diagram, "layers": structure.layers}
+_OF_THE_CODE: Final = {"layers": structure.layers}
 RESULTS: Final = {**results.RESULTS, "suite": dataclasses.replace(results.RESULTS["suite"], tables=tuple(suite_tables.BLOCKS))}
 """Result files by name."""
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
