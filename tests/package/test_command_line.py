@@ -229,7 +229,7 @@ def test_help_lists_every_command(launcher: list[str]) -> None:
     done = call(*launcher, "--help")
     assert (done.returncode, done.stderr) == (0, "")
     found = {path.parent.name for path in Path(shuttle_marl.__file__).parent.glob("*/__main__.py")}
-    found |= {"policies", "report", "scout"}  # commands that are no package
+    found |= {"analysis", "policies", "report", "scout", "watch"}  # commands that are no package
     assert len(found) > 5
     assert {line.split()[0] for line in done.stdout.splitlines() if line.startswith("  ")} == found
     done = call(*launcher, "serve-tea")

@@ -26,8 +26,8 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     for path, text in (("page/build.mjs", "1"), ("page/src/a.ts", "2"), ("page/node_modules/esbuild/x", "3")):
         (tmp_path / "watch" / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "watch" / path).write_text(text)
-    (tmp_path / "pages" / "languages").mkdir(parents=True)
-    (tmp_path / "pages" / "languages" / "en.json").write_text("{}")
+    (tmp_path / "reports" / "languages").mkdir(parents=True)
+    (tmp_path / "reports" / "languages" / "en.json").write_text("{}")
     program = tmp_path / "bin" / "node"
     program.parent.mkdir()
     program.write_text(
@@ -56,7 +56,7 @@ def test_a_page_is_built_once_for_each_state_of_its_source(checkout: Any) -> Non
     assert builds() == 2
     (page / "src" / "a.ts").rename(page / "src" / "b.ts")
     assert builds() == 3
-    (page.parents[1] / "pages" / "languages" / "en.json").write_text("[]")
+    (page.parents[1] / "reports" / "languages" / "en.json").write_text("[]")
     assert builds() == 4
     (page / "node_modules" / "esbuild" / "x").write_text("changed")
     assert builds() == 4, "modules of others do not count"
