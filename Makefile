@@ -28,7 +28,7 @@ INPUTS := pyproject.toml constraints.txt
 # `-t quick` leaves out the reference.
 SITE_FLAGS ?=
 
-PAGE := shuttle_marl/watch/page
+PAGE := shuttle_marl/court/page
 
 .PHONY: help demo test test-slow install lint format docs notebooks dist reproduce lock clean
 .NOTPARALLEL:

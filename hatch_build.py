@@ -1,4 +1,4 @@
-"""Builds the page of the live court into the wheel; see ``shuttle_marl/watch/building.py``."""
+"""Builds the page of the live court into the wheel; see ``shuttle_marl/court/building.py``."""
 
 import importlib.util
 import shutil
@@ -7,7 +7,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-_BUILDING = Path(__file__).parent / "shuttle_marl" / "watch" / "building.py"
+_BUILDING = Path(__file__).parent / "shuttle_marl" / "court" / "building.py"
 
 
 class PageHook(BuildHookInterface[Any]):
@@ -27,4 +27,4 @@ class PageHook(BuildHookInterface[Any]):
         building = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(building)
         building.build(self.app.display_info)
-        build_data["artifacts"].append("/shuttle_marl/watch/built/")
+        build_data["artifacts"].append("/shuttle_marl/court/built/")

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.court.staging import Motion
 from shuttle_marl.game.court import HALF_WIDTH, NET_HEIGHT, NET_HEIGHT_CENTRE, SHORT_SERVICE, WIDTH
-from shuttle_marl.staging import Motion
 
 _FROM_NET: Final = 2.5
 """Distance from the net beyond which no shot is a net kill [m]."""

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.court.staging.motion import Motion, against_parents
+from shuttle_marl.court.staging.skeleton import BONE
 from shuttle_marl.game.stroke import NET_SHOTS, SHOTS
-from shuttle_marl.staging.motion import Motion, against_parents
-from shuttle_marl.staging.skeleton import BONE
 
 _WINDOW: Final = 0.12
 """Window around a contact for the maximum racket speed [s]."""

@@ -26,8 +26,8 @@ from websockets.sync.client import connect
 from benchmarks.court import serving, until
 from benchmarks.machine import this_machine
 from docs.tools.results import show
-from shuttle_marl.watch.building import FILES, build
-from shuttle_marl.watch.server import browser_page
+from shuttle_marl.court.building import FILES, build
+from shuttle_marl.court.server import browser_page
 
 _VIEWERS: Final = 50
 _WIDTH, _HEIGHT = 1680, 980

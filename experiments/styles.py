@@ -23,6 +23,7 @@ from experiments.saving import Study, finish, mean_and_deviation
 from shuttle_marl import exact
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.commands.cli import entry_point
+from shuttle_marl.court.staging.draw import load_measured
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
 from shuttle_marl.game.stroke import SHOTS
@@ -30,7 +31,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.staging.draw import load_measured
 from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.study import train_all
 

@@ -41,7 +41,7 @@ def launched() -> Iterator[list["Browser"]]:
 @pytest.fixture
 def browser(playwright: "Playwright", chromium_program: str, launched: list["Browser"]) -> "Browser":
     """A browser without a window."""
-    from shuttle_marl.watch.server import browser_flags
+    from shuttle_marl.court.server import browser_flags
 
     if not launched or not launched[-1].is_connected():
         launched.append(playwright.chromium.launch(executable_path=chromium_program, args=browser_flags()))

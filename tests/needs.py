@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.building import node
-from shuttle_marl.watch.server import browser_program
+from shuttle_marl.court import WatchError
+from shuttle_marl.court.building import node
+from shuttle_marl.court.server import browser_program
 
 _BROWSER, _READERS = (Path(__file__).parent / name for name in ("browser", "recording/typescript"))
 

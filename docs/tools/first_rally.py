@@ -10,12 +10,12 @@ import msgspec
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.options import Appearance
 from shuttle_marl.commands.watch import GAME, MatchOptions
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.first_rally import FILE, FirstRally, first_key
+from shuttle_marl.court.messages import RallyRequest
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.stager import Stager
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.watch.answers import Answers
-from shuttle_marl.watch.first_rally import FILE, FirstRally, first_key
-from shuttle_marl.watch.messages import RallyRequest
-from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.stager import Stager
 
 
 def first_rally() -> FirstRally:

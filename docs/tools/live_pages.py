@@ -1,6 +1,6 @@
 """Makes the pages of the site on which rallies play: ``python -m docs.tools.live_pages``.
 
-Each is a saved page of the live court, as ``shuttle_marl/watch/page/src/share.ts`` writes it from the browser: script, style,
+Each is a saved page of the live court, as ``shuttle_marl/court/page/src/share.ts`` writes it from the browser: script, style,
 athletes, and the replies of the server, so it needs none. The match is the default one of the live court.
 """
 
@@ -16,14 +16,14 @@ from docs.tools.markdown import ROOT
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.watch import GAME, MatchOptions
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.building import build
+from shuttle_marl.court.messages import AnalysisRequest, HelloRequest, MatchRequest, RallyRequest, Request, StylesRequest
+from shuttle_marl.court.plan import Plan
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.stager import Stager
+from shuttle_marl.court.staging import ATHLETES, model_file
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.staging import ATHLETES, model_file
-from shuttle_marl.watch.answers import Answers
-from shuttle_marl.watch.building import build
-from shuttle_marl.watch.messages import AnalysisRequest, HelloRequest, MatchRequest, RallyRequest, Request, StylesRequest
-from shuttle_marl.watch.plan import Plan
-from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.stager import Stager
 
 FOLDER: Final = ROOT / "docs" / "site" / "extra" / "live"
 """Output folder, ignored by git."""
@@ -39,7 +39,7 @@ _WIDE: Final = 88
 
 
 def base91(content: bytes) -> str:
-    """basE91 in the alphabet of ``shuttle_marl/watch/page/src/base91.ts``: 13 or 14 bits in two characters."""
+    """basE91 in the alphabet of ``shuttle_marl/court/page/src/base91.ts``: 13 or 14 bits in two characters."""
     out, rest, bits = bytearray(), 0, 0
     for byte in content:
         rest |= byte << bits
@@ -61,7 +61,7 @@ def saved_page(answers: Callable[[Request], bytes], plan: Plan, rallies: Iterabl
     """HTML of a saved page.
 
     Args:
-        answers: replies of the server, see :class:`shuttle_marl.watch.answers.Answers`.
+        answers: replies of the server, see :class:`shuttle_marl.court.answers.Answers`.
         plan: the match.
         rallies: numbers of the rallies that the page has.
         stroke: number of the stroke, from 1, of the first rally at which it opens.

@@ -19,12 +19,12 @@ from docs.tools.markdown import IMAGES, ROOT, saved
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
+from shuttle_marl.court.server import browser_page
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.shipped import read_model_card
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.watch.server import browser_page
 
 SOURCES: Final = IMAGES / "sources.json"
 _RANKING: Final = "ranking of docs/league.md"

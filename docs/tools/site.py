@@ -28,7 +28,7 @@ PAGES: Final = (
     "docs/suite/*.md",
     "docs/tutorials/*.md",
     "docs/notebooks/*.ipynb",
-    "shuttle_marl/staging/athletes/*.md",
+    "shuttle_marl/court/staging/athletes/*.md",
 )
 """Pages of the site, relative to the root."""
 NOTEBOOKS: Final = ROOT / "docs" / "notebooks"

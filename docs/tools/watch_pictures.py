@@ -16,7 +16,7 @@ from playwright.sync_api import Page
 from benchmarks.court import serving, until
 from docs.tools.markdown import IMAGES
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.watch.server import browser_page, write_video
+from shuttle_marl.court.server import browser_page, write_video
 
 SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
 SHOWN: Final = (("watch", "wide"), ("analyse", "wide"), ("learn", "wide"), ("play", "wide"), ("play", "narrow"))

@@ -1,4 +1,4 @@
-"""TypeScript types of the messages between the page and the server, from :mod:`shuttle_marl.watch.messages`, and constants.
+"""TypeScript types of the messages between the page and the server, from :mod:`shuttle_marl.court.messages`, and constants.
 
     python -m docs.tools.wire_types [--check]
 
@@ -20,15 +20,15 @@ from rich.console import Console
 
 from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.commands import cli
+from shuttle_marl.court.messages import REPLIES
+from shuttle_marl.court.staging import flight
 from shuttle_marl.game.scoring import BWF
-from shuttle_marl.staging import flight
-from shuttle_marl.watch.messages import REPLIES
 
-TARGET: Final = ROOT / "shuttle_marl/watch/page/src/wire.gen.ts"
+TARGET: Final = ROOT / "shuttle_marl/court/page/src/wire.gen.ts"
 _CONSTANTS: Final = {
     "RULES": ("The rules of a match, as in shuttle_marl.game.scoring", dataclasses.asdict(BWF)),
     "FLIGHT": (
-        "The flight of a shuttle [m/s, m/s²], as in shuttle_marl.staging.flight",
+        "The flight of a shuttle [m/s, m/s²], as in shuttle_marl.court.staging.flight",
         {"terminal": flight.TERMINAL, "gravity": flight.GRAVITY, "steps": flight.STEPS},
     ),
 }

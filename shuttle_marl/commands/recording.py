@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
-from shuttle_marl import scene as scenes
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
+from shuttle_marl.court import scene as scenes
+from shuttle_marl.court.scene import SceneError
 from shuttle_marl.game.court import AREA_WORDS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import OUTCOMES
@@ -25,7 +26,6 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recover import recover as recover_log
 from shuttle_marl.recording.recover import recoverable_files, unfinished_files
 from shuttle_marl.recording.replay import check as check_log
-from shuttle_marl.scene import SceneError
 
 if TYPE_CHECKING:
     from shuttle_marl.reports.rally import Resolve

@@ -13,8 +13,8 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json, PlayerOptions
+from shuttle_marl.court import WatchError
 from shuttle_marl.reports.languages import Language, speaking
-from shuttle_marl.watch import WatchError
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ def _printed(page: bytes, out: Path) -> bytes:
     """A page on paper of size A4; ``out``: its file, for errors."""
     from playwright.sync_api import Error  # noqa: PLC0415  an extra
 
-    from shuttle_marl.watch.server import browser_page, browser_program  # noqa: PLC0415
+    from shuttle_marl.court.server import browser_page, browser_program  # noqa: PLC0415
 
     try:
         with tempfile.TemporaryDirectory() as folder, browser_page() as tab:

@@ -15,22 +15,22 @@ import tyro
 from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
+from shuttle_marl.court import WatchError, building
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import load_game, origin_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.baselines import players as imitated
 from shuttle_marl.reports.languages import Language, current
-from shuttle_marl.watch import WatchError, building
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from shuttle_marl.watch.answers import Answers
-    from shuttle_marl.watch.plan import Plan
-    from shuttle_marl.watch.recorded import Recorded
-    from shuttle_marl.watch.server import Downloads, Server
-    from shuttle_marl.watch.tagging import TagFile
+    from shuttle_marl.court.answers import Answers
+    from shuttle_marl.court.plan import Plan
+    from shuttle_marl.court.recorded import Recorded
+    from shuttle_marl.court.server import Downloads, Server
+    from shuttle_marl.court.tagging import TagFile
 
 
 GAME: Final = "default:recovery"
@@ -72,7 +72,7 @@ class MatchOptions:
 
     def plan(self, game: Game) -> "Plan":
         """The match."""
-        from shuttle_marl.watch.plan import Plan  # noqa: PLC0415
+        from shuttle_marl.court.plan import Plan  # noqa: PLC0415
 
         sides = [{"policy": name, "temperature": t} for name, t in zip(self.policies(game), self.temperature, strict=True)]
         return Plan.parse({"seed": self.seed, "sides": sides})
@@ -110,7 +110,7 @@ class TagOptions:
 
     def open(self) -> "TagFile | None":
         """The files; None: no video is tagged."""
-        from shuttle_marl.watch.tagging import TagFile  # noqa: PLC0415
+        from shuttle_marl.court.tagging import TagFile  # noqa: PLC0415
 
         if (self.tag is None) != (self.out is None):
             raise WatchError("--tag and --out belong together: a video, and the table of its strokes")
@@ -172,12 +172,12 @@ def watch(
         model: the game.
         server: server of the page.
     """
-    from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
-    from shuttle_marl.watch.first_rally import first_key, shipped_rally  # noqa: PLC0415
-    from shuttle_marl.watch.match_log import MatchLog  # noqa: PLC0415
-    from shuttle_marl.watch.policies import PolicyTables  # noqa: PLC0415
-    from shuttle_marl.watch.server import Server, application, bind, check_video, hosts_of  # noqa: PLC0415
-    from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
+    from shuttle_marl.court.answers import Answers  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.court.first_rally import first_key, shipped_rally  # noqa: PLC0415
+    from shuttle_marl.court.match_log import MatchLog  # noqa: PLC0415
+    from shuttle_marl.court.policies import PolicyTables  # noqa: PLC0415
+    from shuttle_marl.court.server import Server, application, bind, check_video, hosts_of  # noqa: PLC0415
+    from shuttle_marl.court.stager import Stager  # noqa: PLC0415
 
     console, video = cli.console(stderr=True), output.video
     if video is not None and output.save_site is not None:
@@ -249,9 +249,9 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     Raises:
         WatchError: two sources, or no such rally.
     """
+    from shuttle_marl.court.recorded import LogRallies, RealRallies  # noqa: PLC0415
     from shuttle_marl.data import read_matches  # noqa: PLC0415
     from shuttle_marl.data.hands import unknown_hands  # noqa: PLC0415
-    from shuttle_marl.watch.recorded import LogRallies, RealRallies  # noqa: PLC0415
 
     if options.replay is not None and options.real is not None:
         raise WatchError("--replay and --real: give one of them")
@@ -301,7 +301,7 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
 
 
 def _save_site(folder: Path, page: Path, answers: "Answers", language: Language) -> None:
-    from shuttle_marl.watch.site import save_site  # noqa: PLC0415
+    from shuttle_marl.court.site import save_site  # noqa: PLC0415
 
     with cli.console(stderr=True).status("saving the rallies …") as status:
         count, size, left = save_site(
@@ -314,7 +314,7 @@ def _save_site(folder: Path, page: Path, answers: "Answers", language: Language)
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:
     from rich.progress import track  # noqa: PLC0415
 
-    from shuttle_marl.watch.server import write_video  # noqa: PLC0415
+    from shuttle_marl.court.server import write_video  # noqa: PLC0415
 
     console = cli.console(stderr=True)
     running = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)

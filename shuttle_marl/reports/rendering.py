@@ -39,8 +39,8 @@ class Clips(NamedTuple):
 
 
 def court() -> Any:
-    """What stages the rallies of a page, :mod:`shuttle_marl.watch.clips`: above this room, so imported by its name."""
-    return importlib.import_module("shuttle_marl.watch.clips")
+    """What stages the rallies of a page, :mod:`shuttle_marl.court.clips`: above this room, so imported by its name."""
+    return importlib.import_module("shuttle_marl.court.clips")
 
 
 class Drill(NamedTuple):

@@ -76,7 +76,7 @@ def compare(case: dict[str, Any], cleaned: Cleaned, file: Path) -> None:
     for name, counts in case.get("counts", {}).items():
         assert {value: values[name].count(value) for value in counts} == counts, name
     if "score_before" in case:
-        from shuttle_marl.watch.recorded import RealRallies
+        from shuttle_marl.court.recorded import RealRallies
 
         court = RealRallies(file, default_game(), strokes)
         scores = {number: court.rally(int(number) - 1).score for number in case["score_before"]}

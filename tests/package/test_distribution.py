@@ -59,10 +59,10 @@ def tracked() -> list[Path]:
 
 def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
-    page = ROOT / "shuttle_marl" / "watch" / "page"  # without its sources, the built page is not taken for an outdated one
+    page = ROOT / "shuttle_marl" / "court" / "page"  # without its sources, the built page is not taken for an outdated one
     package = [path for path in tracked() if (ROOT / "shuttle_marl") in path.parents and page not in path.parents]
     assert {str(path.relative_to(ROOT)) for path in package} <= names
-    assert [name for name in names if name.startswith("shuttle_marl/watch/page")] == []
+    assert [name for name in names if name.startswith("shuttle_marl/court/page")] == []
     assert {"shuttle_marl/py.typed", "shuttle_marl/models/default/game.safetensors"} <= names
     assert {name.split("/")[0].split("-")[0] for name in names} == {"shuttle_marl"}
     assert [name for name in names if name.endswith((".csv", ".pyc"))] == ["shuttle_marl/data/template/strokes.csv"]
@@ -94,7 +94,7 @@ def test_wheel_carries_licence_and_extras(wheel: Path) -> None:
             "LICENSE",
             "THIRD_PARTY_NOTICES.md",
             "shuttle_marl/data/upstream/LICENSE",
-            "shuttle_marl/staging/athletes/LICENSE-CC0.md",
+            "shuttle_marl/court/staging/athletes/LICENSE-CC0.md",
         }
         for file, name in licences.items():
             assert archive.read(name) == (ROOT / file).read_bytes()
@@ -115,7 +115,7 @@ def test_wheel_carries_licence_and_extras(wheel: Path) -> None:
 
 def test_notices_hold_the_licence_of_every_bundled_library() -> None:
     notices = (ROOT / "THIRD_PARTY_NOTICES.md").read_text(encoding="utf-8")
-    lock = json.loads((ROOT / "shuttle_marl/watch/page/package-lock.json").read_text(encoding="utf-8"))
+    lock = json.loads((ROOT / "shuttle_marl/court/page/package-lock.json").read_text(encoding="utf-8"))
     bundled = {name.rpartition("node_modules/")[2]: each for name, each in lock["packages"].items() if name and "dev" not in each}
     assert set(bundled) == {"three"}
     assert bundled["three"]["license"] == "MIT"
@@ -235,7 +235,7 @@ def test_every_shipped_file_has_a_licence() -> None:
     if done.returncode != 0:
         pytest.skip("not a checkout")
     names = [name.removeprefix("shuttle_marl/") for name in done.stdout.splitlines()]
-    names += [f"watch/built/{name}" for name in ("index.html", "watch.js", "watch.css", "source.sha256")]
+    names += [f"court/built/{name}" for name in ("index.html", "watch.js", "watch.css", "source.sha256")]
     text = (ROOT / "THIRD_PARTY_NOTICES.md").read_text(encoding="utf-8").partition("## Everything")[2].partition("\n## ")[0]
     rows = [line.split(" | ")[0] for line in text.splitlines() if line.startswith("| `")]
     known = [pattern for row in rows for pattern in re.findall(r"`([^`]+)`", row)]

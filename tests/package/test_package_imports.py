@@ -14,8 +14,7 @@ import shuttle_marl
 
 HEAVY = ("torch", "torchrl", "tensordict", "pettingzoo", "lightgbm", "matplotlib", "pygame")
 TABLE_LAYERS = (
-    "game", "kernel", "exact", "data", "policy", "env", "recording", "league", "reports", "staging", "scene",
-    "suite", "watch",
+    "game", "kernel", "exact", "data", "policy", "env", "recording", "league", "reports", "suite", "court",
 )  # fmt: skip
 """Layers that run on tables: they work without PyTorch."""
 NEED_TORCH = ("shuttle_marl.env.batched",)
@@ -76,7 +75,7 @@ FORBIDDEN = {
     ("exact/optimal.py", "shuttle_marl.dynamics.evaluate"): "import {}",
     ("data/table.py", "shuttle_marl.dynamics.features"): "def late():\n    import {}",
     ("policy/registry.py", "shuttle_marl.commands.cli"): "import {}",
-    ("league/run.py", "shuttle_marl.scene.write"): "import {}",
+    ("league/run.py", "shuttle_marl.court.scene.write"): "import {}",
     ("recording/reader.py", "torch"): "def late():\n    import {}",
 }
 """Module and what it must not import; how the import is written."""

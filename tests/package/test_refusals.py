@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.court.server import bind, check_video
 from shuttle_marl.env.batched import RallyEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import States
 from shuttle_marl.policy import registry
 from shuttle_marl.reports.rating import Rating
-from shuttle_marl.watch.server import bind, check_video
 
 REFUSED = (ShuttleError, TypeError, ValueError)
 

@@ -11,6 +11,9 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.base.tensor_files import tensor_bytes
+from shuttle_marl.court.match import play_rally
+from shuttle_marl.court.plan import Side
+from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.simulated import simulate, simulated_rallies
 from shuttle_marl.dynamics.card import write_card
@@ -37,9 +40,6 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league.entrants import default_pool, enter
 from shuttle_marl.policy import baselines, history, registry
 from shuttle_marl.policy.history import ATTRIBUTES, N_STYLES, HistoryPolicy
-from shuttle_marl.watch.match import play_rally
-from shuttle_marl.watch.plan import Side
-from shuttle_marl.watch.policies import PolicyTables
 from tests.dynamics.rows import plain_rows
 from tests.reduced import reduced_game, reduced_model
 

@@ -7,6 +7,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
+from shuttle_marl.court import clips
+from shuttle_marl.court.building import BuildError
 from shuttle_marl.data import read_matches
 from shuttle_marl.game import default_game
 from shuttle_marl.game.pairs import pair_game
@@ -16,8 +18,6 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import add_values, strokes_of
 from shuttle_marl.reports.advice import Refitted, refitted
 from shuttle_marl.reports.match import MatchReport, match_report, matches_in
-from shuttle_marl.watch import clips
-from shuttle_marl.watch.building import BuildError
 from tests.pages import Tags, parsed
 from tests.reduced import reduced_model
 

@@ -14,6 +14,8 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.court.clips import match_clips
+from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.reports import match_page, scout_page, sources
@@ -21,8 +23,6 @@ from shuttle_marl.reports.brief import DONTS, DOS, Brief, is_short
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 from shuttle_marl.reports.match import MatchReport, matches_in
 from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
-from shuttle_marl.watch.clips import match_clips
-from shuttle_marl.watch.recorded import RealRallies
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

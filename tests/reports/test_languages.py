@@ -16,7 +16,7 @@ from shuttle_marl.reports.languages import FOLDER, LANGUAGES, Language, speaking
 from shuttle_marl.reports.words import Words, of_100, signed
 
 PACKAGE = Path(shuttle_marl.__file__).parent
-SOURCES = (PACKAGE / "reports", PACKAGE / "commands" / "scout.py", PACKAGE / "watch" / "page" / "src")
+SOURCES = (PACKAGE / "reports", PACKAGE / "commands" / "scout.py", PACKAGE / "court" / "page" / "src")
 VOCABULARIES = {"shots": SHOTS, "areas": AREAS, "short_areas": AREAS, "techniques": TECHNIQUES, "heights": HEIGHTS}
 REPORTS = ("brief", "areas", "directions", "whose", "scout", "drills", "habit", "match", "waits")
 OTHERS: list[Language] = [language for language in LANGUAGES if language != "en"]

@@ -6,6 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from shuttle_marl.court.openings import opening, states_after
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game.policy import Policy
@@ -18,7 +19,6 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import Players, analyse_rally, decision
 from shuttle_marl.reports.rally import match_win_after
-from shuttle_marl.watch.openings import opening, states_after
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.reduced import reduced_game
 

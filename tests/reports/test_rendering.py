@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from shuttle_marl.court.clips import base91
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.reports.rendering import Drill, differences, drills
 from shuttle_marl.reports.waits import Place, Wait
 from shuttle_marl.reports.words import Words
-from shuttle_marl.watch.clips import base91
 
 WIDE = Estimate(0.5, 0.375, 0.625)
 

@@ -17,6 +17,8 @@ from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
+from shuttle_marl.court import WatchError, clips
+from shuttle_marl.court.recorded import LogRallies, RealRallies
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.pairs import pair_game
@@ -32,8 +34,6 @@ from shuttle_marl.reports.match import MatchReport, match_report, matches_in
 from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.reports.summary import AnalysisError, rally_table
 from shuttle_marl.reports.words import Words
-from shuttle_marl.watch import WatchError, clips
-from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests import golden
 from tests.reports.conftest import SAMPLE, A, B, read, with_hand
 

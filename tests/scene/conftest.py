@@ -15,12 +15,12 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
+from shuttle_marl.court.scene import topics
+from shuttle_marl.court.scene.topics import WORLD
+from shuttle_marl.court.scene.write import select, write_scene
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene import topics
-from shuttle_marl.scene.topics import WORLD
-from shuttle_marl.scene.write import select, write_scene
 from tests.tournaments import play_league
 
 RALLIES = 2

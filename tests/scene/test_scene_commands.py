@@ -13,15 +13,15 @@ import pytest
 from mcap.reader import make_reader
 
 from shuttle_marl.commands.recording import main
+from shuttle_marl.court.scene import SceneError, select, topics
+from shuttle_marl.court.scene.rally_report import report_rally
+from shuttle_marl.court.scene.write import write_scene
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
 from shuttle_marl.reports import LogPlayers
-from shuttle_marl.scene import SceneError, select, topics
-from shuttle_marl.scene.rally_report import report_rally
-from shuttle_marl.scene.write import write_scene
 from tests.scene.conftest import read
 
 

@@ -10,11 +10,11 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.scene.board import name_lines
-from shuttle_marl.scene.motion import frames_of
-from shuttle_marl.scene.shapes import court
-from shuttle_marl.scene.write import percent
-from shuttle_marl.staging import CORK, FEATHER, RACKET_BUTT, RACKET_HEAD, RACKET_LENGTH, Motion
+from shuttle_marl.court.scene.board import name_lines
+from shuttle_marl.court.scene.motion import frames_of
+from shuttle_marl.court.scene.shapes import court
+from shuttle_marl.court.scene.write import percent
+from shuttle_marl.court.staging import CORK, FEATHER, RACKET_BUTT, RACKET_HEAD, RACKET_LENGTH, Motion
 
 
 @pytest.mark.parametrize(

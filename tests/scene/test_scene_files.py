@@ -11,6 +11,11 @@ import pytest
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
+from shuttle_marl.court.scene import topics
+from shuttle_marl.court.scene.rally_report import StagedRally, report_rally
+from shuttle_marl.court.scene.topics import WORLD, bone_frame
+from shuttle_marl.court.scene.write import CUT, EPOCH, LAYOUTS, write_scene
+from shuttle_marl.court.staging import BONES, SWEET_SPOT, load_skeleton, stage
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREA_WORDS
@@ -19,11 +24,6 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.reports import LogPlayers
-from shuttle_marl.scene import topics
-from shuttle_marl.scene.rally_report import StagedRally, report_rally
-from shuttle_marl.scene.topics import WORLD, bone_frame
-from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
-from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
 from tests import golden
 from tests.scene.conftest import Reel
 

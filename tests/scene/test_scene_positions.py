@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shuttle_marl.court.match import Match
+from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.plan import Plan, Side
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.scene import topics
+from shuttle_marl.court.scene.write import write_scene
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.shipped import load_game, waiting_places
 from shuttle_marl.recording import RallyLog, RallyRecorder
-from shuttle_marl.scene import topics
-from shuttle_marl.scene.write import write_scene
-from shuttle_marl.watch.match import Match
-from shuttle_marl.watch.match_log import MatchLog
-from shuttle_marl.watch.plan import Plan, Side
-from shuttle_marl.watch.policies import PolicyTables
 from tests.scene.conftest import read
 
 

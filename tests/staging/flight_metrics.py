@@ -7,10 +7,10 @@ from typing import Any, Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.court.staging.motion import Motion
+from shuttle_marl.court.staging.trajectory import NET
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.trajectory import NET
 from tests.staging.motion_metrics import clearance
 
 _DIGITS: Final = 2

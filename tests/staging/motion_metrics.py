@@ -10,9 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
-from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.staging.arm import (
+from shuttle_marl.court.staging.arm import (
     ANGLES,
     BEND,
     DEVIATION,
@@ -29,14 +27,16 @@ from shuttle_marl.staging.arm import (
     Arm,
     arm_of,
 )
-from shuttle_marl.staging.body import NECK_LIMITS
-from shuttle_marl.staging.draw import load_measured
-from shuttle_marl.staging.flight import net_height
-from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
-from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.rotation import cross, matrix, unit
-from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
-from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, own_frame
+from shuttle_marl.court.staging.body import NECK_LIMITS
+from shuttle_marl.court.staging.draw import load_measured
+from shuttle_marl.court.staging.flight import net_height
+from shuttle_marl.court.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
+from shuttle_marl.court.staging.motion import Motion
+from shuttle_marl.court.staging.rotation import cross, matrix, unit
+from shuttle_marl.court.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
+from shuttle_marl.court.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, own_frame
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
+from shuttle_marl.game.stroke import SHOTS
 
 _FLIP: Final = np.diag([-1.0, 1.0, 1.0])
 _FINE: float = 2000.0

@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from shuttle_marl.staging import ATHLETES, BONES, StagingError, finger_pose, load_skeleton, model_file
-from shuttle_marl.staging.library import library_of
-from shuttle_marl.staging.motions import MOTIONS
+from shuttle_marl.court.staging import ATHLETES, BONES, StagingError, finger_pose, load_skeleton, model_file
+from shuttle_marl.court.staging.library import library_of
+from shuttle_marl.court.staging.motions import MOTIONS
 from tests import golden
 
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from shuttle_marl.staging.flight import GRAVITY, LENGTH, TERMINAL, Flights, fall, net_height, shoot
+from shuttle_marl.court.staging.flight import GRAVITY, LENGTH, TERMINAL, Flights, fall, net_height, shoot
 
 TARGETS = st.tuples(
     st.floats(-2.5, 2.5),

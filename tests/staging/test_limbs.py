@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.staging import SWEET_SPOT, load_skeleton
-from shuttle_marl.staging.arm import (
+from shuttle_marl.court.staging import SWEET_SPOT, load_skeleton
+from shuttle_marl.court.staging.arm import (
     LIMITS,
     RELAXED,
     SWING_1,
@@ -23,9 +23,9 @@ from shuttle_marl.staging.arm import (
     sweet_spot,
     sweet_spot_jacobian,
 )
-from shuttle_marl.staging.feet import Feet
-from shuttle_marl.staging.legs import legs, settle, strays
-from shuttle_marl.staging.rotation import from_yaw_pitch_roll
+from shuttle_marl.court.staging.feet import Feet
+from shuttle_marl.court.staging.legs import legs, settle, strays
+from shuttle_marl.court.staging.rotation import from_yaw_pitch_roll
 
 RIGHTWARDS, FORWARD, UP = np.eye(3)
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.court.staging import ENDS, Motion, StagingError, continue_motion, stage
+from shuttle_marl.court.staging.flight import net_height
+from shuttle_marl.court.staging.motions import DEFENCE, DEFENCE_BACKHAND
+from shuttle_marl.court.staging.rotation import matrix
+from shuttle_marl.court.staging.trajectory import NET, OUT, RETURN, WIN
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
 from shuttle_marl.game.rally.record import Rally, RallyError
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
-from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
-from shuttle_marl.staging.flight import net_height
-from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND
-from shuttle_marl.staging.rotation import matrix
-from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN
 from tests import golden
 from tests.staging.flight_metrics import flights_of, summary_of_flights
 from tests.staging.motion_metrics import clearance, measure

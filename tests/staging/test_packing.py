@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.staging import Motion, StagingError
-from shuttle_marl.staging import motion as packing
-from shuttle_marl.staging.skeleton import N_BONES
+from shuttle_marl.court.staging import Motion, StagingError
+from shuttle_marl.court.staging import motion as packing
+from shuttle_marl.court.staging.skeleton import N_BONES
 
 GOLDEN = Path(__file__).parent / "golden"
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.staging import linear, rotation
+from shuttle_marl.court.staging import linear, rotation
 
 RIGHTWARDS, FORWARD, UP = np.eye(3)
 

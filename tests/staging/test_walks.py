@@ -6,10 +6,10 @@ import itertools
 import numpy as np
 import pytest
 
+from shuttle_marl.court.staging import BONES, Motion, StagingError, stage, with_walk
+from shuttle_marl.court.staging.rotation import matrix
 from shuttle_marl.game.court import NET_HEIGHT
 from shuttle_marl.game.rules import FAULT
-from shuttle_marl.staging import BONES, Motion, StagingError, stage, with_walk
-from shuttle_marl.staging.rotation import matrix
 from tests import golden
 from tests.staging.conftest import HANDS
 

@@ -49,9 +49,9 @@ import tyro
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.table_files import seal_parquet
 from shuttle_marl.commands import analysis, cli, data, dynamics, exact, league, recording, report, scout, suite, training
+from shuttle_marl.court.messages import TagRequest
+from shuttle_marl.court.tagging import TagFile
 from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.watch.messages import TagRequest
-from shuttle_marl.watch.tagging import TagFile
 from tests.recording.mutate import Mutator, mutated
 from tests.reduced import reduced_model
 from tests.waiting import wait_until

@@ -49,7 +49,7 @@ from tests.tools.mutations import ROOT, Mutant, mutants
 
 Module = Literal[
     "base", "commands", "data", "dynamics", "env", "exact", "game", "kernel", "league", "policy",
-    "recording", "reports", "scene", "staging", "suite", "training", "watch",
+    "recording", "reports", "court", "suite", "training",
 ]  # fmt: skip
 TESTS: Final[dict[str, tuple[str, ...]]] = {
     "base": ("package", "data", "recording", "policy", "league", "reports", "watch", "training/test_run_faults.py"),
@@ -68,10 +68,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "kernel": ("kernel", "env", "suite"),
     "reports": ("reports", "exact/test_exact_commands.py", "league", "package", "watch/test_matches.py"),
     "recording": ("recording", "training/test_training_runs.py", "league"),
-    "scene": ("scene", "watch"),
-    "staging": ("staging", "scene"),
     "training": ("training", "league", "package/test_golden.py"),
-    "watch": ("watch",),
+    "court": ("watch", "staging", "scene"),
     "exact": ("exact", "suite/test_adapt.py"),
     "game": (
         *("game", "policy", "exact/test_lists.py", "exact/test_minimax.py", "kernel/test_kernel_draws.py"),
@@ -97,7 +95,7 @@ CORE: Final = tuple(
 GENERAL: Final = tuple(f"package/test_{name}.py" for name in ("limits", "refusals", "command_line", "printed"))
 """Tests of all packages: limits and settings, refusals, and what commands print."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
-MODULES: Final = "shuttle_marl/watch/page/node_modules"
+MODULES: Final = "shuttle_marl/court/page/node_modules"
 """Folder of the page's tools, which copies link to."""
 LIBRARIES: Final = ("numba", "scipy.optimize", "scipy.stats", "torch", "pandas", "pyarrow.csv", "hypothesis", "sybil", "msgspec")
 """Imported once, before the processes of the tests are forked."""

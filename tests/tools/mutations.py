@@ -20,7 +20,7 @@ OPERATORS: Final = {
     **{"BitXor": "BitAnd", "LShift": "RShift", "RShift": "LShift"},
 }
 """Classes of :mod:`ast` that replace an operator, one at a time."""
-ANIMATION: Final = ("shuttle_marl/scene/", "shuttle_marl/staging/", "shuttle_marl/watch/")
+ANIMATION: Final = ("shuttle_marl/court/scene/", "shuttle_marl/court/staging/", "shuttle_marl/court/")
 """Where a number is how something looks."""
 
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import pyarrow as pa
 
+from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.game.tables import Game
-from shuttle_marl.watch.recorded import RealRallies
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 FAULT, WINNER, BACK = int(Outcome.FAULT), int(Outcome.WINNER), int(Outcome.RETURNED)

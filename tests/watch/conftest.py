@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 import pytest
 
+from shuttle_marl.court import messages
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.building import SOURCE, BuildError, build, node
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.server import Server, application, bind
 from shuttle_marl.game import default_game
 from shuttle_marl.game.shipped import load_game, origin_of
-from shuttle_marl.watch import messages
-from shuttle_marl.watch.answers import Answers
-from shuttle_marl.watch.building import SOURCE, BuildError, build, node
-from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.server import Server, application, bind
 from tests.needs import missing
 from tests.reduced import reduced_model
 

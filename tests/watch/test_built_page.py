@@ -14,10 +14,10 @@ import pytest
 from docs.tools.first_rally import first_rally
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.watch import MatchOptions, RallyOptions, watch
-from shuttle_marl.staging import Motion
-from shuttle_marl.watch import WatchError, building
-from shuttle_marl.watch.first_rally import shipped_rally
-from shuttle_marl.watch.server import browser_flags, check_video, write_video
+from shuttle_marl.court import WatchError, building
+from shuttle_marl.court.first_rally import shipped_rally
+from shuttle_marl.court.server import browser_flags, check_video, write_video
+from shuttle_marl.court.staging import Motion
 
 
 @pytest.fixture

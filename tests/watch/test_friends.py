@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.watch import WatchError, friends, messages
-from shuttle_marl.watch.answers import Answers
-from shuttle_marl.watch.friends import Friends
-from shuttle_marl.watch.match import CourtRally, Match
-from shuttle_marl.watch.messages import FriendReply, FriendRequest, FriendSeat, RallyFacts, RallyRequest
-from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.stager import Stager
+from shuttle_marl.court import WatchError, friends, messages
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.friends import Friends
+from shuttle_marl.court.match import CourtRally, Match
+from shuttle_marl.court.messages import FriendReply, FriendRequest, FriendSeat, RallyFacts, RallyRequest
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.stager import Stager
 from tests.watch.conftest import replied
 from tests.watch.test_positions import plan_of
 

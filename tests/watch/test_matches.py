@@ -13,6 +13,18 @@ import pytest
 
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.watch import MatchOptions
+from shuttle_marl.court import WatchError, messages
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.first_rally import first_key
+from shuttle_marl.court.match import Match
+from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.messages import RallyRequest, decode_request
+from shuttle_marl.court.plan import LADDER, Person, Plan, Side
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.recorded import LogRallies
+from shuttle_marl.court.stager import Stager
+from shuttle_marl.court.staging import Motion
+from shuttle_marl.court.values import ELITE, StrokeValues
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
@@ -25,18 +37,6 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.reports.rating import Rating, rater_of
-from shuttle_marl.staging import Motion
-from shuttle_marl.watch import WatchError, messages
-from shuttle_marl.watch.answers import Answers
-from shuttle_marl.watch.first_rally import first_key
-from shuttle_marl.watch.match import Match
-from shuttle_marl.watch.match_log import MatchLog
-from shuttle_marl.watch.messages import RallyRequest, decode_request
-from shuttle_marl.watch.plan import LADDER, Person, Plan, Side
-from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies
-from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.values import ELITE, StrokeValues
 from tests import golden
 from tests.reduced import reduced_model
 from tests.watch.conftest import replied

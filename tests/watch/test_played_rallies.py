@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shuttle_marl.court import WatchError
+from shuttle_marl.court.match import CourtRally, play_rally
+from shuttle_marl.court.plan import Person
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.match import CourtRally, play_rally
-from shuttle_marl.watch.plan import Person
 from tests.exact.exact_games import hand_made
 from tests.recovery import Prefers, small_recovery_game
 

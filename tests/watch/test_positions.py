@@ -8,6 +8,15 @@ import msgspec
 import numpy as np
 import pytest
 
+from shuttle_marl.court import WatchError, match, messages
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.match import CourtRally, Match
+from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.plan import Person, Plan, Side
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.recorded import LogRallies, RealRallies
+from shuttle_marl.court.stager import Stager
+from shuttle_marl.court.values import ELITE, StrokeValues
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
@@ -16,15 +25,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.reports.rally import legal_states
-from shuttle_marl.watch import WatchError, match, messages
-from shuttle_marl.watch.answers import Answers
-from shuttle_marl.watch.match import CourtRally, Match
-from shuttle_marl.watch.match_log import MatchLog
-from shuttle_marl.watch.plan import Person, Plan, Side
-from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, RealRallies
-from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.values import ELITE, StrokeValues
 from tests.watch.conftest import replied
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"

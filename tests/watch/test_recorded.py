@@ -6,20 +6,20 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from shuttle_marl.court import WatchError, messages
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.match import Match
+from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.plan import Plan, Side
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.recorded import LogRallies, RealRallies
+from shuttle_marl.court.stager import Stager
 from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import game_of_people, pair_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports.rally import legal_states
-from shuttle_marl.watch import WatchError, messages
-from shuttle_marl.watch.answers import Answers
-from shuttle_marl.watch.match import Match
-from shuttle_marl.watch.match_log import MatchLog
-from shuttle_marl.watch.plan import Plan, Side
-from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, RealRallies
-from shuttle_marl.watch.stager import Stager
 from tests.reduced import reduced_game, reduced_model
 from tests.watch.annotated import EVENT, SAMPLE, annotated_rallies, with_column
 from tests.watch.conftest import replied

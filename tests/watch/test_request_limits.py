@@ -6,10 +6,10 @@ from typing import Any
 import msgspec
 import pytest
 
+from shuttle_marl.court import WatchError, messages
+from shuttle_marl.court.messages import decode_request
+from shuttle_marl.court.plan import Change, Person, Plan, Side
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.watch import WatchError, messages
-from shuttle_marl.watch.messages import decode_request
-from shuttle_marl.watch.plan import Change, Person, Plan, Side
 
 BC = {"policy": "bc"}
 PLAN: dict[str, Any] = {"seed": 1, "sides": [BC, {"policy": "random"}]}

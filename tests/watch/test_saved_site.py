@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
+from shuttle_marl.court import WatchError, messages
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.building import FILES
+from shuttle_marl.court.messages import AnalysisRequest, MatchRequest, RallyRequest, StylesRequest
+from shuttle_marl.court.plan import Plan, Side
+from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.site import save_site
+from shuttle_marl.court.stager import Stager
 from shuttle_marl.game import default_game
-from shuttle_marl.watch import WatchError, messages
-from shuttle_marl.watch.answers import Answers
-from shuttle_marl.watch.building import FILES
-from shuttle_marl.watch.messages import AnalysisRequest, MatchRequest, RallyRequest, StylesRequest
-from shuttle_marl.watch.plan import Plan, Side
-from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.site import save_site
-from shuttle_marl.watch.stager import Stager
 from tests.watch.annotated import annotated_rallies
 from tests.watch.conftest import Viewer
 

@@ -22,6 +22,10 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.watch import TagOptions
+from shuttle_marl.court import WatchError
+from shuttle_marl.court.facts import hall_facts
+from shuttle_marl.court.messages import SHOWN, Saved, TagRequest, TagRow, TagStroke
+from shuttle_marl.court.tagging import TagFile, suggestions
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
@@ -31,10 +35,6 @@ from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.facts import hall_facts
-from shuttle_marl.watch.messages import SHOWN, Saved, TagRequest, TagRow, TagStroke
-from shuttle_marl.watch.tagging import TagFile, suggestions
 from tests.watch.conftest import Viewer, get, run_script, running, serving
 
 SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "hands": [None, "left"], "server": 0}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shuttle_marl.staging import BONES, Motion, stage
+from shuttle_marl.court.staging import BONES, Motion, stage
 from tests.staging.played import self_play_rallies
 
 FOLDER = Path(__file__).parent

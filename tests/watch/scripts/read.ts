@@ -1,6 +1,6 @@
 // Prints what the page's decoder finds in a packed motion, as JSON: node FILE.js PACKED FRAME…
 import { readFile } from "node:fs/promises";
-import { BONES, Motion } from "../../../shuttle_marl/watch/page/src/motion";
+import { BONES, Motion } from "../../../shuttle_marl/court/page/src/motion";
 
 const [path, ...frames] = process.argv.slice(2);
 const content = await readFile(path!);

@@ -1,6 +1,6 @@
 // Prints what follows from inputs, as JSON: node FILE.js HALL INPUTS; inputs that are refused are left out, with the reason.
 import { readFile } from "node:fs/promises";
-import { homography, type Input, mapped, reduce, replay, rows, START } from "../../../shuttle_marl/watch/page/src/tagging";
+import { homography, type Input, mapped, reduce, replay, rows, START } from "../../../shuttle_marl/court/page/src/tagging";
 
 const [hall, inputs] = await Promise.all(process.argv.slice(2).map(async (path) => JSON.parse(await readFile(path, "utf-8"))));
 const taken: Input[] = [];

@@ -1,0 +1,787 @@
+"""Messages between the page and the server, as structs that validate what is received.
+
+``python -m docs.tools.wire_types`` writes the same types in TypeScript. A request is a JSON text with a number ``id`` and an
+operation ``op``. A reply is binary: the length of its JSON as 32 bits, little-endian, the JSON with the ``id`` of the request,
+padded to a multiple of four bytes, then a body, such as a packed motion. See ``docs/watch.md``.
+"""
+
+import contextvars
+import functools
+import operator
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from shuttle_marl.court import WatchError
+from shuttle_marl.court.plan import DUEL, MAX_RALLIES, CatalogueIndex, Person, Plan, RallyNumber, StrokeNumber, Tried
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+
+Point = tuple[float, float, float]
+Box = tuple[float, float, float, float]
+"""A rectangle on the floor: x0, x1, y0, y1 [m]."""
+Pair = tuple[int, int]
+
+
+class Request(Struct, forbid_unknown_fields=True, tag_field="op", frozen=True):
+    """A request of a page, with its number."""
+
+    id: int
+
+
+_END: Final = r"(?![\s\S])"
+"""The end of a text, to Python and JavaScript; ``$`` is also before a last line feed to Python."""
+Secret = Annotated[str, Meta(pattern=f"^[A-Za-z0-9_-]{{1,64}}{_END}")]
+
+
+class FriendSeat(Struct, forbid_unknown_fields=True, frozen=True):
+    """The seat of a person in a game of two persons: token of the game, and key of the seat, which nobody else knows."""
+
+    token: Secret
+    key: Secret
+
+
+class Query(Request, kw_only=True, frozen=True):
+    """A request about a rally.
+
+    Attributes:
+        plan: plan of its match; None: a recorded rally, or one of the game of two persons.
+        tried: what replaces strokes, or positions of receivers, of a recorded rally.
+        friend: the seat of who asks about a game of two persons, whose plan the server has.
+    """
+
+    rally: Annotated[int, Meta(ge=0, lt=1 << 40)]
+    plan: Plan | None = None
+    person: Person | None = None
+    tried: Tried = {}
+    friend: FriendSeat | None = None
+
+    def __post_init__(self) -> None:
+        if self.plan is not None and self.rally >= MAX_RALLIES:
+            raise ValueError(f"rally {self.rally}: a match has fewer than {MAX_RALLIES} rallies")
+
+
+class HelloRequest(Request, tag="hello", frozen=True):
+    """First request of a page."""
+
+
+class RallyRequest(Query, kw_only=True, tag="rally", frozen=True):
+    """Strokes and motion of a rally.
+
+    Attributes:
+        have: whether the page has the motion up to the branch; then the reply holds the frames after it.
+        walk: whether the reply holds the walk to the next rally instead, the frames after those of the rally.
+    """
+
+    have: bool = False
+    walk: bool = False
+
+
+class AnalysisRequest(Query, kw_only=True, tag="analysis", frozen=True):
+    """Values of the strokes of a rally."""
+
+
+class OptionsRequest(Query, kw_only=True, tag="options", frozen=True):
+    """Values of the strokes between which a person chooses, or where perfect play waits."""
+
+
+class StylesRequest(Query, kw_only=True, tag="styles", frozen=True):
+    """Styles of both players of a rally."""
+
+
+class MatchRequest(Query, kw_only=True, tag="match", frozen=True):
+    """Overview of the match of a rally.
+
+    Attributes:
+        partial: whether it ends with that rally; matches of a person always do.
+    """
+
+    partial: bool = False
+
+
+class LikenessRequest(Query, kw_only=True, tag="likeness", frozen=True):
+    """Players whose choices are like those of a person, up to a rally."""
+
+
+class RatingRequest(Request, kw_only=True, tag="rating", frozen=True):
+    """The rating of a person after a match.
+
+    Attributes:
+        points, deviation, volatility: before it, as in :class:`shuttle_marl.reports.rating.Rating`.
+        scores: quality of each judged decision of the match.
+    """
+
+    points: Annotated[float, Meta(ge=-10_000, le=10_000)]
+    deviation: Annotated[float, Meta(ge=0, le=1000)]
+    volatility: Annotated[float, Meta(gt=0, le=1)]
+    scores: Annotated[tuple[Annotated[float, Meta(ge=0, le=1)], ...], Meta(max_length=20_000)]
+
+
+class FriendRequest(Request, kw_only=True, tag="friend", frozen=True):
+    """A person opens a game of two persons, takes a seat in it, chooses, or asks how it stands.
+
+    Attributes:
+        token: token of the game; None: a new one.
+        key: key of the seat; None: the next free one.
+        rally, stroke: numbers of the stroke for which they choose.
+        choice: a stroke, or as the receiver a position; None: none.
+    """
+
+    token: Secret | None = None
+    key: Secret | None = None
+    rally: RallyNumber = 0
+    stroke: StrokeNumber = 0
+    choice: CatalogueIndex | None = None
+
+
+class OpeningRequest(Request, tag="opening", frozen=True):
+    """Strokes that follow the first strokes of a rally.
+
+    Attributes:
+        line: catalogue indices of the first strokes.
+    """
+
+    line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()
+
+
+_HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+SHOWN: Final = contextvars.ContextVar[list[str]]("shown")
+"""Of a connection: the hash of the inputs that its last reply gave, if there was one."""
+NAME: Final = rf"^[^{_HIDDEN}\s=+\-@][^{_HIDDEN}]*{_END}"
+"""Pattern of a text of a cell, which no spreadsheet takes for a formula, in Python and in the page."""
+LONGEST_NAME: Final = 100
+Name = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME, pattern=NAME)]
+Count = Annotated[int, Meta(ge=0, le=100_000)]
+Hand = Literal["right", "left"]
+Metres = Annotated[float, Meta(ge=-30, le=30)]
+
+
+class TagStroke(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area."""
+
+    shot: Annotated[int, Meta(ge=0, lt=len(SHOTS))]
+    technique: Annotated[int, Meta(ge=0, lt=len(TECHNIQUES))]
+    height: Annotated[int, Meta(ge=0, lt=len(HEIGHTS))]
+    area: Annotated[int, Meta(ge=0, lt=len(AREAS))] | None
+
+
+class TagRow(TagStroke, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A tagged stroke, a row of the table; the fields are columns of ``data import``."""
+
+    match: Name
+    discipline: Literal["MS", "WS"]
+    game: Count
+    rally: Count
+    stroke: Count
+    player: Name
+    opponent: Name
+    hand: Hand | None
+    landing_x: Metres | None
+    landing_y: Metres | None
+    contact_x: Metres | None
+    contact_y: Metres | None
+    seconds: Annotated[float, Meta(ge=0, le=100_000)]
+    frame: Annotated[int, Meta(ge=0, le=10_000_000)]
+    ending: Literal["out", "net", "short", "foul", "let", "landed", "misjudged"] | None
+    winner: Name | None
+    points: Count | None
+    points_opponent: Count | None
+
+
+class TagRequest(Request, kw_only=True, tag="tag", frozen=True):
+    """An input of a person who tags a video, and the rows that it changed.
+
+    Attributes:
+        at: number of inputs before it.
+        after: hash of these, which the last reply gave; None: of those that the last reply of this connection gave.
+        input: the input as JSON; None: the last one is undone.
+        only_rows: whether no input is added, only rows.
+        first: number of the first row that changed; those from there on are replaced.
+        rows: the new ones.
+    """
+
+    at: Count
+    input: Annotated[str, Meta(max_length=1000)] | None
+    first: Count
+    rows: Annotated[tuple[TagRow, ...], Meta(max_length=400)]
+    only_rows: bool = False
+    after: Annotated[str, Meta(max_length=64)] | None = None
+
+
+class SuggestRequest(Request, tag="suggest", frozen=True):
+    """Shot types that probably follow the strokes of a rally.
+
+    Attributes:
+        receivers: hands of who receives the serve, and of the server.
+    """
+
+    line: Annotated[tuple[TagStroke, ...], Meta(max_length=300)]
+    receivers: tuple[Hand, Hand] = ("right", "right")
+
+
+class CourtFacts(Struct):
+    """Dimensions of the court [m], as in :mod:`shuttle_marl.game.court`."""
+
+    length: float
+    width: float
+    half_length: float
+    half_width: float
+    short_service: float
+    long_service: float
+    net_height: float
+    net_height_centre: float
+    net_depth: float
+    tape: float
+    line: float
+
+
+class AreaFacts(Struct):
+    """A target area in the frame of the striker [m]."""
+
+    name: str
+    box: tuple[tuple[float, float], tuple[float, float]]
+
+
+class PositionFacts(Struct):
+    """A position as a right-handed player sees it, in their own frame, and the place where they stand in it [m]."""
+
+    box: tuple[tuple[float, float], tuple[float, float]]
+    place: tuple[float, float]
+
+
+class RacketFacts(Struct):
+    """Dimensions of a racket [m]."""
+
+    length: float
+    sweet_spot: float
+    butt: float
+    head: tuple[float, float]
+
+
+class ShuttleFacts(Struct):
+    """Dimensions of a shuttle [m]; ends of a feather: distance from the axis, half width, distance behind the cork."""
+
+    scale: float
+    cork: float
+    feathers: int
+    feather: tuple[Point, Point]
+
+
+class AthleteFacts(Struct):
+    """Skeleton of an athlete: rest positions [m], parents of bones, axes of the racket, rotations of the fingers."""
+
+    height: float
+    parents: list[int]
+    rest: list[Point]
+    shaft: Point
+    strings: Point
+    fingers: dict[str, tuple[float, float, float, float]]
+
+
+class HallFacts(Struct):
+    """Dimensions and vocabulary for drawing."""
+
+    court: CourtFacts
+    areas: list[AreaFacts]
+    positions: list[PositionFacts]
+    racket: RacketFacts
+    shuttle: ShuttleFacts
+    bones: list[str]
+    athletes: dict[str, dict[str, AthleteFacts]]
+    shots: list[str]
+    heights: list[str]
+    techniques: list[str]
+
+
+class RecordedMatch(Struct):
+    """An annotated match: its first rally, event, players and date.
+
+    Attributes:
+        missing: number of its rallies that the data do not hold.
+    """
+
+    first: int
+    title: str
+    names: tuple[str, str]
+    date: str | None
+    missing: int
+
+
+class RecordedFacts(Struct):
+    """Recorded rallies that the server shows; ``matches``: of annotated ones, in the order of their rallies."""
+
+    title: str
+    count: int
+    first: int
+    matches: list[RecordedMatch]
+
+
+class TagFacts(Struct):
+    """The video that is tagged.
+
+    Attributes:
+        out: name of the table.
+        inputs: inputs so far, as JSON.
+        rows: number of saved rows.
+        after: hash of the inputs.
+        name, longest_name: pattern and length of the names that the table takes.
+    """
+
+    video: str
+    out: str
+    inputs: list[str]
+    rows: int
+    after: str
+    name: str
+    longest_name: int
+
+
+class Hello(Struct):
+    """Reply to :class:`HelloRequest`.
+
+    Attributes:
+        ladder: opponents of duels, the weakest first.
+        rallies: number of rallies of a match in a site, None where a server plays them.
+        duel: points that win a duel.
+    """
+
+    version: str
+    game: str
+    hall: HallFacts
+    policies: list[str]
+    plan: Plan
+    recorded: RecordedFacts | None
+    ladder: list[str]
+    rallies: int | None = None
+    tag: TagFacts | None = None
+    duel: int = DUEL
+
+
+class StrokeFacts(Struct, kw_only=True):
+    """A stroke of the catalogue, and the area at which it aims, as a right-handed receiver sees it; ``box``: where it lies."""
+
+    stroke: int
+    seat: int
+    shot: str
+    area: str
+    height: str
+    technique: str
+    box: Box
+
+
+class Stroke(StrokeFacts, kw_only=True):
+    """A stroke of a rally.
+
+    Attributes:
+        hurried: whether its striker was late or stretched.
+        waited: position of its receiver; None: they had no choice, or it is not known.
+        speed: launch speed of the staged flight, which the annotations of matches do not tell [m/s].
+    """
+
+    state: int
+    p_succ: float
+    p_ret: float
+    person: bool
+    hurried: bool
+    waited: int | None
+    effort: int | None
+    opponent_effort: int | None
+    duel: int | None
+    support: float | None
+    time: float
+    frame: int
+    contact: Point
+    end: str
+    end_time: float
+    end_point: Point
+    speed: float
+
+
+class TurnStroke(StrokeFacts, kw_only=True):
+    """A stroke that a person may choose."""
+
+    p_succ: float
+    p_ret: float
+
+
+class Turn(Struct):
+    """A choice of a person: of a stroke, or of the position in which they wait for one of the opponent.
+
+    Attributes:
+        number: number of the stroke.
+        height, hurried: whether who strikes meets the shuttle above the net, and is late or stretched.
+        strokes: the legal strokes; empty where a position is chosen.
+        positions: probabilities of people's positions, 0 where they are not feasible; empty where a stroke is chosen.
+    """
+
+    seat: int
+    number: int
+    height: str
+    hurried: bool
+    strokes: list[TurnStroke]
+    positions: list[float]
+
+
+class ScoreFacts(Struct):
+    """The score after a rally; ``changes_ends``: whether the players change ends before the next one."""
+
+    points: Pair
+    games: Pair
+    over: bool
+    game_won: bool
+    changes_ends: bool
+
+
+class PlayerFacts(Struct):
+    """Appearance of a player."""
+
+    athlete: str
+    hand: str
+
+
+class RallyFacts(Struct):
+    """A rally without its motion.
+
+    Attributes:
+        skill: day of the skill of the players in the game of a pair, empty: the last one known; None: both strike with the same
+            probabilities.
+        from_right: whether the server serves from the right service court.
+        ends_changed: whether seat 0 is at y > 0.
+        before: interval or change of ends before the rally, in words; empty: neither.
+    """
+
+    number: int
+    skill: str | None
+    names: tuple[str, str]
+    server: int
+    from_right: bool
+    ends_changed: bool
+    before: str
+    points: Pair
+    games: Pair
+    finished: list[Pair]
+    winner: int | None
+    reason: str | None
+    after: ScoreFacts | None
+    strokes: list[Stroke]
+    turn: Turn | None
+    players: tuple[PlayerFacts, PlayerFacts]
+
+
+class RallyReply(Struct):
+    """Reply to :class:`RallyRequest`; its body is the packed motion."""
+
+    rally: RallyFacts
+
+
+class ValuedStroke(StrokeFacts, kw_only=True):
+    """A stroke with its values: ``win`` if both players continue with their policies, ``best`` if both play strongly."""
+
+    p_succ: float
+    p_ret: float
+    support: float | None
+    win: float
+    best: float
+
+
+class Option(ValuedStroke, kw_only=True):
+    """A stroke of a decision."""
+
+    probability: float
+
+
+class Question(Struct):
+    """A question about a stroke.
+
+    Attributes:
+        right, wrong: the right answer and wrong ones, the stroke played first.
+        share: share of elite players who choose the right shot type.
+        theme: situation, one of :data:`shuttle_marl.reports.rating.THEMES`, or ``serve``.
+        usual: how usual the right shot type is as an answer, 0: the least.
+    """
+
+    right: int
+    wrong: list[int]
+    share: float
+    theme: str
+    usual: int
+
+
+class Place(Struct):
+    """A position of the receiver of a stroke.
+
+    Attributes:
+        people, perfect: probabilities of people's choices and of perfect play.
+        loss: rallies that it loses to the best one if the striker strikes as perfect play does.
+        win: probability that the striker wins with the stroke played against it, under perfect play from then on.
+    """
+
+    position: int
+    people: float
+    perfect: float
+    loss: float
+    win: float
+
+
+class OpenSide(StrokeFacts, kw_only=True):
+    """The stroke that gains most by where the receiver waits: rallies more than against one who waits as people do."""
+
+    gain: float
+
+
+class StrokeValue(Struct, kw_only=True):
+    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
+
+    ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
+    (:mod:`shuttle_marl.reports.rating`). ``change`` and ``quality`` (:mod:`shuttle_marl.reports.rating`) are None where too
+    few real strokes stand behind it. ``support`` is the number of real strokes behind the rarer of both; None: unknown.
+    ``places`` are the positions of the receiver, None: they have no choice; ``open`` is the open side, None: there is none, or
+    the position is not known; ``wait`` is how usual the answer is to the question where to wait, None: it is not asked.
+    """
+
+    win: float
+    chosen: float
+    match: float
+    probability: float
+    change: float | None
+    quality: float | None
+    loss: float
+    mark: str
+    better: int
+    question: Question | None
+    options: list[Option]
+    support: int | None
+    places: list[Place] | None
+    open: OpenSide | None
+    wait: int | None
+
+
+class Analysis(Struct):
+    """Reply to :class:`AnalysisRequest`; ``factor``: share of an advantage that real matches realise, and its interval."""
+
+    number: int
+    factor: tuple[float, float, float] | None
+    strokes: list[StrokeValue]
+    landings: list[tuple[list[float] | None, list[float] | None]]
+    win_after: float | None
+    match_after: float | None
+
+
+class OptionsReply(Struct):
+    """Reply to :class:`OptionsRequest`: strokes, or probabilities of positions under perfect play; the other is empty."""
+
+    options: list[Option]
+    positions: list[float]
+
+
+class StyleFigure(Struct):
+    """A statistic of both players beside that of imitated elite players."""
+
+    name: str
+    values: tuple[float, float]
+    reference: float | None
+
+
+class Styles(Struct):
+    """Reply to :class:`StylesRequest`; ``strength``: fraction of rallies that each player wins against imitated elite players."""
+
+    figures: list[StyleFigure]
+    shots: list[StyleFigure]
+    strength: tuple[float, float]
+
+
+class MatchRally(Struct):
+    """A rally of a match: probability that seat 0 wins the match and score before it, server, winner, number of strokes.
+
+    ``swing`` is the largest change of the probability of winning the rally by a stroke.
+    """
+
+    number: int
+    win: float
+    points: Pair
+    games: Pair
+    server: int
+    winner: int
+    strokes: int
+    swing: float
+
+
+class Moment(Struct):
+    """A costly stroke.
+
+    Attributes:
+        change: of the probability of winning the rally.
+        cost: in the probability of winning the match; None: too small to be shown.
+    """
+
+    rally: int
+    stroke: int
+    seat: int
+    shot: str
+    mark: str
+    change: float
+    cost: float | None
+
+
+class MatchReply(Struct):
+    """Reply to :class:`MatchRequest`; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides."""
+
+    rallies: list[MatchRally]
+    win_after: float | None
+    moments: list[Moment]
+    accuracy: tuple[float | None, float | None]
+    marks: tuple[list[int], list[int]]
+
+
+class Likeness(Struct):
+    """Reply to :class:`LikenessRequest`: imitated players and the average pro, the likeliest first.
+
+    Attributes:
+        names: identifiers of the policies.
+        probability: posterior probability that each made the choices, if all are equally likely before and one of them did.
+        strokes: number of strokes that the person chose.
+    """
+
+    names: list[str]
+    probability: list[float]
+    strokes: int
+
+
+class RatingReply(Struct):
+    """Reply to :class:`RatingRequest`; ``interval``: that of 95 %."""
+
+    points: float
+    deviation: float
+    volatility: float
+    interval: tuple[float, float]
+
+
+class FriendReply(Struct, kw_only=True):
+    """Reply to :class:`FriendRequest`.
+
+    Attributes:
+        refused: why there is no seat: too many games, no such game, or both seats are taken; then the rest says nothing.
+        friend: whether the other person has a seat, and asked lately.
+        rally, strokes: number of the rally that is played, and of its strokes so far.
+        chosen: whether this person has chosen for the next one.
+        plan: of the match that is over; None: it is not.
+    """
+
+    refused: Literal["full", "unknown", "taken"] | None = None
+    token: str = ""
+    key: str = ""
+    seat: int = 0
+    friend: Literal["absent", "here", "away"] = "absent"
+    rally: int = 0
+    strokes: int = 0
+    chosen: bool = False
+    plan: Plan | None = None
+
+
+class OpeningStroke(ValuedStroke, kw_only=True):
+    """A stroke after the first ones of a rally between two average pros.
+
+    ``available`` is the probability that it is legal, ``share`` that the average pro chooses it.
+    """
+
+    available: float
+    share: float
+
+
+class OpeningReply(Struct):
+    """Reply to :class:`OpeningRequest`.
+
+    Attributes:
+        strokes: the most frequent first.
+        seed: seed of a match in which the first rally, served by seat 0, returns all strokes of the line; None: none was found.
+    """
+
+    strokes: list[OpeningStroke]
+    seed: int | None
+
+
+class Openings(Struct):
+    """Replies to :class:`OpeningRequest` in a site, by the line: its catalogue indices with hyphens between them."""
+
+    lines: dict[str, OpeningReply]
+
+
+class Saved(Struct):
+    """Reply to :class:`TagRequest`: numbers of inputs and rows that are saved, and the hash of the inputs."""
+
+    inputs: int
+    rows: int
+    after: str
+
+
+class Suggestion(Struct):
+    """A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height."""
+
+    shot: int
+    probability: float
+    ways: list[int]
+
+
+class Suggestions(Struct):
+    """Reply to :class:`SuggestRequest`, the most probable first."""
+
+    shots: list[Suggestion]
+
+
+REPLIES: Final[Mapping[type[Request], type[Struct]]] = {
+    HelloRequest: Hello,
+    RallyRequest: RallyReply,
+    AnalysisRequest: Analysis,
+    OptionsRequest: OptionsReply,
+    StylesRequest: Styles,
+    MatchRequest: MatchReply,
+    LikenessRequest: Likeness,
+    RatingRequest: RatingReply,
+    FriendRequest: FriendReply,
+    OpeningRequest: OpeningReply,
+    TagRequest: Saved,
+    SuggestRequest: Suggestions,
+}
+"""Type of the reply to each type of request."""
+
+
+class _Envelope(Struct):
+    id: int
+    op: str
+
+
+_envelopes = msgspec.json.Decoder(_Envelope)
+_requests: Final[msgspec.json.Decoder[Request]] = msgspec.json.Decoder(functools.reduce(operator.or_, REPLIES))
+
+
+def request_id(text: str) -> int | None:
+    """Number of a request; None if it cannot be read."""
+    try:
+        return _envelopes.decode(text).id
+    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+        return None
+
+
+def decode_request(text: str) -> Request:
+    """Decode and validate a request.
+
+    Raises:
+        WatchError: it is not a request.
+    """
+    try:
+        return _requests.decode(text)
+    except RecursionError as error:
+        raise WatchError("a request that is nested too deeply") from error
+    except (msgspec.MsgspecError, UnicodeError) as error:
+        raise WatchError(f"a request that is not understood ({error}); load the page again") from error
+
+
+def encode_reply(number: int | None, reply: Struct | str, parts: Sequence[bytes] = ()) -> bytes:
+    """Encode a reply."""
+    fields: dict[str, Any] = {"error": reply} if isinstance(reply, str) else msgspec.structs.asdict(reply)
+    text = msgspec.json.encode({"id": number, **fields})
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<I", len(text)) + text + b"".join(parts)

@@ -1,0 +1,513 @@
+"""The server of the page: static files over HTTP, requests and replies over a WebSocket.
+
+Clients are untrusted. The Host header must name this machine (protection against DNS rebinding), pages of other origins are
+refused, the size and rate of messages are limited, and a client that does not read delays only itself.
+"""
+
+import asyncio
+import base64
+import contextlib
+import dataclasses
+import importlib.util
+import io
+import ipaddress
+import logging
+import mimetypes
+import os
+import shutil
+import socket
+import urllib.parse
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from ctypes.util import find_library
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
+
+import anyio
+import uvicorn
+from starlette.applications import Starlette
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.files import replacing
+from shuttle_marl.court import WatchError
+from shuttle_marl.court.messages import (
+    SHOWN,
+    FriendRequest,
+    HelloRequest,
+    RallyRequest,
+    TagRequest,
+    decode_request,
+    encode_reply,
+    request_id,
+)
+from shuttle_marl.court.messages import Request as PageRequest
+from shuttle_marl.court.staging import ATHLETES, model_file
+from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+HOST: Final = "127.0.0.1"
+MAX_MESSAGE: Final = 1 << 18
+"""Maximum size of a message from a page [bytes]: the plan of a match holds all strokes of the person."""
+MAX_CONNECTIONS: Final = 200
+"""Maximum number of connections."""
+_RATE, _BURST = 40.0, 120.0
+"""Requests per second of a connection: sustained rate, and burst."""
+_CONCURRENT: Final = 16
+"""Maximum number of concurrent requests of a connection."""
+_THREADS: Final = 4
+_FAST: Final = (HelloRequest, RallyRequest, TagRequest, FriendRequest)
+"""Requests that never wait for the game to be solved; the others have separate threads."""
+_DIGITS: Final = 9
+"""Maximum number of digits of the number of a rally."""
+_REQUEST: Final = 10.0
+"""Time for the head of a request [s]."""
+_STALLED: Final = 30.0
+"""Time for a page to read a reply [s]."""
+_SHUTDOWN: Final = 1
+"""Time for connections to close when the server stops [s]."""
+_LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
+CONTENT_POLICY: Final = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src 'self' data: blob:; media-src 'self' blob:; base-uri 'none'; form-action 'none'"
+)
+"""Content security policy of the page: its own files alone, and no inline script."""
+_POLICY: Final = f"{CONTENT_POLICY}; frame-ancestors 'none'"
+_TYPES: Final = {"watch.js": "text/javascript", "watch.css": "text/css"}
+
+Answer = Callable[[PageRequest], bytes]
+"""Returns the encoded reply to a request; raises ShuttleError. Called in worker threads."""
+Downloads = Mapping[tuple[str, str], Callable[[int], bytes]]
+"""By name and media type, what makes a file about the match of a recorded rally; raises ShuttleError."""
+
+
+def application(
+    answer: Answer,
+    page: Path,
+    *,
+    downloads: Downloads | None = None,
+    video: Path | None = None,
+    language: Language = "en",
+    hosts: tuple[str, ...] = _LOOPBACK,
+    proxies: tuple[str, ...] = (),
+) -> ASGIApp:
+    """The ASGI application.
+
+    Args:
+        video: the video that is tagged.
+        language: language of a page whose reader has chosen none.
+        hosts: allowed values of the Host header; ``*`` allows every IP address.
+        proxies: further ones, whose pages may connect whatever Host header the proxy sends.
+    """
+    index = _index(page / "index.html", language)
+    routes: list[BaseRoute] = [Route("/", index), Route("/index.html", index)]
+    routes += [Route(f"/{name}", _file(page / name)) for name in _TYPES]
+    routes += [Route(f"/{name}.glb", _file(model_file(name))) for name in ATHLETES]
+    if video is not None:
+        routes.append(Route("/video", _file(video, mimetypes.guess_type(video.name)[0])))
+    limiter = anyio.CapacityLimiter(1)  # one at a time: a report takes seconds of all cores
+    routes += [Route(f"/{name}", _download(make, name, kind, limiter)) for (name, kind), make in (downloads or {}).items()]
+    routes.append(WebSocketRoute("/ws", _Connections(answer).serve))
+    return _Guard(Starlette(routes=routes), hosts, tuple(map(str.lower, proxies)))
+
+
+def _file(path: Path, kind: str | None = None) -> Callable[[Request], Awaitable[Response]]:
+    kind = kind or _TYPES.get(path.name, "model/gltf-binary")
+
+    async def respond(_: Request) -> Response:
+        return FileResponse(path, media_type=kind, headers={"Cache-Control": "no-cache"})
+
+    return respond
+
+
+def in_language(index: bytes, language: Language) -> bytes:
+    """The file ``index.html`` for readers who have chosen no language."""
+    return index.replace(b'<html lang="en">', f'<html lang="{language}">'.encode(), 1)
+
+
+def _index(path: Path, language: Language) -> Callable[[Request], Awaitable[Response]]:
+    async def respond(_: Request) -> Response:
+        return Response(in_language(path.read_bytes(), language), media_type="text/html", headers={"Cache-Control": "no-cache"})
+
+    return respond
+
+
+def _download(
+    make: Callable[[int], bytes], name: str, kind: str, limiter: anyio.CapacityLimiter
+) -> Callable[[Request], Awaitable[Response]]:
+    async def respond(request: Request) -> Response:
+        number = request.query_params.get("rally", "")
+        if not number.isascii() or not number.isdecimal() or len(number) > _DIGITS:
+            return PlainTextResponse(f"expected {name}?rally=NUMBER\n", status_code=400)
+        wanted = request.query_params.get("language", "en")
+        language = next((known for known in LANGUAGES if known == wanted), None)
+        if language is None:
+            return PlainTextResponse(f"expected language={'|'.join(LANGUAGES)}\n", status_code=400)
+        try:
+            with speaking(language):  # the thread has the context of this one
+                content = await anyio.to_thread.run_sync(make, int(number) - 1, limiter=limiter)
+        except ShuttleError as error:
+            return PlainTextResponse(f"{printable(str(error))}\n", status_code=404)
+        # A report contains its own policy, which allows its own scripts alone.
+        return Response(content, media_type=kind, headers={"Content-Security-Policy": "frame-ancestors 'none'"})
+
+    return respond
+
+
+class _Guard:
+    """Refuses requests to other hosts and from other origins, and adds security headers to every response."""
+
+    def __init__(self, app: ASGIApp, hosts: tuple[str, ...], proxies: tuple[str, ...]) -> None:
+        self._app, self._hosts, self._proxies = app, hosts, proxies
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        reason = refusal(headers.getlist("host"), headers.getlist("origin"), self._hosts, self._proxies)
+        if reason is None:
+            await self._app(scope, receive, _with_headers(send))
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008, "reason": reason[:100]})
+        else:
+            await PlainTextResponse(f"{reason}\n", status_code=403)(scope, receive, _with_headers(send))
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(event: Any) -> None:
+        if event["type"] == "http.response.start":
+            extra = {
+                "content-security-policy": _POLICY,
+                # Else a page of another origin could show the film that is tagged.
+                "cross-origin-resource-policy": "same-origin",
+                "x-content-type-options": "nosniff",
+                "referrer-policy": "no-referrer",
+            }
+            known = {name for name, _ in event["headers"]}
+            added = [(name.encode(), value.encode()) for name, value in extra.items() if name.encode() not in known]
+            event["headers"] = [*event["headers"], *added]
+        await send(event)
+
+    return sending
+
+
+def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...], proxies: tuple[str, ...] = ()) -> str | None:
+    """Reason to refuse a request; None if it is allowed.
+
+    Args:
+        origins: its Origin headers; browsers send one, which must be the host itself, or a proxy.
+        allowed: allowed host names in lower case; ``*`` allows every IP address, which DNS rebinding cannot forge.
+        proxies: further allowed host names in lower case.
+    """
+    host = _split(f"//{hosts[0]}").hostname if len(hosts) == 1 else None
+    if host is None or not (host in (*allowed, *proxies) or ("*" in allowed and _is_address(host))):
+        name = printable(", ".join(hosts))[:100] or "of no name"
+        return f"refused a request to the host {name}: open the address that was printed, or allow a name with --allowed-hosts"
+    origin = _split(origins[0]) if len(origins) == 1 else None
+    if origins and (origin is None or (origin.netloc.lower() != hosts[0].lower() and origin.hostname not in proxies)):
+        return f"refused a page of {printable(', '.join(origins))[:100]}: only the page of this server may connect"
+    return None
+
+
+def _split(url: str) -> urllib.parse.SplitResult:
+    try:
+        return urllib.parse.urlsplit(url)
+    except ValueError:
+        return urllib.parse.urlsplit("")
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+class _Connections:
+    def __init__(self, answer: Answer) -> None:
+        self._answer, self._count = answer, 0
+        self._limiters = anyio.CapacityLimiter(_THREADS), anyio.CapacityLimiter(_THREADS)
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Answer the requests of one connection until it closes."""
+        await socket.accept()
+        if self._count >= MAX_CONNECTIONS:
+            await socket.close(1013, f"{MAX_CONNECTIONS} pages are open already")
+            return
+        self._count += 1
+        SHOWN.set([])
+        running: set[asyncio.Task[None]] = set()
+        budget = _Budget(asyncio.get_running_loop().time())
+        sending = asyncio.Lock()
+        try:
+            while True:
+                text = await socket.receive_text()
+                wait = budget.take(asyncio.get_running_loop().time())
+                if wait > 0:
+                    await asyncio.sleep(wait)
+                if len(running) >= _CONCURRENT:
+                    await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
+                task = asyncio.create_task(self._reply(socket, text, sending))
+                running.add(task)
+                task.add_done_callback(running.discard)
+        except (WebSocketDisconnect, RuntimeError, KeyError):
+            pass  # the connection is closed, or sent bytes, which pages never do
+        finally:
+            self._count -= 1
+            for task in running:
+                task.cancel()
+
+    async def _reply(self, socket: WebSocket, text: str, sending: asyncio.Lock) -> None:
+        number = request_id(text)
+        try:
+            request = decode_request(text)
+            limiter = self._limiters[not isinstance(request, _FAST)]
+            content = await anyio.to_thread.run_sync(self._answer, request, limiter=limiter)
+        except ShuttleError as error:
+            content = encode_reply(number, printable(str(error)))
+        except Exception as error:  # pages receive every error, and the server continues
+            logging.getLogger(__name__).exception("a request failed")
+            content = encode_reply(number, f"the server failed ({type(error).__name__}); see its console")
+        try:
+            async with sending:
+                await asyncio.wait_for(socket.send_bytes(content), _STALLED)
+        except TimeoutError:  # the page does not read
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
+                await asyncio.wait_for(socket.close(1008, "the page does not read"), _SHUTDOWN)
+        except (WebSocketDisconnect, RuntimeError):
+            pass
+
+
+@dataclasses.dataclass
+class _Budget:
+    """Rate limiter of one connection (token bucket)."""
+
+    at: float
+    left: float = _BURST
+
+    def take(self, now: float) -> float:
+        """Take a token; returns the time until it is available [s]."""
+        self.left = min(_BURST, self.left + (now - self.at) * _RATE) - 1
+        self.at = now
+        return max(0.0, -self.left / _RATE)
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """Bind a socket to a port, or to a free port if that one is in use.
+
+    Args:
+        port: port; 0 selects a free one.
+
+    Raises:
+        WatchError: the host is not an address of this machine.
+    """
+    if not 0 <= port < 1 << 16:
+        raise WatchError(f"--port {port}: expected 0 (any free one) to 65535")
+    try:
+        family, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
+    except OSError as error:
+        raise WatchError(f"--host {host}: {error.strerror}; give an address of this machine") from error
+    for wanted in (port, 0):
+        listener = socket.socket(family)
+        if os.name == "posix":  # recently closed connections do not block the port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((host, wanted))
+            listener.listen(128)
+        except OSError as error:
+            listener.close()
+            if wanted == 0:
+                raise WatchError(f"--host {host}: {error.strerror}; give an address of this machine") from error
+        else:
+            return listener
+    raise AssertionError("unreachable")
+
+
+class _Http(H11Protocol):
+    """HTTP connections that send a request in time, which uvicorn does not require."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._late = self.loop.call_later(_REQUEST, self._close_if_idle)
+
+    def _close_if_idle(self) -> None:
+        if self.cycle is None and self in self.connections:  # not upgraded to a WebSocket
+            self.transport.close()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._late.cancel()
+        super().connection_lost(exc)
+
+
+class Server(uvicorn.Server):
+    """The HTTP and WebSocket server; :meth:`run` serves until it is interrupted."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        # uvicorn prints a traceback for each frame of invalid UTF-8.
+        logging.getLogger("uvicorn.error").addFilter(_is_no_bad_text)
+        super().__init__(
+            uvicorn.Config(
+                app,
+                http=_Http,
+                log_config=None,
+                access_log=False,
+                lifespan="off",
+                ws="websockets-sansio",
+                ws_max_size=MAX_MESSAGE,
+                ws_max_queue=8,
+                ws_per_message_deflate=False,
+                timeout_graceful_shutdown=_SHUTDOWN,
+                server_header=False,
+            )
+        )
+
+
+def _is_no_bad_text(record: logging.LogRecord) -> bool:
+    return not record.getMessage().startswith("Invalid UTF-8")
+
+
+def hosts_of(host: str) -> tuple[str, ...]:
+    """Allowed values of the Host header for an address to listen on."""
+    if host in _LOOPBACK:
+        return _LOOPBACK
+    # Browsers send names in lower case, whatever a machine is called.
+    return (*_LOOPBACK, host.lower(), socket.gethostname().lower(), *(("*",) if host in ("0.0.0.0", "::") else ()))
+
+
+Progress = Callable[[Iterable[int]], Iterable[int]]
+
+SIZE: Final = (1280, 720)
+FPS: Final = 25
+BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
+_FLAGS: Final = (
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--ignore-gpu-blocklist",
+    "--use-gl=angle",
+)
+_WAIT: Final = 120_000
+"""Time limit of each operation of the page [ms]."""
+_FAILED: Final = ".notice:not(.hidden):not(.good), p[role=alert]"
+"""Selector of error messages on the page."""
+_PICTURE: Final = {"format": "jpeg", "quality": 95, "optimizeForSpeed": True}
+_FORMATS: Final = {".mp4": "libx264", ".webm": "libvpx-vp9"}
+
+
+def check_video(path: Path) -> None:
+    """Check the format and the required programs of a video.
+
+    Raises:
+        WatchError: the suffix is not a known format, or a library or the browser is missing.
+    """
+    if path.suffix not in _FORMATS:
+        raise WatchError(f"--video {path}: expected a name that ends in {' or '.join(_FORMATS)}")
+    missing = [library for library in ("av", "playwright") if importlib.util.find_spec(library) is None]
+    if missing:
+        raise WatchError(f"--video needs {' and '.join(missing)}: {install_hint('video')}")
+    browser_program()
+
+
+def write_video(address: str, path: Path, progress: Progress = iter, *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
+    """Render the rally of a page to a video; returns the number of frames.
+
+    Args:
+        address: URL of the page, with the rally in its fragment.
+        path: the video, ``.mp4`` or ``.webm``; written atomically.
+        size: width and height [pixels], both even.
+
+    Raises:
+        WatchError: no browser is installed, or the page cannot show the rally.
+    """
+    from playwright.sync_api import Error  # noqa: PLC0415  an extra
+
+    try:
+        with browser_page(size, reduced_motion="reduce") as page:
+            page.set_default_timeout(_WAIT)
+            page.goto(address)
+            page.locator(f"body[data-ready], {_FAILED}").first.wait_for()
+            failed = page.locator(_FAILED)  # the page says so, then shows its first rally instead
+            if failed.count():
+                raise WatchError(f"the page cannot show the rally: {failed.first.inner_text()}")
+            page.evaluate("window.viewer.film()")
+            frames = int(page.evaluate("window.viewer.state().duration") * fps + 1e-6) + 1
+            with replacing(path) as file:
+                _encode(page, progress(range(frames)), file, path.suffix, size, fps)
+            return frames
+    except Error as error:
+        raise WatchError(f"the page cannot be filmed: {error.message.splitlines()[0]}") from error
+
+
+def _encode(page: "Page", frames: Iterable[int], file: BinaryIO, suffix: str, size: tuple[int, int], fps: int) -> None:
+    import av  # noqa: PLC0415  an extra
+
+    with av.open(file, "w", format=suffix[1:]) as container:
+        stream: Any = container.add_stream(_FORMATS[suffix], rate=fps)
+        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
+        stream.options = {"crf": "20"}
+        pictures = page.context.new_cdp_session(page)
+        for frame in frames:
+            page.evaluate("(time) => window.viewer.seek(time)", frame / fps)
+            picture = base64.b64decode(pictures.send("Page.captureScreenshot", _PICTURE)["data"])
+            with av.open(io.BytesIO(picture), "r") as read:
+                for image in read.decode(video=0):
+                    container.mux(stream.encode(av.VideoFrame.from_ndarray(image.to_ndarray(format="rgb24"), format="rgb24")))
+        container.mux(stream.encode())
+
+
+def browser_program() -> str:
+    """Path of Chromium or a related browser; ``$CHROMIUM`` takes precedence.
+
+    Raises:
+        WatchError: none is installed.
+    """
+    for name in (os.environ.get("CHROMIUM", ""), *BROWSERS):
+        if name and (found := shutil.which(name)):
+            return found
+    raise WatchError("this needs Chromium or Chrome; install it, or name it in the variable CHROMIUM")
+
+
+@contextlib.contextmanager
+def browser_page(size: tuple[int, int] = SIZE, *flags: str, **options: Any) -> "Iterator[Page]":
+    """A page of a headless browser, which is closed at the end.
+
+    Args:
+        size: width and height [pixels].
+        flags: of the browser, besides :func:`browser_flags`.
+        options: of the page.
+
+    Raises:
+        WatchError: no browser is installed.
+    """
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415  an extra
+
+    program = browser_program()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=[*browser_flags(), *flags])
+        yield browser.new_page(viewport={"width": size[0], "height": size[1]}, **options)
+        browser.close()
+
+
+def browser_flags(*, mesa: bool | None = None) -> list[str]:
+    """Flags of a headless browser that makes no network requests of its own.
+
+    Args:
+        mesa: render with Mesa, which is two to three times as fast as SwiftShader without a GPU; None: if it is installed.
+    """
+    if mesa is None:
+        mesa = find_library("EGL") is not None and any(Path("/usr/lib").glob("*/dri/swrast_dri.so"))
+    # Chromium does not start as root with its sandbox.
+    root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+    return [*root, *_FLAGS, f"--use-angle={'gl-egl' if mesa else 'swiftshader'}"]

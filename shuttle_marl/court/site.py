@@ -1,0 +1,155 @@
+"""A match, or recorded rallies, as a folder of static files: the page, and the replies of the server that it reads instead."""
+
+import gzip
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+from msgspec.structs import replace
+
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.court import WatchError, messages
+from shuttle_marl.court.answers import Answers
+from shuttle_marl.court.building import FILES
+from shuttle_marl.court.server import CONTENT_POLICY, in_language
+from shuttle_marl.court.staging import model_file
+from shuttle_marl.reports.languages import Language
+
+MAX_SITE: Final = 8_000_000
+"""Default of the maximum size of a site [bytes]."""
+_MARK: Final = b'<meta name="site" content="static">'
+"""Element by which the page knows that no server answers, in the first file that is written."""
+_REPLIES: Final = "replies"
+_ROOM: Final = 600_000
+"""Space for the overviews of matches, the styles and the openings [bytes]."""
+_USUAL: Final = 0.01
+"""Least share of strokes of openings that a site holds."""
+
+
+def save_site(
+    folder: Path,
+    page: Path,
+    answers: Answers,
+    progress: Callable[[int], object] = lambda _: None,
+    *,
+    language: Language = "en",
+    limit: int = MAX_SITE,
+) -> tuple[int, int, int]:
+    """Write a site that every web server can serve; returns its number of rallies, its size [bytes], and the rallies left out.
+
+    Args:
+        folder: its folder; a site that is there is replaced.
+        progress: receives the number of rallies so far.
+        language: language of a page whose reader has chosen none.
+        limit: maximum size of the site [bytes]; rallies that do not fit are left out.
+
+    Raises:
+        WatchError: the folder has other files, or not even one rally fits.
+        FileWriteError: a file cannot be written.
+    """
+    _check(folder)
+    hello = answers.hello()
+    fixed = {name: (page / name).read_bytes() for name in FILES}
+    # With the policy, which no server sends, and the mark of a site.
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">'.encode()
+    index = in_language(fixed["index.html"], language)
+    fixed["index.html"] = index.replace(b"<head>", b"<head>" + policy + _MARK, 1)
+    rallies: dict[str, bytes] = {}
+    size, count = sum(map(len, fixed.values())), 0
+    for replies, athletes in _rallies(answers, hello):
+        models = {f"{name}.glb": model_file(name).read_bytes() for name in athletes if f"{name}.glb" not in fixed}
+        added = sum(map(len, replies.values())) + sum(map(len, models.values()))
+        if size + added > limit - _ROOM:
+            break
+        rallies |= replies
+        fixed |= models
+        size, count = size + added, count + 1
+        progress(count)
+    if not count:
+        raise WatchError(f"{folder}: the first rally does not fit into {limit / 1e6:.1f} MB")
+    rallies |= _overviews(answers, hello, count)
+    if hello.recorded is None:
+        whole, hello = answers.length(hello.plan), replace(hello, rallies=count)
+    else:
+        whole = hello.recorded.count
+        known = replace(hello.recorded, count=count, first=min(hello.recorded.first, count - 1))
+        hello = replace(hello, recorded=known)
+    rallies["openings"] = gzip.compress(messages.encode_reply(0, _openings(answers)), mtime=0)
+    rallies["hello"] = gzip.compress(messages.encode_reply(0, hello), mtime=0)
+    content = {**fixed, **{f"{_REPLIES}/{name}.bin": reply for name, reply in rallies.items()}}
+    for name, data in content.items():
+        replace_file(folder / name, data)
+    for old in (folder / _REPLIES).glob("*.bin"):
+        if old.stem not in rallies:
+            old.unlink()
+    return count, sum(map(len, content.values())), whole - count
+
+
+def _check(folder: Path) -> None:
+    """Refuse a folder with files that are not those of a site."""
+    if folder.is_file():
+        raise WatchError(f"--save-site {folder}: a file has this name; give a folder")
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return
+    index = folder / "index.html"
+    if not index.is_file() or _MARK not in index.read_bytes():
+        raise WatchError(f"--save-site {folder}: the folder has other files; give a new or empty folder")
+
+
+def _packed(answers: Answers, request: messages.Request) -> bytes:
+    return gzip.compress(answers(request), mtime=0)
+
+
+def _rallies(answers: Answers, hello: messages.Hello) -> Iterator[tuple[dict[str, bytes], list[str]]]:
+    """Replies about each rally in turn, with the walk that leads to it, and its athletes; a match ends with its last rally."""
+    plan, number = None if hello.recorded else hello.plan, 0
+    before: tuple[object, ...] | None = None  # ends and players from which a walk leads to the next rally
+    while hello.recorded is None or number < hello.recorded.count:
+        request = messages.RallyRequest(id=0, plan=plan, rally=number)
+        facts = answers.rally(request)[0].rally
+        replies = {f"rally-{number}": _packed(answers, request)}
+        here = facts.ends_changed, facts.players
+        if before == here:
+            replies[f"walk-{number - 1}"] = _packed(answers, replace(request, rally=number - 1, walk=True))
+        over = facts.after is not None and facts.after.over
+        before = here if facts.winner is not None and not over else None
+        if facts.strokes:
+            replies[f"analysis-{number}"] = _packed(answers, messages.AnalysisRequest(id=0, plan=plan, rally=number))
+        yield replies, [player.athlete for player in facts.players]
+        if hello.recorded is None and over:
+            return
+        number += 1
+
+
+def _openings(answers: Answers) -> messages.Openings:
+    lines: dict[str, messages.OpeningReply] = {}
+    waiting: list[tuple[int, ...]] = [()]
+    for line in waiting:  # grows
+        found = answers.opening(line)
+        usual = [stroke for stroke in found.strokes if stroke.share >= _USUAL]
+        lines["-".join(map(str, line))] = messages.OpeningReply(strokes=usual, seed=None)
+        if len(line) < 2:
+            waiting += [(*line, stroke.stroke) for stroke in usual]
+    return messages.Openings(lines=lines)
+
+
+def _overviews(answers: Answers, hello: messages.Hello, count: int) -> dict[str, bytes]:
+    """Overviews of the matches, by the rally that asks, and the styles of the players of a match."""
+    if hello.recorded is None:
+        # Of the rallies that fit.
+        overview = messages.MatchRequest(id=0, plan=hello.plan, rally=count - 1, partial=True)
+        styles = messages.StylesRequest(id=0, plan=hello.plan, rally=0)
+        return {"match-0": _packed(answers, overview), "styles": _packed(answers, styles)}
+    found: dict[str, bytes] = {}
+    number = 0
+    while number < count:
+        request = messages.MatchRequest(id=0, rally=number)
+        rallies = answers.match(request).rallies
+        last = max(number, rallies[-1].number if rallies else number)
+        if last >= count:  # of the rallies that fit
+            last = count - 1
+            request = messages.MatchRequest(id=0, rally=last, partial=True)
+        # Every rally of a match has the same overview.
+        found |= dict.fromkeys((f"match-{k}" for k in range(number, last + 1)), _packed(answers, request))
+        number = last + 1
+    return found

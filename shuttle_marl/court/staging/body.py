@@ -1,0 +1,439 @@
+"""One player over the whole rally: feet, hips, racket on the shuttle, and all bones.
+
+Heels rise and hips sink so that the legs reach the planted feet.
+
+Key poses are bent so that the strings meet the shuttle at the speed and in the direction of the stroke. At a contact the joints
+of the arm turn so fast that the middle of the strings moves at a fraction of the shuttle's launch velocity, less the velocity
+that hips and trunk give it already. A stroke is a swing about that instant: from the load to the contact the joints accelerate
+evenly, after it they slow down, so that the racket is fastest when it strikes.
+"""
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+
+from shuttle_marl.base.arrays import F64, I64, Intp
+from shuttle_marl.court.staging import motions
+from shuttle_marl.court.staging.arm import LIMITS, Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot, sweet_spot_jacobian
+from shuttle_marl.court.staging.curves import curve, curve_at, ease, held_ends, slopes_through, smooth
+from shuttle_marl.court.staging.feet import Feet, Plant, lifted, move, standing, steps
+from shuttle_marl.court.staging.idle import Habits
+from shuttle_marl.court.staging.legs import legs, reach_of, settle, strays
+from shuttle_marl.court.staging.library import FREE_ARM, RACKET_ARM, TRUNK, in_chest
+from shuttle_marl.court.staging.rotation import apply, from_yaw_pitch_roll, turned, unit
+from shuttle_marl.court.staging.skeleton import (
+    BONE,
+    FLIP,
+    HIPS_HEIGHT,
+    HIPS_PITCH,
+    HIPS_ROLL,
+    HIPS_YAW,
+    N_BONES,
+    SPINE_LIMITS,
+    SPINE_YAW,
+    SWEET_SPOT,
+    Skeleton,
+    chest_of,
+    collar_of,
+    trunk,
+)
+from shuttle_marl.court.staging.timeline import Hit, Keys, Past, Timeline
+
+NECK_LIMITS: Final[F64] = np.radians([(-72, 72), (-50, 55)])
+"""``[2, 2]`` limits of yaw and pitch of the head against the chest [rad]."""
+_JOINT: Final = 9
+"""Frames over which a continued motion blends into the previous one."""
+_TRIES: Final = 3
+"""Maximum number of corrections of slipping feet."""
+_SLIP: Final = 3e-3
+"""Tolerated displacement of the ball of a planted foot [m]."""
+_EVEN: Final = 6
+"""Half width of the moving mean of the height of the hips [frames]."""
+_COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])
+"""Cost of the speed of each joint; shoulder, elbow and forearm turn most, the grip does not turn."""
+_FASTEST: Final = np.array([7.0, 7.0, 24.0, 24.0, 36.0, 32.0, 36.0, 24.0, 14.0, 0.0])
+"""Greatest speed of each joint [rad/s]; internal rotation of the shoulder and pronation are the fastest in smashes."""
+_ROOM: Final = 2.2
+_MOST_LEAN: Final = np.radians(18)
+_TOLERANCE: Final = 2e-3
+_YIELD: Final = 0.35
+"""Fraction by which the shaft yields to the direction that the strings face. With 1, a net shot from a lunge would be played with
+a hanging racket head and a high hand."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Prepared:
+    """State before the bones are solved: F frames, H hits.
+
+    Attributes:
+        hips: ``[F, 3]`` position of the hips [m].
+        path: ``[F, 2]`` their path over the floor, without shifts of weight [m].
+        plants: times and places at which the left and the right foot are planted.
+        miss: ``[H, 3]`` vector from strings to shuttle at each hit [m].
+    """
+
+    hips: F64
+    path: F64
+    feet: Feet
+    plants: tuple[list[Plant], list[Plant]]
+    keys: Keys
+    miss: F64
+    timeline: Timeline
+    added: Habits
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Course:
+    """Inputs of the bones of one player over F frames, in the player's own frame, as a right-hander.
+
+    Attributes:
+        hips: ``[F, 3]`` position of the hips [m].
+        pose: ``[F, 27]`` trunk and arms.
+        gaze: ``[F, 2]`` yaw and pitch of the head against the chest [rad].
+    """
+
+    hips: F64
+    pose: F64
+    feet: Feet
+    gaze: F64
+
+    def part(self, rows: slice) -> "Course":
+        """A range of frames."""
+        return Course(hips=self.hips[rows], pose=self.pose[rows], feet=self.feet.part(rows), gaze=self.gaze[rows])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PlayerMotion:
+    """Motion of a player over F frames: inputs of the bones, and the state needed to continue the motion.
+
+    Attributes:
+        shift: ``[n, 3]`` shift of the hips at each stroke, so that the racket reaches the shuttle [m].
+        rhythm: random seed of breathing and shifts of weight.
+    """
+
+    course: Course
+    prepared: Prepared
+    shift: F64
+    rhythm: int
+
+    def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
+        """Plan and plants up to a frame, with ``strokes`` strokes struck."""
+        keys = self.prepared.keys
+        n = int(np.searchsorted(keys.frame, frame))
+        if keys.frame[0] < frame < keys.frame[-1]:
+            pose, slope = curve_at(keys.frame, keys.pose, keys.slope, frame)
+        else:
+            pose = keys.pose[min(n, len(keys.frame) - 1)]
+            slope = np.zeros_like(pose)
+        stand, plants = standing(self.prepared.plants, self.course.feet.ball[:, frame], frame)
+        known = Keys(
+            frame=np.r_[keys.frame[:n], frame],
+            pose=np.concatenate([keys.pose[:n], pose[None]]),
+            slope=np.concatenate([keys.slope[:n], slope[None]]),
+        )
+        return Past(
+            frame=frame,
+            strokes=strokes,
+            keys=known,
+            stand=stand,
+            lift=self.prepared.timeline.lift,
+            air=self.prepared.timeline.air,
+        ), plants
+
+
+def prepare(
+    skeleton: Skeleton,
+    timeline: Timeline,
+    hips: F64,
+    fps: int,
+    added: Habits,
+    known: tuple[list[Plant], list[Plant]] | None = None,
+    before: Course | None = None,
+) -> Prepared:
+    """Place feet and hips, and solve the contacts.
+
+    Args:
+        hips: ``[F, 2]`` the hips over the floor [m].
+        known: plants up to the branch.
+        before: B unchanged frames.
+    """
+    body = curve(timeline.frame, timeline.pose, slopes_of(timeline, timeline.pose), len(hips))[:, TRUNK]
+    place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift]) + added.place
+    reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
+    plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
+    body[:, HIPS_YAW : HIPS_ROLL + 1] += added.pose[:, HIPS_YAW : HIPS_ROLL + 1]
+    root = from_yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
+    done = len(before.hips) if before else 0
+    for _ in range(_TRIES):
+        feet = move(plants, timeline.air, len(hips), fps, done)
+        settled, feet = _settled(skeleton, place, root, feet, before)
+        slips = strays(skeleton, settled[done:], root[done:], feet.part(slice(done, None))) > _SLIP
+        if not lifted(plants, slips & feet.planted[:, done:], done):
+            break
+    place = settled
+    keys, miss = meet(skeleton, timeline, place, fps)
+    return Prepared(hips=place, path=hips, feet=feet, plants=plants, keys=keys, miss=miss, timeline=timeline, added=added)
+
+
+def _settled(skeleton: Skeleton, place: F64, root: F64, feet: Feet, before: Course | None) -> tuple[F64, Feet]:
+    """Hips and feet within reach of the legs in all frames, unchanged frames first."""
+    if not before:
+        return settle(skeleton, place, root, feet)
+    # Frames before the branch count as far as the moving means reach.
+    done = len(before.hips)
+    rows = slice(max(done - _JOINT, 0), None)
+    place, root, at = place[rows], root[rows], min(done, _JOINT)
+    place, feet = settle(skeleton, place, root, feet.part(rows))
+    # Only the height is blended: the path over the floor is continuous already. Then the legs have to reach the feet again.
+    place[at:, 2:] = _joined(before.hips[:, 2:], place[at - 1 :, 2:])
+    later, after = settle(skeleton, place[at:], root[at:], before.feet.joined(feet.part(slice(at - 1, None))))
+    return np.concatenate([before.hips, later]), before.feet.concatenated(after)
+
+
+def course(skeleton: Skeleton, prepared: Prepared, shuttle: F64, before: Course | None = None) -> Course:
+    """Inputs of the bones in all frames.
+
+    Args:
+        shuttle: ``[F, 3]`` position of the shuttle, which the head follows [m].
+        before: B unchanged frames.
+    """
+    keys, done = prepared.keys, len(before.hips) if before else 0
+    pose = curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + prepared.added.pose
+    arm = arm_of(skeleton)
+    for part in (RACKET_ARM, FREE_ARM):
+        pose[:, part] = arm.clipped(pose[:, part])
+    spine = slice(SPINE_YAW, SPINE_YAW + 3)
+    pose[:, spine] = np.clip(pose[:, spine], SPINE_LIMITS[:, 0], SPINE_LIMITS[:, 1])
+    rows = slice(max(done - 1, 0), None)
+    rotation, position = trunk(skeleton, prepared.hips[rows], pose[rows, TRUNK])
+    gaze = _gaze(skeleton, rotation[-1], position[-1], shuttle[rows])
+    if before:
+        pose[:done] = before.pose
+        gaze = np.clip(_joined(before.gaze, gaze), NECK_LIMITS[:, 0], NECK_LIMITS[:, 1])
+        gaze = np.concatenate([before.gaze, gaze])
+    return Course(hips=prepared.hips, pose=pose, feet=prepared.feet, gaze=gaze)
+
+
+def _joined(before: F64, after: F64) -> F64:
+    """Blend ``[1 + N, k]``, whose first row is the last one of ``[B, k]``, into it: value and slope change over a few frames."""
+    n = len(after) - 1
+    u = np.clip(np.arange(1, n + 1) / _JOINT, 0, 1)[:, None]
+    off = before[-1] - after[0]
+    drift = (before[-1] - before[-2] if len(before) > 1 else 0.0) - (after[1] - after[0] if n else 0.0)
+    return after[1:] + (1 - ease(u)) * off + _JOINT * u * (1 - u) ** 2 * drift
+
+
+def bones(skeleton: Skeleton, course: Course) -> tuple[F64, F64]:
+    """Bones of one player, in the player's own frame, as a right-hander.
+
+    Returns:
+        ``[F, 23, 3, 3]`` rotation of each bone from rest, and ``[F, 23, 3]`` where it begins [m].
+    """
+    place, pose = course.hips, course.pose
+    rotation, position = np.empty((len(place), N_BONES, 3, 3)), np.empty((len(place), N_BONES, 3))
+    spine_rotation, spine_position = trunk(skeleton, place, pose[:, TRUNK])
+    _set_bones(rotation, position, ("Hips", "Spine", "Spine1", "Spine2"), spine_rotation, spine_position)
+    chest, middle = spine_rotation[-1], spine_position[-1]
+    arm = arm_of(skeleton)
+    racket = arm.pose(pose[:, RACKET_ARM])
+    collar = collar_of(skeleton, chest, middle)
+    names: tuple[str, ...] = ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
+    _set_bones(rotation, position, names, chest @ racket.rotation, collar + apply(chest, racket.position))
+    free = arm.pose(pose[:, FREE_ARM])
+    flip = np.diag(FLIP)
+    collar = collar_of(skeleton, chest, middle, "Left")
+    names = ("LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand")
+    turn, begin = chest @ (flip @ free.rotation @ flip), collar + apply(chest, free.position * FLIP)
+    _set_bones(rotation, position, names, turn[:4], begin[:4])
+    turns, places = legs(skeleton, place, spine_rotation[0], course.feet)
+    for k, side in enumerate(("Left", "Right")):
+        names = tuple(f"{side}{bone}" for bone in ("UpLeg", "Leg", "Foot", "ToeBase"))
+        _set_bones(rotation, position, names, turns[k], places[k])
+    zero = np.zeros(len(place))
+    half = from_yaw_pitch_roll(0.45 * course.gaze[:, 0], 0.4 * course.gaze[:, 1], zero)
+    rest = from_yaw_pitch_roll(0.55 * course.gaze[:, 0], 0.6 * course.gaze[:, 1], zero)
+    neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
+    turn = chest @ half
+    head = neck + apply(turn, skeleton.at("Head") - skeleton.at("Neck"))
+    _set_bones(rotation, position, ("Neck", "Head"), np.stack([turn, turn @ rest]), np.stack([neck, head]))
+    return rotation, position
+
+
+def free_palm(skeleton: Skeleton, rotation: F64, position: F64) -> F64:
+    """``[F, 3]`` palm of the hand without the racket, in the player's own frame [m], from what :func:`bones` returns."""
+    hand = BONE["LeftHand"]
+    return position[:, hand] + rotation[:, hand] @ (arm_of(skeleton).offset[3] * FLIP)
+
+
+def _set_bones(rotation: F64, position: F64, names: tuple[str, ...], turn: F64, place: F64) -> None:
+    rows = [BONE[name] for name in names]
+    rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
+
+
+def _gaze(skeleton: Skeleton, chest: F64, middle: F64, shuttle: F64) -> F64:
+    neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
+    eyes = neck + np.array([0.0, 0.0, 0.15])
+    way = apply(chest.transpose(0, 2, 1), unit(shuttle - eyes))
+    yaw = np.arctan2(-way[:, 0], np.maximum(way[:, 1], 0.05))
+    pitch = -np.arcsin(np.clip(way[:, 2], -1, 1))
+    aim = np.stack([np.clip(yaw, *(0.95 * NECK_LIMITS[0])), np.clip(pitch, *(0.95 * NECK_LIMITS[1]))], axis=1)
+    # A moving mean over a fifth of a second stays within the limits.
+    kernel = np.hanning(13)[1:-1]
+    kernel /= kernel.sum()
+    return np.stack([np.convolve(held_ends(aim[:, k], 5), kernel, mode="valid") for k in range(2)], axis=1)
+
+
+def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
+    """``[N, 10]`` speeds of the joints at the contacts [rad/s].
+
+    Args:
+        angles: ``[N, 10]`` at the contact.
+        wanted: ``[N, 3]`` target velocity of the strings relative to the chest, in its frame [m/s].
+        before: ``[N]`` seconds from the load to the contact.
+        after: ``[N]`` seconds from the contact to the follow-through.
+    """
+    jacobian = sweet_spot_jacobian(arm, angles)
+    back, ahead = angles - LIMITS[:, 0], LIMITS[:, 1] - angles
+    most = np.minimum(_FASTEST, _ROOM * np.minimum(back / before[:, None], ahead / after[:, None]))
+    least = -np.minimum(_FASTEST, _ROOM * np.minimum(ahead / before[:, None], back / after[:, None]))
+    speed, held = np.zeros_like(angles), np.zeros(angles.shape, dtype=bool)
+    for _ in range(5):
+        free = np.where(held[:, None], 0.0, jacobian)
+        rest = wanted - np.einsum("nij,nj->ni", jacobian, np.where(held, speed, 0.0))
+        square = np.einsum("nij,j,nkj->nik", free, _COST**-2, free) + 0.02 * np.eye(3)
+        push = np.linalg.solve(square, rest[..., None])[..., 0]
+        found = np.einsum("nij,ni->nj", free, push) * _COST**-2
+        speed = np.where(held, speed, np.clip(found, least, most))
+        beyond = ~held & ((found < least) | (found > most))
+        if not beyond.any():
+            break
+        held |= beyond
+    return speed
+
+
+def slopes_of(timeline: Timeline, poses: F64) -> F64:
+    """``[K, 27]`` slopes at key poses: the known ones, and those of monotone cubics."""
+    out = slopes_through(timeline.frame, poses)
+    out[: len(timeline.known.slope)] = timeline.known.slope
+    return out
+
+
+def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[Keys, F64]:
+    """Key poses with solved contacts, and the remaining ``[H, 3]`` vectors from strings to shuttle [m]."""
+    poses = timeline.pose.copy()
+    if not timeline.hits:
+        return Keys(frame=timeline.frame, pose=poses, slope=slopes_of(timeline, poses)), np.zeros((0, 3))
+    arm = arm_of(skeleton)
+    frames = np.array([hit.frame for hit in timeline.hits])
+    rows = np.searchsorted(timeline.frame, frames)
+    hips = place[frames]
+    point = np.array([hit.point for hit in timeline.hits])
+    back = np.array([hit.stance.motion in motions.BACKHANDS for hit in timeline.hits])
+    normal = np.array([hit.normal for hit in timeline.hits]) * np.where(back, -1.0, 1.0)[:, None]
+    shaft, elbow = (np.array([getattr(hit, name) for hit in timeline.hits]) for name in ("shaft", "elbow"))
+    # The motion prefers a direction of the shaft, the flight one of the strings; both yield until they are orthogonal.
+    shaft = unit(shaft - _YIELD * (shaft * normal).sum(axis=1, keepdims=True) * normal)
+    normal = unit(normal - (shaft * normal).sum(axis=1, keepdims=True) * shaft)
+    angles = poses[rows, RACKET_ARM]
+    lean0 = poses[rows, SPINE_YAW : SPINE_YAW + 3].copy()
+
+    def goal(weight: tuple[float, float, float, float], some: Intp | slice = slice(None)) -> Goal:
+        """Goals of some hits in the frame of the chest."""
+        chest, collar = chest_of(skeleton, hips[some], poses[rows[some]])
+        return in_chest(chest, collar, Goal(point[some], elbow[some], weight, SWEET_SPOT, shaft[some], normal[some]))
+
+    for step in range(4):
+        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3)), angles, rounds=10 if not step else 4)
+        poses[rows] = _leant(skeleton, hips, poses[rows], lean0, _strings(arm, angles), point)
+    exact = goal((60.0, 0.15, 0.15, 0.1))
+    angles = solve(arm, exact, angles, rounds=14)
+    short = _strings(arm, angles) - exact.point
+    far = np.flatnonzero(np.linalg.norm(short, axis=1) > _TOLERANCE)
+    if len(far):
+        # Local minimum at the limits: restart from other poses of the same stroke.
+        starts = np.stack([timeline.pose[rows[far] + k, RACKET_ARM] for k in (0, -1, 1)])
+        starts = np.concatenate([angles[far][None], starts, anywhere(len(far))])
+        again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), starts, rounds=24)
+        better = np.linalg.norm(_strings(arm, again) - exact.point[far], axis=1) < np.linalg.norm(short[far], axis=1)
+        angles[far[better]] = again[better]
+    poses[rows, RACKET_ARM] = angles
+    for hit in timeline.hits:
+        if hit.stance.motion in motions.HELD:
+            _hold(skeleton, timeline, hit, place, poses, fps)
+    chest, _ = chest_of(skeleton, hips, poses[rows])
+    return _struck(skeleton, timeline, place, poses, fps), apply(chest, exact.point - _strings(arm, angles))
+
+
+def _struck(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, fps: int) -> Keys:
+    """Key poses with the speed of the arm at the contacts, and matching loads and follow-throughs."""
+    arm, frame = arm_of(skeleton), timeline.frame
+    rows = np.searchsorted(frame, [hit.frame for hit in timeline.hits])
+    before, after = (np.abs(frame[rows + side] - frame[rows]) / fps for side in (-1, 1))
+    slopes = slopes_of(timeline, poses)
+    still = _carried(skeleton, timeline, place, poses, slopes, rows, fps)
+    chest, _ = chest_of(skeleton, place[frame[rows]], poses[rows])
+    wanted = np.array([hit.swing for hit in timeline.hits]) - still
+    speed = swing(arm, poses[rows, RACKET_ARM], apply(chest.transpose(0, 2, 1), wanted), before, after)
+    for side, seconds in ((-1, before), (1, after)):
+        swung = arm.clipped(poses[rows, RACKET_ARM] + side * 0.5 * seconds[:, None] * speed)
+        new = rows + side >= len(timeline.known.frame)
+        poses[rows[new] + side, RACKET_ARM] = swung[new]
+    soft = np.array([hit.soft for hit in timeline.hits])[:, None]
+    early = (rows - 2 >= len(timeline.known.frame))[:, None] & (soft > 0)
+    poses[rows - 2, RACKET_ARM] += np.where(early, soft, 0.0) * (poses[rows - 1, RACKET_ARM] - poses[rows - 2, RACKET_ARM])
+    slopes = slopes_of(timeline, poses)
+    slopes[rows, RACKET_ARM] = speed / fps
+    return Keys(frame=frame, pose=poses, slope=slopes)
+
+
+def _carried(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, slopes: F64, rows: I64, fps: int) -> F64:
+    """``[H, 3]`` velocity of the strings at the contacts due to hips and trunk [m/s]."""
+    arm, frame, d = arm_of(skeleton), timeline.frame[rows], 0.05
+    strings = _strings(arm, poses[rows, RACKET_ARM])
+    drift = (place[np.minimum(frame + 1, len(place) - 1)] - place[frame - 1]) / 2
+    ends = []
+    for side in (-d, d):
+        chest, collar = chest_of(skeleton, place[frame] + side * drift, poses[rows] + side * slopes[rows])
+        ends.append(collar + apply(chest, strings))
+    return (ends[1] - ends[0]) * (fps / (2 * d))
+
+
+def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F64, fps: int) -> None:
+    """Bring the free hand of the server to the shuttle in the key poses before the contact."""
+    keys = np.arange(len(timeline.known.frame), np.searchsorted(timeline.frame, hit.frame))
+    if not len(keys):
+        return
+    chest, collar = chest_of(skeleton, place[timeline.frame[keys]], poses[keys], free=True)
+    above = timeline.frame[keys] <= hit.frame - round(motions.HELD[hit.stance.motion][1] * fps)
+    spot = (hit.point + turned(np.array(hit.stance.heading)) @ np.array(motions.HELD[hit.stance.motion][0])) * FLIP
+    goal = Goal(
+        point=np.tile(spot, (len(keys), 1)),
+        elbow=unit(np.array([0.62, 0.2, -0.75])),
+        weight=(10.0, 0.0, 0.0, 0.2),
+    )
+    found = solve(arm_of(skeleton), in_chest(chest, collar, goal), poses[keys, FREE_ARM], rounds=14)
+    poses[keys[above], FREE_ARM] = found[above]
+
+
+def _strings(arm: Arm, angles: F64) -> F64:
+    """``[N, 3]`` the middle of the strings, in the frame of the chest."""
+    return sweet_spot(arm, arm.pose(angles))
+
+
+def _leant(skeleton: Skeleton, hips: F64, poses: F64, lean0: F64, seen: F64, point: F64) -> F64:
+    """Bend the spine to reduce the distance to ``point``; ``seen``: the strings in the frame of the chest."""
+    # Finite differences: the pose itself and three with one perturbed angle of the spine, evaluated together.
+    many = np.tile(poses, (4, 1, 1))
+    for k in range(3):
+        many[1 + k, :, SPINE_YAW + k] += 1e-4
+    chest, collar = chest_of(skeleton, np.tile(hips, (4, 1)), many.reshape(-1, poses.shape[1]))
+    place = (collar + apply(chest, np.tile(seen, (4, 1)))).reshape(4, -1, 3)
+    here, jacobian = place[0], ((place[1:] - place[0]) / 1e-4).transpose(1, 2, 0)
+    square = jacobian.transpose(0, 2, 1) @ jacobian + 0.02 * np.eye(3)
+    change = np.linalg.solve(square, jacobian.transpose(0, 2, 1) @ (point - here)[..., None])[..., 0]
+    out = poses.copy()
+    spine = out[:, SPINE_YAW : SPINE_YAW + 3] + change
+    spine = np.clip(spine, lean0 - _MOST_LEAN, lean0 + _MOST_LEAN)
+    out[:, SPINE_YAW : SPINE_YAW + 3] = np.clip(spine, SPINE_LIMITS[:, 0], SPINE_LIMITS[:, 1])
+    return out

@@ -1,0 +1,253 @@
+"""Skeletons of the athletes: bones, rest pose, limits of the joints and the trunk; dimensions of racket and shuttle.
+
+Axes of a body: x to its right, y forward, z up, metres; the soles of the athlete at rest stand on z = 0. Every bone is
+aligned with these axes at rest, so the rotation of a bone is relative to its rest pose. The bones are those of the
+``.glb`` files (Mixamo's names) without the fingers, and one for the racket.
+"""
+
+import dataclasses
+import functools
+import json
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.compiling import compiled
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.court.staging.linear import add, mat_mul, mat_vec, put_mat, put_vec
+from shuttle_marl.court.staging.linear import from_yaw_pitch_roll as turned_by
+from shuttle_marl.court.staging.rotation import apply, unit
+
+
+class StagingError(ShuttleError):
+    """A rally that cannot be staged, or an invalid option."""
+
+
+BONES: Final = (
+    "Hips",
+    "Spine",
+    "Spine1",
+    "Spine2",
+    "Neck",
+    "Head",
+    *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("Shoulder", "Arm", "ForeArm", "Hand")),
+    *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("UpLeg", "Leg", "Foot", "ToeBase")),
+    "Racket",
+)
+"""Names of the bones, parents before children; ``Racket`` begins in the middle of the grip."""
+N_BONES: Final = len(BONES)
+BONE: Final = {name: i for i, name in enumerate(BONES)}
+"""Index of each bone."""
+FLIP: Final = np.array([-1.0, 1.0, 1.0])
+"""Signs of a mirror between left and right."""
+MIRROR: Final = np.array([BONE[b.replace("Left", "*").replace("Right", "Left").replace("*", "Right")] for b in BONES])
+"""``[23]`` index of the bone on the other side."""
+
+ATHLETES: Final = ("male", "female")
+FOLDER: Final = Path(__file__).parent / "athletes"
+"""Folder of the models and skeletons."""
+_FINGERS: Final = {
+    "Index": ((44, 62, 40), (16, 20, 14)),
+    "Middle": ((58, 72, 48), (20, 24, 16)),
+    "Ring": ((62, 74, 50), (24, 26, 18)),
+    "Pinky": ((62, 72, 48), (26, 28, 18)),
+    "Thumb": ((-26, -20, -10), (-6, -8, -6)),
+}
+"""Bend of the joints of each finger, closed and open [degrees]."""
+_REFERENCE: Final = 1.787
+
+
+RACKET_LENGTH: Final = 0.675
+"""Length of a racket (BWF Law 4: at most 0.680 m) [m]."""
+RACKET_BUTT: Final = -0.10
+"""Position of the lower end along the shaft, from the middle of the grip [m]."""
+SWEET_SPOT: Final = 0.45
+"""Distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]."""
+RACKET_HEAD: Final = (RACKET_LENGTH + RACKET_BUTT - SWEET_SPOT, 0.105)
+"""Half the length and half the width of the strung head (at most 0.14 m and 0.11 m) [m]."""
+
+SHUTTLE_SCALE: Final = 1.9
+"""Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
+CORK: Final = 0.0131
+"""Radius of the cork (Law 2: 25 to 28 mm across) [m]."""
+FEATHERS: Final = 16
+FEATHER: Final = ((0.012, 0.0015, 0.013), (0.032, 0.0075, 0.076))
+"""Both ends of a feather (62 to 70 mm long, 58 to 68 mm across their tips): distance from the axis, half the width of the vane,
+distance behind the middle of the cork [m]."""
+
+HIPS_HEIGHT, HIPS_YAW, HIPS_PITCH, HIPS_ROLL, SPINE_YAW, SPINE_PITCH, SPINE_ROLL = range(7)
+N_TRUNK = 7
+"""Size of a trunk pose: height of the hips [m] and six angles [rad], in this order."""
+SPINE_LIMITS: F64 = np.radians([(-45, 45), (-30, 60), (-35, 35)])
+"""``[3, 2]`` limits of yaw, pitch and roll of the chest against the hips [rad] (thoracic and lumbar spine)."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Skeleton:
+    """One athlete.
+
+    Attributes:
+        height: from the floor to the top of the head [m].
+        parent: ``[23]`` index of the parent, -1 for the hips. The racket hangs on the right hand; see :meth:`parents`.
+        rest: ``[23, 3]`` start of each bone at rest [m].
+        grip_axis: ``[3]`` direction of the shaft at rest, from the right hand.
+        grip_normal: ``[3]`` the side of the strings that a forehand strikes with, at rest.
+    """
+
+    name: str
+    height: float
+    parent: I64
+    rest: F64
+    grip_axis: F64
+    grip_normal: F64
+
+    @property
+    def scale(self) -> float:
+        """Size relative to the reference athlete of the motions."""
+        return self.height / _REFERENCE
+
+    def at(self, bone: str) -> F64:
+        """``[3]`` start of a bone at rest [m]."""
+        return self.rest[BONE[bone]]
+
+    def parents(self, *, right_handed: bool) -> I64:
+        """``[23]`` parents, with the racket in the playing hand."""
+        out = self.parent.copy()
+        out[BONE["Racket"]] = BONE["RightHand" if right_handed else "LeftHand"]
+        return out
+
+    def rest_pose(self, *, right_handed: bool) -> F64:
+        """``[23, 3]`` start of each bone at rest, with the racket in the playing hand [m]."""
+        return self.rest if right_handed else self.rest[MIRROR] * FLIP
+
+    def racket(self, *, right_handed: bool) -> tuple[F64, F64]:
+        """Direction of the shaft, and of the side of the strings that a forehand strikes with, at rest: ``[3]`` each."""
+        side = np.array([1.0 if right_handed else -1.0, 1.0, 1.0])
+        return self.grip_axis * side, self.grip_normal * side
+
+    @functools.cached_property
+    def spine(self) -> F64:
+        """``[3, 3]`` from each bone of the trunk to the next at rest [m]."""
+        return np.diff([self.at(bone) for bone in ("Hips", "Spine", "Spine1", "Spine2")], axis=0)
+
+    @functools.cached_property
+    def leg(self) -> tuple[float, float]:
+        """Lengths of thigh and shank [m]."""
+        hip, knee, ankle = self.at("RightUpLeg"), self.at("RightLeg"), self.at("RightFoot")
+        return float(np.linalg.norm(knee - hip)), float(np.linalg.norm(ankle - knee))
+
+
+@functools.cache
+def load_skeleton(name: str) -> Skeleton:
+    """The skeleton of a shipped athlete.
+
+    Raises:
+        StagingError: there is no athlete of this name.
+    """
+    if name not in ATHLETES:
+        raise StagingError(f"athlete {name!r}: expected one of {', '.join(ATHLETES)}")
+    raw = json.loads((FOLDER / "skeletons.json").read_text(encoding="utf-8"))[name]
+    bones = raw["bones"]
+    head = {bone: np.array(entry["head"]) for bone, entry in bones.items()}
+    hand, middle = head["RightHand"], head["RightHandMiddle1"]
+    along, across = unit(middle - hand), unit(head["RightHandIndex1"] - head["RightHandPinky1"])
+    palm = unit(np.cross(across, along))
+    # The handle lies across the fingers, the shaft leaves between thumb and index finger, well forward as in play.
+    axis = unit(0.62 * across + 0.78 * along)
+    normal = unit(palm - (palm @ axis) * axis)
+    head["Racket"] = hand + 0.72 * (middle - hand) + 0.028 * palm
+    parent = [-1 if b == "Hips" else BONE["RightHand"] if b == "Racket" else BONE[bones[b]["parent"]] for b in BONES]
+    return Skeleton(
+        name=name,
+        height=raw["height"],
+        parent=np.array(parent),
+        rest=np.array([head[b] for b in BONES]),
+        grip_axis=axis,
+        grip_normal=normal,
+    )
+
+
+def model_file(name: str) -> Path:
+    """The skinned model of a shipped athlete: binary glTF 2.0, y up, facing +z, 52 bones.
+
+    Raises:
+        StagingError: there is no athlete of this name.
+    """
+    return FOLDER / f"{load_skeleton(name).name}.glb"
+
+
+def finger_pose(name: str, *, right_handed: bool) -> dict[str, F64]:
+    """Constant bend of the fingers of an athlete's model.
+
+    Args:
+        right_handed: the closed hand; the other hand is open.
+
+    Returns:
+        Quaternions (x, y, z, w) by bone of the ``.glb`` file, against the parent bone, in the axes of the staging.
+    """
+    raw = json.loads((FOLDER / "skeletons.json").read_text(encoding="utf-8"))[name]["bones"]
+    head = {bone: np.array(entry["head"]) for bone, entry in raw.items()}
+    skeleton = load_skeleton(name)
+    along = unit(head["RightHandMiddle1"] - head["RightHand"])
+    palm = unit(np.cross(head["RightHandIndex1"] - head["RightHandPinky1"], along))
+    curl = unit(np.cross(along, palm))
+    out: dict[str, F64] = {}
+    for side in ("Right", "Left"):
+        closed = (side == "Right") == right_handed
+        sign = np.array([1.0, 1.0, 1.0]) if side == "Right" else np.array([1.0, -1.0, -1.0])
+        for finger, bends in _FINGERS.items():
+            for k, bend in enumerate(bends[0] if closed else bends[1]):
+                axis = (skeleton.grip_axis if closed and k == 0 else along) if finger == "Thumb" else curl
+                half = np.radians(bend) / 2
+                out[f"{side}Hand{finger}{k + 1}"] = np.array([*(np.sin(half) * axis * sign), np.cos(half)])
+    return out
+
+
+def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
+    """Bones of the trunk.
+
+    Args:
+        hips: ``[N, 3]`` position of the hips [m].
+        angles: ``[N, 7]``; the height is not used.
+
+    Returns:
+        ``[4, N, 3, 3]`` rotations and ``[4, N, 3]`` positions of Hips, Spine, Spine1, Spine2.
+    """
+    return _bent(np.ascontiguousarray(hips), np.ascontiguousarray(angles), skeleton.spine)
+
+
+@compiled
+def _bent(hips: F64, angles: F64, above: F64) -> tuple[F64, F64]:
+    """:func:`trunk` of a spine ``[3, 3]``."""
+    rotation, position = np.empty((4, len(angles), 3, 3)), np.empty((4, len(angles), 3))
+    for n in range(len(angles)):
+        a = angles[n]
+        turn, third = turned_by(a[1], a[2], a[3]), turned_by(a[4] / 3, a[5] / 3, a[6] / 3)
+        place = add(hips[n], (0.0, 0.0, 0.0))
+        for k in range(4):
+            put_mat(turn, rotation[k, n])
+            put_vec(place, position[k, n])
+            if k < 3:
+                place = add(place, mat_vec(turn, above[k]))
+                turn = mat_mul(turn, third)
+    return rotation, position
+
+
+def collar_of(skeleton: Skeleton, rotation: F64, position: F64, side: str = "Right") -> F64:
+    """``[N, 3]`` start of the collar bone of a side, from rotation and position of Spine2 [m]."""
+    return position + apply(rotation, skeleton.at(f"{side}Shoulder") - skeleton.at("Spine2"))
+
+
+def chest_of(skeleton: Skeleton, hips: F64, pose: F64, *, free: bool = False) -> tuple[F64, F64]:
+    """Rotation ``[N, 3, 3]`` of the chest and start ``[N, 3]`` of the collar bone of the racket arm [m].
+
+    Args:
+        hips: ``[N, 3]`` position of the hips [m].
+        pose: ``[N, 7 + …]`` poses that begin with the trunk.
+        free: of the free arm instead, in a mirror: it is solved as a right arm.
+    """
+    rotation, position = trunk(skeleton, hips, pose[:, :N_TRUNK])
+    chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left" if free else "Right")
+    return (np.diag(FLIP) @ chest @ np.diag(FLIP), collar * FLIP) if free else (chest, collar)

@@ -1,0 +1,122 @@
+"""Tagging: what a page of a video continues and saves (:mod:`shuttle_marl.data.tagging`), and what players probably play next.
+
+The page holds the state; it follows from the inputs alone.
+"""
+
+import contextlib
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from shuttle_marl.base.errors import printable
+from shuttle_marl.court import WatchError
+from shuttle_marl.court.messages import LONGEST_NAME, NAME, SHOWN, Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
+from shuttle_marl.data.matches import nearest_stroke
+from shuttle_marl.data.tagging import TaggedStrokes, content_hash
+from shuttle_marl.game.court import Hands
+from shuttle_marl.game.policy import Policy, States, checked_probabilities
+from shuttle_marl.game.rules import RETURNED_BELOW
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import ROOT, Game
+
+_MOST_STATES: Final = 16
+"""States of the game that are followed through a rally."""
+
+
+class TagFile:
+    """The tagged strokes of a video, as its page continues them.
+
+    Args:
+        out: the table, a CSV file; continued if its journal exists.
+
+    Raises:
+        WatchError: the video does not exist.
+        TaggingError, RunError: as :class:`~shuttle_marl.data.tagging.TaggedStrokes`.
+    """
+
+    def __init__(self, video: Path, out: Path) -> None:
+        if not video.is_file():
+            raise WatchError(f"--tag {video}: no such file; expected a video that the browser plays, such as .mp4 or .webm")
+        self.video, self._lock = video, threading.Lock()
+        self._strokes = TaggedStrokes(out, TagRow.__struct_fields__)
+
+    def close(self) -> None:
+        """Let other processes write the table."""
+        self._strokes.close()
+
+    def facts(self) -> TagFacts:
+        """What a page needs to continue."""
+        with self._lock:
+            return TagFacts(
+                video=printable(self.video.name),
+                out=printable(self._strokes.path.name),
+                inputs=[*self._strokes.inputs],
+                rows=len(self._strokes.rows),
+                after=self._shown(),
+                name=NAME,
+                longest_name=LONGEST_NAME,
+            )
+
+    def save(self, request: TagRequest) -> Saved:
+        """Keep an input and the rows that it changed.
+
+        Raises:
+            WatchError: it does not continue what is saved.
+            RunError, FileWriteError: a file cannot be written.
+        """
+        strokes = self._strokes
+        with self._lock:
+            now, told = strokes.hash, SHOWN.get([])
+            after = request.after or (told[0] if told else content_hash(strokes.inputs[: request.at]))
+            # A page repeats what was not answered.
+            repeated = not request.only_rows and (request.input, after) == strokes.last and after != now
+            if not (repeated or after == now) or request.first > len(strokes.rows):
+                raise WatchError("another page has changed the strokes; load this page again")
+            if not repeated and not request.only_rows:
+                strokes.enter(request.input)
+            strokes.replace(request.first, [msgspec.structs.asdict(row) for row in request.rows])
+            return Saved(inputs=len(strokes.inputs), rows=len(strokes.rows), after=self._shown())
+
+    def _shown(self) -> str:
+        """The hash of the inputs, which the connection keeps."""
+        now = self._strokes.hash
+        with contextlib.suppress(LookupError):
+            SHOWN.get()[:] = [now]
+        return now
+
+
+def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers: Hands = ("right", "right")) -> list[Suggestion]:
+    """Shot types with which a policy continues a rally, and the ways of playing each, the most probable first.
+
+    Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states.
+
+    Args:
+        line: strokes so far, all returned; each stands for the nearest legal one.
+        receivers: hands of who receives the serve, and of the server.
+    """
+    states = {ROOT: 1.0}
+    for i, stroke in enumerate(line):
+        met = {state: w for state, w in states.items() if int(game.contact(state)) == stroke.height} or states
+        following: dict[int, float] = {}
+        for state, weight in met.items():
+            nearest = nearest_stroke(game, state, stroke.shot, stroke.technique, stroke.area, receivers[i % 2])
+            pair = np.array([int(game.pair(state, nearest))])
+            returned = weight * game.outcome_probabilities(pair)[0, RETURNED_BELOW:]
+            for arrival, mass in zip(game.arrivals(pair)[0].tolist(), returned.tolist(), strict=True):
+                following[arrival] = following.get(arrival, 0.0) + mass
+        states = dict(sorted(following.items(), key=lambda item: -item[1])[:_MOST_STATES])
+        total = sum(states.values()) or 1.0
+        states = {state: mass / total for state, mass in states.items()}
+    asked = States(game=game, state=np.array(list(states), np.int32))
+    share = np.array(list(states.values())) @ checked_probabilities(policy, asked)
+    table = np.zeros((len(SHOTS), len(TECHNIQUES) * len(HEIGHTS)))
+    np.add.at(table, (game.catalogue.shot, game.catalogue.technique * len(HEIGHTS) + game.catalogue.height), share)
+    probability, ways = table.sum(axis=1), np.argsort(-table, axis=1, kind="stable")
+    return [
+        Suggestion(shot=shot, probability=float(probability[shot]), ways=ways[shot].tolist())
+        for shot in np.argsort(-probability, kind="stable").tolist()
+    ]
