@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 from shuttle_marl import __version__, staging
 from shuttle_marl.analysis.decisions import Rating, rated
 from shuttle_marl.analysis.marks import MARKS
-from shuttle_marl.analysis.rally import Players, match_win_after
+from shuttle_marl.analysis.rally import Players, decision, match_win_after
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people
@@ -207,7 +207,7 @@ class Answers:
         values = self._values_of(query)
         if rally.receives:
             return messages.OptionsReply([], values.positions(rally.turn, rally.chooser))
-        choice = values.decision(rally.turn, rally.chooser, self._players(query))
+        choice = decision(values.game, rally.turn, rally.chooser, self._players(query))
         return messages.OptionsReply(values.options(rally, choice, limit=len(choice.stroke)), [])
 
     def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:

@@ -8,7 +8,6 @@ import numpy as np
 from shuttle_marl.analysis.decisions import places_of, quality, theme_of, usual_of
 from shuttle_marl.analysis.marks import Judged, basis_of
 from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
-from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import looks_of
@@ -58,10 +57,6 @@ class StrokeValues:
         """
         first, second = (self.policies.table(side, seat) for seat, side in enumerate(sides))
         return Players(tables=(first, second), value=self.policies.values(sides))
-
-    def decision(self, state: int, seat: int, players: Players) -> Decision:
-        """The decision of a seat in a state."""
-        return analyse_decision(self.game, state, seat, players)
 
     def judged(self, choice: Decision) -> Judged:
         """The strokes of a decision by the one basis of all marks, in the same order."""

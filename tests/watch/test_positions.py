@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.rally import legal_states
+from shuttle_marl.analysis.rally import decision, legal_states
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
@@ -148,7 +148,7 @@ def test_values_of_strokes_are_those_against_the_positions_of_the_opponent(polic
     players = values.players(SIDES)
     for rally in [Match(plan_of(), policies).rally(number) for number in range(6)]:
         for state, seat in zip(legal_states(rally, policies.game)[0].tolist(), rally.striker.tolist(), strict=True):
-            choice = values.decision(state, seat, players)
+            choice = decision(policies.game, state, seat, players)
             assert choice.win @ choice.probability == pytest.approx(choice.value, abs=1e-9)
 
 
