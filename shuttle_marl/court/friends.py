@@ -32,13 +32,12 @@ _NOBODY: Final = Side(policy="bc")
 
 @dataclasses.dataclass
 class _Game:
-    """A game: its plan holds the strokes that are played, ``pending`` the choices of seats for the next one."""
+    """A game: the plan of its match holds the strokes that are played, ``pending`` the choices of seats for the next one."""
 
-    plan: Plan
     match: Match
     rally: CourtRally
-    keys: list[str]
-    seen: list[float]
+    keys: list[str] = dataclasses.field(default_factory=list)
+    seen: list[float] = dataclasses.field(default_factory=list)
     pending: dict[int, int] = dataclasses.field(default_factory=dict)
 
     @property
@@ -91,7 +90,7 @@ class Friends:
                 rally=game.rally.number,
                 strokes=len(game.rally),
                 chosen=seat in game.pending,
-                plan=game.plan if game.over else None,
+                plan=game.match.plan if game.over else None,
             )
 
     def seen_by(self, query: Query) -> Query:
@@ -106,7 +105,7 @@ class Friends:
             seat = None if friend is None or game is None else _seat(game, friend.key)
             if game is None or seat is None:
                 raise WatchError("this game with a friend is not known here; open its link again")
-            return replace(query, plan=game.plan, person=_person(seat), friend=None, tried={})
+            return replace(query, plan=game.match.plan, person=_person(seat), friend=None, tried={})
 
     def _open(self, now: float) -> str | None:
         """Token of a new game; None: there are too many."""
@@ -116,9 +115,8 @@ class Friends:
                 return None
             del self._games[oldest]
         token = secrets.token_urlsafe(16)
-        plan = Plan(seed=secrets.randbelow(1 << 53), sides=(_NOBODY, _NOBODY), points=DUEL)
-        match = Match(plan, self._policies)
-        self._games[token] = _Game(plan, match, match.rally(0, _person(0)), [], [])
+        match = Match(Plan(seed=secrets.randbelow(1 << 53), sides=(_NOBODY, _NOBODY), points=DUEL), self._policies)
+        self._games[token] = _Game(match, match.rally(0, _person(0)))
         return token
 
     @staticmethod
@@ -142,12 +140,12 @@ class Friends:
         game.pending[seat] = choice
         if len(game.pending) < 1 + hides:
             return
-        number, at, plan = rally.number, len(rally), game.plan
+        number, at, plan = rally.number, len(rally), game.match.plan
         chosen = {**plan.chosen.get(number, {}), at: game.pending[striker]}
         waited = {**plan.waited.get(number, {}), **({at: game.pending[1 - striker]} if hides else {})}
-        game.plan = replace(plan, chosen={**plan.chosen, number: chosen}, waited={**plan.waited, number: waited})
         game.pending.clear()
-        game.match = Match(game.plan, self._policies)
+        plan = replace(plan, chosen={**plan.chosen, number: chosen}, waited={**plan.waited, number: waited})
+        game.match = Match(plan, self._policies)
         game.rally = game.match.rally(number, _person(0))
         if game.rally.winner is not None and not game.over:
             game.rally = game.match.rally(number + 1, _person(0))
