@@ -8,8 +8,8 @@ MATCHES ?= 200
 TORCH_INDEX ?=
 # Additional flags of pytest, for example '-k league'.
 PYTEST_FLAGS ?=
-# Part of the tables that `make reproduce-all` makes again.
-PART ?= 1/1
+# What `make reproduce` makes again: a table by name, or a part of all such as '--part 1/8'.
+TABLE ?=
 # Number of test processes; 0: run all tests in one process.
 JOBS ?= auto
 
@@ -25,32 +25,25 @@ RUN_STAMP := $(VENV)/.installed-run
 TEST_STAMP := $(VENV)/.installed-test
 INPUTS := pyproject.toml constraints.txt
 
-# Where `make docs` writes the site.
-SITE := build/site
-LIVE := docs/site/extra/live
-SITE_JOBS ?= 2
 # `-t quick` leaves out the reference.
 SITE_FLAGS ?=
 
 PAGE := shuttle_marl/watch/page
 
-.PHONY: help demo test test-slow test-all install lint format docs live site notebooks dist hub reproduce reproduce-all lock clean
+.PHONY: help demo test test-slow install lint format docs notebooks dist reproduce lock clean
 .NOTPARALLEL:
 
 help:
 	@echo 'make demo       play a tournament between the players of the package, into runs/demo'
 	@echo 'make test       run all tests except the slow ones: a few minutes'
 	@echo 'make test-slow  run the slow tests: training runs, killed processes, tutorials, Ray and Node'
-	@echo 'make test-all   run both'
 	@echo 'make install    install all requirements, including PyTorch'
 	@echo 'make lint       check format, style, types and layers'
 	@echo 'make format     format the code and apply automatic fixes'
 	@echo 'make docs       build the site of the documentation, into build/site'
 	@echo 'make notebooks  execute the tutorials as notebooks, which `make docs` then shows: minutes'
 	@echo 'make dist       build the wheel and the source distribution, into dist'
-	@echo 'make hub        write agents and data sets with cards for the Hugging Face hub, into build/hub'
-	@echo 'make reproduce  list the tables of the documentation; TABLE=name makes one again and compares'
-	@echo 'make reproduce-all  make all of them again and compare, hours; PART=1/8 the first eighth'
+	@echo 'make reproduce  list the tables of the documentation; TABLE=name makes one again and compares, TABLE="--part 1/8" a part of all'
 	@echo 'make lock       resolve all versions again and write them to constraints.txt'
 	@echo 'make clean      remove .venv and caches'
 
@@ -62,9 +55,6 @@ test: $(TEST_STAMP)
 
 test-slow: $(TEST_STAMP)
 	$(PYTEST) -m slow $(PYTEST_FLAGS)
-
-test-all: $(TEST_STAMP)
-	$(PYTEST) $(PYTEST_FLAGS)
 
 install: $(TEST_STAMP)
 
@@ -96,19 +86,11 @@ $(TEST_STAMP): $(INPUTS) | $(BIN)/python
 	@$(INSTALL) --editable '.[test]'
 	@touch $(RUN_STAMP) $@
 
-docs: live site
-
-# Pages of the site on which rallies play; the site has frames for them.
-$(LIVE): | $(TEST_STAMP)
+# Warnings are errors. First come the pages of the site on which rallies play; the site has frames for them.
+docs: $(TEST_STAMP)
 	$(BIN)/python -m docs.tools.live_pages
-
-live: $(TEST_STAMP)
-	$(BIN)/python -m docs.tools.live_pages
-
-# Warnings are errors.
-site: $(TEST_STAMP) | $(LIVE)
-	$(BIN)/python -m sphinx -W --keep-going -q $(SITE_FLAGS) -j $(SITE_JOBS) -d build/doctrees -c docs/site . $(SITE)
-	@echo 'open $(SITE)/index.html'
+	$(BIN)/python -m sphinx -W --keep-going -q $(SITE_FLAGS) -j 2 -d build/doctrees -c docs/site . build/site
+	@echo 'open build/site/index.html'
 
 notebooks: $(TEST_STAMP)
 	@$(INSTALL) --editable '.[notebooks]'
@@ -121,15 +103,8 @@ dist: $(RUN_STAMP)
 	$(BIN)/twine check --strict dist/*
 	$(BIN)/check-wheel-contents dist/*.whl
 
-hub: $(TEST_STAMP)
-	rm -rf build/hub
-	$(BIN)/python -m docs.tools.hub
-
 reproduce: $(TEST_STAMP)
 	$(BIN)/python -m docs.tools.reproduce $(TABLE)
-
-reproduce-all: $(TEST_STAMP)
-	$(BIN)/python -m docs.tools.reproduce --part $(PART)
 
 # Versions are resolved in a separate environment. The local part of a version (`+cpu`) is removed, so that a pin is valid on
 # every platform.

@@ -4,45 +4,29 @@
 
 Wall-clock and CPU seconds, the medians of N calls in one process after compilation; the cross-play is called once, on all
 cores. On an idle machine, CPU and wall-clock seconds of a solver are equal; the cross-play takes more CPU seconds by the number
-of cores. The time to compile is the time of the first sweep in a fresh interpreter with an empty cache.
+of cores.
 """
 
-import os
 import statistics
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import tyro
 
 from benchmarks.machine import this_machine
 from docs.tools.results import show
-from shuttle_marl.analysis.outlook import players_of, predict
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, solve_robust, solve_soft, visits
 from shuttle_marl.exact.sweeps import warm_up
 from shuttle_marl.game import default_game
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.shipped import folder_of, refits_of
-from shuttle_marl.game.skill import has_skill
+from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.league.pairs import players_of, predict
 from shuttle_marl.policy import history, registry
 
-_POLICIES = 30
-_COMPILE = """
-import time
-from shuttle_marl.game import default_game
-from shuttle_marl.exact.sweeps import warm_up
-game = default_game()
-begun = time.perf_counter(), time.process_time()
-warm_up(game)
-print(time.perf_counter() - begun[0], time.process_time() - begun[1])
-"""
-Times = tuple[float, float]
-"""Wall-clock and CPU seconds."""
+_POLICIES: Final = 30
 
 
 def thirty_policies(game: Game) -> list[TabulatedPolicy]:
@@ -53,49 +37,29 @@ def thirty_policies(game: Game) -> list[TabulatedPolicy]:
     return [tabulate(registry.resolve(name, game), game) for name in names[:_POLICIES]]
 
 
-def median_seconds(call: Callable[[], Any], repeat: int) -> Times:
-    """Median times of a call."""
-    wall, cpu = [], []
+def median_seconds(call: Callable[[], Any], repeat: int) -> tuple[float, float]:
+    """Median wall-clock and CPU seconds of a call."""
+    times = []
     for _ in range(repeat):
         begun = time.perf_counter(), time.process_time()
         call()
-        wall.append(time.perf_counter() - begun[0])
-        cpu.append(time.process_time() - begun[1])
+        times.append((time.perf_counter() - begun[0], time.process_time() - begun[1]))
+    wall, cpu = zip(*times, strict=True)
     return statistics.median(wall), statistics.median(cpu)
 
 
-def compile_seconds() -> Times:
-    """Times of the first sweep, with compilation."""
-    with tempfile.TemporaryDirectory() as empty:
-        environment = {**os.environ, "NUMBA_CACHE_DIR": empty}
-        done = subprocess.run([sys.executable, "-c", _COMPILE], env=environment, capture_output=True, text=True, check=True)
-    wall, cpu = map(float, done.stdout.split())
-    return wall, cpu
-
-
-def of_a_pair() -> dict[str, Callable[[], Any]]:
-    """Construction, solution and prediction of the first two men whose skill the model has."""
-    names = players_of("men")[:2]
-    pair = pair_game(*names)
+def measure(repeat: int) -> list[dict[str, Any]]:
+    """All measurements: solver and times."""
+    game, names = default_game(), players_of("men")[:2]
+    warm_up(game)
+    bc, other = (tabulate(registry.resolve(name, game), game) for name in ("bc", "attacking"))
+    solution, several, pair = solve(game), [game, *refits_of(game)], pair_game(*names)
 
     def construct() -> None:
         pair_game.cache_clear()
         for seat in pair_game(*names).seats:
             _ = seat.limits
 
-    return {
-        "tables of a pair": construct,
-        "minimax of a pair": lambda: solve(pair),
-        "prediction of a pair": lambda: predict(pair),
-    }
-
-
-def measure(repeat: int) -> list[dict[str, Any]]:
-    """All measurements: solver and times."""
-    game = default_game()
-    warm_up(game)
-    bc, other = (tabulate(registry.resolve(name, game), game) for name in ("bc", "attacking"))
-    solution = solve(game)
     calls: dict[str, Callable[[], Any]] = {
         f"minimax, error bound {solution.error_bound:.0e}": lambda: solve(game),
         "value of a profile": lambda: evaluate(bc, other),
@@ -103,17 +67,14 @@ def measure(repeat: int) -> list[dict[str, Any]]:
         "visits": lambda: visits(bc, other),
         "regret": lambda: policy_regret(bc, solution=solution),
         "human play, tau 0.05": lambda: solve_soft(bc, tau=0.05),
+        f"robust play over {len(several)} games": lambda: solve_robust(several),
+        "tables of a pair": construct,
+        "minimax of a pair": lambda: solve(pair),
+        "prediction of a pair": lambda: predict(pair),
     }
-    several = [game, *refits_of(game)]
-    if len(several) > 1:
-        calls[f"robust play over {len(several)} games"] = lambda: solve_robust(several)
-    folder = folder_of(game)
-    if folder is not None and has_skill(folder):
-        calls |= of_a_pair()
     times = {what: median_seconds(call, repeat) for what, call in calls.items()}
     policies = thirty_policies(game)
     times[f"cross-play of {len(policies)}"] = median_seconds(lambda: crossplay(policies), 1)
-    times["compiling, once"] = compile_seconds()
     return [{"what": what, "seconds": wall, "cpu_s": cpu} for what, (wall, cpu) in times.items()]
 
 

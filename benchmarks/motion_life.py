@@ -3,7 +3,6 @@
 The input is positions and rotations only. Speeds are central differences between frames.
 """
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -35,11 +34,14 @@ _HANGING: Final = 0.10
 _JUMPED: Final = ("smash", "half-smash")
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Life:
-    """Measures of one motion; n strokes, T steps.
+Life = dict[str, npt.NDArray[Any]]
+"""Measures of one motion by name, see :func:`measure_life`."""
 
-    Attributes:
+
+def measure_life(motion: Motion) -> Life:
+    """Measure a motion of n strokes and T steps.
+
+    Returns:
         shot: ``[n]`` shot type of each stroke.
         impact_ratio: ``[n]`` speed of the middle of the strings at the contact, relative to that of the shuttle after it.
         impact_peak: ``[n]`` from the contact to the instant at which the strings are fastest nearby [s].
@@ -57,67 +59,41 @@ class Life:
         high_elbow: ``[n]`` whether the elbow is then less than 5 cm below the shoulder, or above it.
         hanging_racket: ``[n]`` whether the strings are then more than 10 cm below the grip.
     """
-
-    shot: I64
-    impact_ratio: F64
-    impact_peak: F64
-    impact_cosine: F64
-    vertical_acceleration: F64
-    airborne: Bools
-    landing_sink: F64
-    still: int
-    waiting: int
-    playing: float
-    step_length: F64
-    fast_wrist: int
-    player_frames: int
-    high_net_shot: Bools
-    high_elbow: Bools
-    hanging_racket: Bools
-
-
-def measure_life(motion: Motion) -> Life:
-    """Measure a motion."""
     trajectory, frames = motion.trajectory, motion.contact_frame
     rally, n = trajectory.rally, len(motion.contact_frame)
     shot = rally.catalogue.shot[rally.stroke].astype(np.int64)
-    strings = motion.sweet_spot
-    ratio, peak, cosine = (np.zeros(n) for _ in range(3))
-    lifted, sink = np.zeros(n), np.full(n, np.nan)
+    strings, strikers = motion.sweet_spot, rally.striker.tolist()
     floor = np.stack([_off_floor(motion, seat).min(axis=1) for seat in (0, 1)], axis=1)
     airborne = floor[frames, rally.striker] > _TOUCHING
-    for i, (frame, seat) in enumerate(zip(frames.tolist(), rally.striker.tolist(), strict=True)):
-        ratio[i], peak[i], cosine[i] = _impact(motion, strings[:, seat], i, frame)
-        lifted[i] = _vertical(motion, seat, frame)
-        if airborne[i]:
-            sink[i] = _sink(motion, seat, frame)
+    contacts = list(zip(frames.tolist(), strikers, strict=True))
+    impact = np.array([_impact(motion, strings[:, seat], i, frame) for i, (frame, seat) in enumerate(contacts)]).reshape(n, 3)
+    sink = [_sink(motion, seat, frame) if up else np.nan for (frame, seat), up in zip(contacts, airborne, strict=True)]
     elbow, hanging = _net_pose(motion, strings)
     still, waiting = _stillness(motion)
-    return Life(
-        shot=shot,
-        impact_ratio=ratio,
-        impact_peak=peak,
-        impact_cosine=cosine,
-        vertical_acceleration=lifted,
-        airborne=airborne,
-        landing_sink=sink,
-        still=still,
-        waiting=waiting,
-        playing=float(trajectory.end_time[-1] - trajectory.time[0]) if n else 0.0,
-        step_length=_steps(motion),
-        fast_wrist=_fast_wrists(motion),
-        player_frames=2 * len(motion.time),
-        high_net_shot=np.isin(shot, [SHOTS.index(name) for name in NET_SHOTS]) & (trajectory.contact[:, 2] > _HIGH),
-        high_elbow=elbow,
-        hanging_racket=hanging,
-    )
+    found: dict[str, Any] = {
+        "shot": shot,
+        **dict(zip(("impact_ratio", "impact_peak", "impact_cosine"), impact.T, strict=True)),
+        "vertical_acceleration": [_vertical(motion, seat, frame) for frame, seat in contacts],
+        "airborne": airborne,
+        "landing_sink": sink,
+        "still": still,
+        "waiting": waiting,
+        "playing": float(trajectory.end_time[-1] - trajectory.time[0]) if n else 0.0,
+        "step_length": _steps(motion),
+        "fast_wrist": _fast_wrists(motion),
+        "player_frames": 2 * len(motion.time),
+        "high_net_shot": np.isin(shot, [SHOTS.index(name) for name in NET_SHOTS]) & (trajectory.contact[:, 2] > _HIGH),
+        "high_elbow": elbow,
+        "hanging_racket": hanging,
+    }
+    return {name: np.atleast_1d(np.asarray(value)) for name, value in found.items()}
 
 
 def summary_of_life(found: Sequence[Life]) -> dict[str, Any]:
     """Figures over several motions; see the keys of :func:`benchmarks.staging.summary`."""
 
     def every(name: str) -> npt.NDArray[Any]:
-        return np.concatenate([np.atleast_1d(getattr(life, name)) for life in found])
+        return np.concatenate([life[name] for life in found])
 
     shot, net = every("shot"), every("high_net_shot")
     sink = every("landing_sink")[np.isin(shot, [SHOTS.index(name) for name in _JUMPED])]

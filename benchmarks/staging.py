@@ -114,7 +114,7 @@ def summary(found: Sequence[Metrics], lives: Sequence[Life]) -> dict[str, Any]:
         jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m], ``steps_per_second`` of a
         player. Shares: ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond
         2,000°/s, ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
-        :class:`~benchmarks.motion_life.Life`. Figures without data (no stroke crosses the net, none is returned) are left out.
+        :mod:`benchmarks.motion_life`. Figures without data (no stroke crosses the net, none is returned) are left out.
     """
 
     def every(name: str) -> npt.NDArray[Any]:

@@ -25,7 +25,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
-from shuttle_marl.training.learner import RallyCollector
+from shuttle_marl.training.learner import Callback, Learner
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.rally_log import RunLog, open_log
 from shuttle_marl.training.run import check_device
@@ -34,15 +34,15 @@ MEASURED: Final = 100
 """Measured iterations; enough to make the time for closing the log negligible."""
 
 
-class _Run:
+class _Run(Callback):
     """PPO in the last iteration of a run."""
 
     def __init__(self, config: PPOConfig, game: Game, opponents: list[TabulatedPolicy]) -> None:
         torch.manual_seed(0)
         self.config = config
         self.game, self.opponents = game, opponents
-        self.learner = PPO(self.config, game)
-        self.collector = RallyCollector(self.config, game, opponents, self.learner.predict, distinct=True)
+        self.learner = PPO(self.config, game, opponents)
+        self.collector = self.learner.collector
         self.collector.set_seed(1)
         for _ in range(self.config.iterations - 1):
             self.iterate()
@@ -51,19 +51,24 @@ class _Run:
     def iterate(self, log: RunLog | None = None, update: int = 0) -> int:
         """One iteration, recorded as in a run; returns its strokes."""
         remaining = max(0.02, 1 - self.collector.iteration / self.config.iterations)
-        self.learner.prepare(remaining)
-        data = self.collector.collect()
-        if log is not None:
-            log.record(self.collector.sampler, 0, update)
-        self.learner.update(data, remaining)
-        if log is not None:
-            log.settle()
+        self.log, self.update = log, update
+        self.learner.iterate(remaining, self)
         return self.collector.strokes
+
+    def collected(self, learner: Learner) -> None:
+        """Record the rallies, while the learner learns from them."""
+        if self.log is not None:
+            self.log.record(learner.collector.sampler, 0, self.update)
+
+    def learned(self, learner: Learner, losses: dict[str, float]) -> None:  # noqa: ARG002
+        """Wait for the rallies."""
+        if self.log is not None:
+            self.log.settle()
 
     def measure(self, *, record: bool) -> tuple[float, float, int]:
         """Seconds, CPU seconds and strokes of some iterations."""
         with tempfile.TemporaryDirectory() as folder:
-            log = open_log(Path(folder), self.config, self.game, self.opponents, [1], rallies=0) if record else None
+            log = open_log(Path(folder), self.config, self.game, self.opponents, [1]) if record else None
             strokes, begun, cpu = 0, time.perf_counter(), time.process_time()
             for update in range(MEASURED):
                 strokes += self.iterate(log, update)

@@ -15,10 +15,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from shuttle_marl import __version__
-from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.data.schema import Account, Outcome
+from shuttle_marl.data.simulated import simulate
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.stroke import SHOTS

@@ -1,6 +1,6 @@
 """Strength and similarity to human play of the KL-regularised policies ``human:TAU``, and TAU fitted to single players.
 
-    python -m experiments.human --data DATA [--split validation] [--picture FILE] [--json]
+    python -m experiments.human --data DATA [--split validation] [--json]
 
 With TAU, ``human:TAU`` moves from perfect play to the average player ``bc`` (:func:`shuttle_marl.exact.solve_soft`). For each
 TAU: the fraction of rallies won against ``bc``, in the game and in its refits, and the cross-entropy on real strokes of unseen
@@ -24,7 +24,6 @@ from rich.progress import track
 
 from docs.tools.results import show
 from experiments.truth.matches import RESAMPLES, Strokes, of_splits, ratio_by_match, states_of, strokes_of
-from shuttle_marl.analysis import pictures
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Outcome, Split, read_matches
@@ -36,6 +35,7 @@ from shuttle_marl.game.shipped import model_folder, refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.policy import Scorer, baselines
+from shuttle_marl.reports import charts
 
 TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
 """Values of TAU, in addition to infinity."""
@@ -173,7 +173,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
         AnalysisError: the file's suffix is of no known format.
         ModuleNotFoundError: matplotlib is not installed.
     """
-    drawn = pictures.figure(7.2, 4.6)
+    drawn = charts.figure(7.2, 4.6)
     axes = drawn.subplots()
     points = result["curve"]
     x = [point["cross_entropy"]["value"] for point in points]
@@ -196,38 +196,29 @@ def draw(result: dict[str, Any], path: Path) -> None:
     axes.set_title("human:TAU, points labelled by TAU", fontsize=11)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, loc="lower right")
-    pictures.save(drawn, path)
+    charts.save(drawn, path)
 
 
-def measure(game: Game, strokes: Strokes, console: Console) -> dict[str, Any]:
-    """All figures of a game on real strokes of unseen matches."""
-    real = answers(game, strokes)
-    return {
-        "game": game.hash,
-        "matches": len(strokes.matches),
-        "strokes": len(strokes),
-        "known": len(real.strokes),
-        "curve": curve(game, real, console),
-        "players": fitted_players(game, real, console),
-    }
-
-
-def human(
-    data: Path, split: Split = "validation", model: str = "default", picture: Path | None = None, json: bool = False
-) -> None:
+def human(data: Path, split: Split = "validation", model: str = "default", json: bool = False) -> None:
     """Measure strength against likeness, and fit TAU for single players.
 
     Args:
         data: folder of the download, or a Parquet file of `data convert`.
         split: matches whose strokes are predicted.
         model: a shipped model or a model folder.
-        picture: draw strength against likeness into this file (PNG, SVG or PDF).
         json: print JSON.
     """
     strokes = of_splits(strokes_of(read_matches(data)).marked(load_hurry(model_folder(model))), split)
-    result = {"split": split, **measure(load_game(model), strokes, Console(stderr=True))}
-    if picture is not None:
-        draw(result, picture)
+    game, console = load_game(model), Console(stderr=True)
+    real = answers(game, strokes)
+    about = {
+        "split": split,
+        "game": game.hash,
+        "matches": len(strokes.matches),
+        "strokes": len(strokes),
+        "known": len(real.strokes),
+    }
+    result = {**about, "curve": curve(game, real, console), "players": fitted_players(game, real, console)}
     show(result, "human", "human_players", as_json=json)
 
 

@@ -19,9 +19,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from docs.tools.results import show
-from experiments.saving import Study, save_results
-from experiments.spread import iqm
+from experiments.saving import Study, finish, iqm
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
@@ -53,19 +51,17 @@ class LeagueStudy(Study):
     """Two seeds and few strokes: a smoke test without meaningful results."""
 
     def __post_init__(self) -> None:
-        if not self.variants or self.seeds < 2 or min(self.workers, self.jobs) < 1:
-            raise ShuttleError(
-                "--variants, --seeds, --workers, --jobs: expected at least 1 variant, 2 seeds, and 1 of the others"
-            )
+        if not self.variants or self.workers < 1:
+            raise ShuttleError("--variants, --workers: expected at least 1 variant and 1 worker")
+        self.check(seeds=self.seeds, jobs=self.jobs)
 
     def sized(self) -> "LeagueStudy":
         """These settings, adjusted by --quick."""
         return dataclasses.replace(self, seeds=2) if self.quick else self
 
     def fixed(self) -> dict[str, Any]:
-        """Settings that determine the result, as JSON."""
-        fields = {name: getattr(self, name) for name in ("budget", "seeds", "workers", "jobs", "game", "quick")}
-        return {"variants": list(self.variants), **fields}
+        """Settings that determine the result, as JSON; here how many runs share the cores too."""
+        return {**super().fixed(), "jobs": self.jobs}
 
     def training(self, folder: Path) -> dict[Variant, list[LeagueTrainingConfig]]:
         """The runs of each variant."""
@@ -156,9 +152,7 @@ def league_training(
         ordered = [configs[seed] for seed in range(config.seeds) for configs in training.values() if seed < len(configs)]
         side_by_side(train_one, ordered, config.jobs, console)
         result = {"game_hash": load_game(config.game).hash, **config.fixed(), "rows": measure(training)}
-        result = save_results(folder, json.loads(json.dumps(result)), save)
-    show(result, "league_training")
-    console.print(f"everything is in {folder}")
+        finish(folder, json.loads(json.dumps(result)), "league_training", copy=save)
 
 
 main = entry_point(league_training, "python -m experiments.league_training", __doc__ or "")

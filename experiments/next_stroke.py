@@ -2,10 +2,9 @@
 
     python -m experiments.next_stroke --data DATA [--split validation] [--out FILE] [--json]
 
-Four models are compared. The **imitator** reads everything that is visible at the hit: positions, tempo, the four previous
-strokes, the players. It is fitted here on the training matches. **Imitator, match watched** is also adapted to the previous
-strokes of the match, because annotators and players differ between matches. The **average clone** (``bc``) and each player's
-**own clone** (``bc:<player>``) read only the state of the game: two strokes and the contact height.
+Three models are compared. The **imitator** reads everything that is visible at the hit: positions, tempo, the four previous
+strokes, the players. It is fitted here on the training matches. The **average clone** (``bc``) and each player's **own clone**
+(``bc:<player>``) read only the state of the game: two strokes and the contact height.
 
 Rows: all strokes, as in the paper; strokes without serves, which are easy to predict; and these without the contact height, which
 is informative about the shot type. Without it the clones are averaged over the heights that the game expects.
@@ -25,8 +24,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from docs.tools.results import show
-from experiments.imitation.imitator import Imitator
-from experiments.imitation.match_adaptation import adapt_to_match
+from experiments.imitator import Imitator
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe
@@ -102,16 +100,13 @@ def table(imitator: Imitator, models: FittedModels, strokes: pa.Table, hurry: Hu
     # The index reads the contact height.
     heightless = rows_from_strokes(strokes)
     rows = heightless if hurry is None else hurry.marked(heightless)
-    with_height, unaided = imitator.predict(strokes), imitator.predict(strokes, height_known=False)
     seen: dict[str, Prediction] = {
-        "imitator, match watched": _of_joint(adapt_to_match(with_height, strokes), rows),
-        "imitator": _of_joint(with_height, rows),
+        "imitator": _of_joint(imitator.predict(strokes), rows),
         "own clone": next_stroke_probabilities(models, rows),
         "average clone": next_stroke_probabilities(models, rows, own=False),
     }
     hidden: dict[str, Prediction] = {
-        "imitator, match watched": _of_joint(adapt_to_match(unaided, strokes, height_known=False), rows),
-        "imitator": _of_joint(unaided, rows),
+        "imitator": _of_joint(imitator.predict(strokes, height_known=False), rows),
         "own clone": without_height(models, heightless),
         "average clone": without_height(models, heightless, own=False),
     }

@@ -5,8 +5,8 @@
 **The bracket.** In `default:recovery` the striker does not know where the receiver waits. Here the game is also solved for a
 striker who does (:class:`Seen`): the receiver chooses a position, the striker sees it and strikes. Real ones are partly seen.
 
-**The evidence** needs matches: whether strokes are aimed away from the receiver (:mod:`experiments.truth.aims`), and what the
-effects of positions are worth in each discipline (:mod:`experiments.truth.recovery`).
+**The evidence** needs matches: whether strokes are aimed away from the receiver, and what the effects of positions are worth in
+each discipline (:mod:`experiments.truth.recovery`).
 """
 
 import sys
@@ -17,9 +17,8 @@ import numpy as np
 import tyro
 
 from docs.tools.results import show
-from experiments.truth.aims import aims
 from experiments.truth.matches import in_splits, strokes_of
-from experiments.truth.recovery import Judged, by_discipline, cross_judged, judged_by
+from experiments.truth.recovery import Judged, aims, by_discipline, cross_judged, judged_by
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
@@ -157,7 +156,7 @@ def _play(policy: TabulatedPolicy) -> dict[str, Any]:
 
 
 def evidence(data: Path, model: str) -> dict[str, Any]:
-    """What matches say: by group of shot types :func:`~experiments.truth.aims.aims`, and the effects by discipline.
+    """What matches say: by group of shot types :func:`~experiments.truth.recovery.aims`, and the effects by discipline.
 
     Training matches are judged by models and effects that were not fitted to them, validation matches by the shipped ones.
     """

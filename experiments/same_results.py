@@ -39,7 +39,6 @@ _SUITE: Final = {
     "adapt-v0": "mixture",
     "offline-v0": "model",
     "evaluate-v0": "behaviour",
-    "text-v0": "random",
 }
 """A quick method of each task."""
 AREAS: Final[dict[Area, tuple[str, ...]]] = {
@@ -84,7 +83,7 @@ LEFT_OUT: Final = (
 )
 """What is not compared."""
 _SKIPPED: Final = ("manifest.json", "tensorboard", "checkpoints", ".lock")
-_TIMES: Final = ("second", "time", "per_s", "checksum")
+_TIMES: Final = ("second", "time", "per_s", "overhead", "checksum")
 
 
 class SameResultsError(ShuttleError):

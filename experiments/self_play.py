@@ -17,9 +17,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from docs.tools.results import show
-from experiments.saving import Study, save_results
-from experiments.spread import iqm
+from experiments.saving import Study, finish, iqm
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
@@ -54,8 +52,7 @@ class SelfPlayStudy(Study):
     def __post_init__(self) -> None:
         if not self.variants or not self.strokes or min(self.strokes) < 1:
             raise ShuttleError("--variants and --strokes: expected at least one variant and one budget")
-        if self.seeds < 2 or self.jobs < 1:
-            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected at least 2 seeds and 1 job")
+        self.check(seeds=self.seeds, jobs=self.jobs)
 
     def sized(self) -> "SelfPlayStudy":
         """These settings, adjusted by --quick."""
@@ -131,9 +128,7 @@ def self_play(
             name: value for name, value in next(iter(training.values()))[0].fixed().items() if name not in ("seed", "variant")
         }
         result = {"game": load_game(config.game).hash, **config.compared(), "config": settings, "rows": measure(training)}
-        result = save_results(folder, result, None)
-    show(result, "self_play", as_json=as_json)
-    console.print(f"everything is in {folder}")
+        finish(folder, result, "self_play", as_json=as_json)
 
 
 main = entry_point(self_play, "python -m experiments.self_play", __doc__ or "")

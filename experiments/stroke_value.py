@@ -20,9 +20,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from docs.tools.results import show
-from shuttle_marl.analysis import PlayerValue, add_values, pictures, rank_players, strokes_of
-from shuttle_marl.analysis.pictures import COLOURS, INK
-from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import anonymised
 from shuttle_marl.exact.away import Values, over
@@ -32,6 +29,9 @@ from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports import PlayerValue, add_values, charts, rank_players, strokes_of
+from shuttle_marl.reports.charts import COLOURS, INK
+from shuttle_marl.reports.players import LEAST_MATCHES, LEAST_STROKES
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
 _GROUPS: Final = {"MS": "men's singles", "WS": "women's singles"}
@@ -97,7 +97,7 @@ def groups_of(players: Sequence[PlayerValue]) -> dict[str, list[PlayerValue]]:
 def draw_ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any:
     """Value added by each player and the part due to decisions, with intervals; one panel per group."""
     sizes = [len(players) for players in groups.values()]
-    drawn = pictures.figure(8.8, 1.4 + 0.29 * sum(sizes))
+    drawn = charts.figure(8.8, 1.4 + 0.29 * sum(sizes))
     panels = np.atleast_1d(drawn.subplots(len(groups), 1, sharex=True, height_ratios=sizes))
     extreme = 100 * max(max(abs(p.value), abs(p.decision)) for players in groups.values() for p in players)
     for axes, (group, players) in zip(panels, groups.items(), strict=True):

@@ -19,12 +19,9 @@ import tyro
 from rich.console import Console
 from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 
-from docs.tools.results import show
-from experiments.saving import Study, save_results
-from experiments.spread import mean_and_deviation
+from experiments.saving import Study, finish, mean_and_deviation
 from shuttle_marl import exact
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
@@ -47,14 +44,8 @@ STYLES: Final[dict[str, PPOConfig]] = {
     "defensive": PPOConfig(
         strokes=15_000_000,
         bonus=(
-            "lift=0.07",
-            "clear=0.07",
-            "block=0.07",
-            "smash=-0.07",
-            "half-smash=-0.07",
-            "push=-0.07",
-            "drive=-0.07",
-            "net-kill=-0.07",
+            *(f"{shot}=0.07" for shot in ("lift", "clear", "block")),
+            *(f"{shot}=-0.07" for shot in ("smash", "half-smash", "push", "drive", "net-kill")),
         ),
     ),
     "cautious": PPOConfig(strokes=15_000_000, fault_cost=0.5, risk_aversion=1.0),
@@ -102,18 +93,13 @@ class Styles(Study):
 
     seeds: int = 3
     """Training runs of each style."""
-    fraction: float = 1.0
-    """Strokes of each training run, as a fraction of the full experiment."""
     quick: bool = False
     """Two seeds and little training: a smoke test without meaningful results."""
     jobs: int = 2
     """Number of parallel training runs; does not change the result."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.fraction <= 1:
-            raise ShuttleError(f"--fraction {self.fraction}: expected a number above 0, at most 1")
-        if self.seeds < 2 or self.jobs < 1:
-            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
+        self.check(seeds=self.seeds, jobs=self.jobs)
 
     def training(self, folder: Path) -> dict[str, list[PPOConfig]]:
         """The training runs of every style."""
@@ -125,7 +111,7 @@ class Styles(Study):
                     seed=seed,
                     out=folder / f"{style}-{seed}",
                     record="sample:100",
-                    strokes=QUICK_STROKES if self.quick else round(self.fraction * config.strokes),
+                    strokes=QUICK_STROKES if self.quick else config.strokes,
                 )
                 for seed in range(self.seeds)
             ]
@@ -186,9 +172,7 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
             style: {name: run[0].fixed()[name] for name in ("bonus", "fault_cost", "risk_aversion", "strokes")}
             for style, run in training.items()
         }
-        result = save_results(folder, {**config.fixed(), "objectives": objectives, **measure(training)}, json)
-    show(result, "styles")
-    Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
+        finish(folder, {**config.fixed(), "objectives": objectives, **measure(training)}, "styles", copy=json)
 
 
 main = entry_point(styles, "python -m experiments.styles", __doc__ or "")

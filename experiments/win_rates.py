@@ -24,9 +24,7 @@ import tyro
 from rich.console import Console
 from rich.progress import track
 
-from docs.tools.results import show
-from experiments.saving import Study, save_results
-from experiments.spread import iqm, mean_and_deviation
+from experiments.saving import Study, finish, iqm, mean_and_deviation
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
@@ -49,7 +47,9 @@ AGENTS: Final[dict[str, TrainingConfig]] = {
     "sac": SACConfig(),
     "ppo, self-play": PPOConfig(opponent=("self",), variant="best-response", strokes=200_000_000),
 }
-FIXED: Final = {"bc": "bc@1", "best response": "best-response:{opponent}", "minimax": "minimax"}
+OPPONENT: Final = "bc"
+"""Opponent of the agents, in training and in the matches."""
+FIXED: Final = {"bc": "bc@1", "best response": f"best-response:{OPPONENT}", "minimax": "minimax"}
 """Rows without training; `bc@1` is `bc` under a second name, so that it can play against itself. It then wins exactly half:
 each match is played twice with the seats swapped and the same draws."""
 OPPONENTS: Final = ("bc", "attacking", "defensive", "safe", "random", "minimax")
@@ -60,29 +60,17 @@ QUICK_STROKES: Final = {"a2c": 100_000, "ppo": 100_000, "sac": 40_000, "ppo, sel
 class WinRates(Study):
     """Settings of the experiment."""
 
-    opponent: str = "bc"
-    """Opponent of the agents, in training and in the matches."""
-    agents: tuple[str, ...] = tuple(AGENTS)
-    """Agents to train."""
     seeds: int = 5
     """Training runs of each agent."""
     matches: int = 1000
     """Matches that every trained agent plays against the opponent; an even number."""
-    fraction: float = 1.0
-    """Strokes of each training run, as a fraction of the full experiment."""
     quick: bool = False
     """Two seeds, 100 matches and a small part of the training: a smoke test without meaningful results."""
     jobs: int = os.cpu_count() or 1
     """Number of parallel training runs; does not change the result."""
 
     def __post_init__(self) -> None:
-        unknown = [name for name in self.agents if name not in AGENTS]
-        if unknown or not self.agents:
-            raise ShuttleError(f"--agents {' '.join(unknown)}: expected some of {', '.join(map(repr, AGENTS))}")
-        if not 0 < self.fraction <= 1:
-            raise ShuttleError(f"--fraction {self.fraction}: expected a number above 0, at most 1")
-        if self.seeds < 2 or self.jobs < 1:
-            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
+        self.check(seeds=self.seeds, jobs=self.jobs)
 
     def sized(self) -> "WinRates":
         """These settings, adjusted by --quick."""
@@ -91,10 +79,9 @@ class WinRates(Study):
     def training(self, folder: Path) -> dict[tuple[str, int], TrainingConfig]:
         """The training runs, by agent and seed."""
         configs = {}
-        for agent in self.agents:
-            base = AGENTS[agent]
-            changes: dict[str, Any] = {} if base.self_play else {"opponent": (self.opponent,)}
-            changes["strokes"] = QUICK_STROKES[agent] if self.quick else round(self.fraction * base.strokes)
+        for agent, base in AGENTS.items():
+            changes: dict[str, Any] = {} if base.self_play else {"opponent": (OPPONENT,)}
+            changes |= {"strokes": QUICK_STROKES[agent]} if self.quick else {}
             for seed in range(self.seeds):
                 out = folder / "training" / f"{agent.replace(', ', '-')}-{seed}"
                 configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, record="sample:100", **changes)
@@ -105,7 +92,7 @@ def fraction_won(name: str, config: WinRates, seed: int, folder: Path) -> float:
     """Fraction of the matches that a policy wins against the opponent; all rallies are recorded."""
     out = folder / "matches" / f"{name.replace(':', '-').replace('/', '-')}-{seed}"
     league = LeagueConfig(
-        pool=(name, config.opponent),
+        pool=(name, OPPONENT),
         matches=config.matches,
         seed=seed,
         exact=False,
@@ -122,14 +109,10 @@ def fraction_won(name: str, config: WinRates, seed: int, folder: Path) -> float:
 def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
     """Play the matches and compute the exact figures of every agent."""
     game = load_game("default")
-    evaluator = Evaluator(game, [tabulate(resolve(config.opponent, game), game)])
-    others = {name: tabulate(resolve(name, game), game) for name in dict.fromkeys((config.opponent, *OPPONENTS))}
+    evaluator = Evaluator(game, [tabulate(resolve(OPPONENT, game), game)])
+    others = {name: tabulate(resolve(name, game), game) for name in OPPONENTS}
     training = config.training(folder)
-    named: dict[str, list[str]] = {
-        row: [name.format(opponent=config.opponent)] * config.seeds
-        for row, name in FIXED.items()
-        if not (row == "bc" and config.opponent != "bc")
-    }
+    named = {row: [name] * config.seeds for row, name in FIXED.items()}
     for (agent, _), run in training.items():
         named.setdefault(agent, []).append(f"agent:{run.out}/agent")
     # Two of the refits show that all works.
@@ -146,7 +129,7 @@ def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
             found.append({"seed": seed, "matches_won": fraction_won(name, config, seed, folder), **figures})
             against.append(_match_odds(policy, others))
             policies.append(policy)
-        away = over(refits, functools.partial(_away, policies, others[config.opponent])) if len(refits) > 1 else None
+        away = over(refits, functools.partial(_away, policies, others[OPPONENT])) if len(refits) > 1 else None
         rows.append(
             {
                 **_row(row, found, [run for (agent, _), run in training.items() if agent == row]),
@@ -156,6 +139,7 @@ def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
         matrix[row] = {name: float(np.mean([odds[name] for odds in against])) for name in others}
     return {
         "game": game.hash,
+        "opponent": OPPONENT,
         **config.fixed(),
         "rows": rows,
         "exact_match_win_against": matrix,
@@ -219,9 +203,7 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
     console = Console(stderr=True, highlight=False)
     with config.open("win_rates") as folder:
         train_all(list(config.training(folder).values()), config.jobs, console)
-        result = save_results(folder, measure(config, folder, console), json)
-    show(result, "win_rates", "win_rates_matrix")
-    Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
+        finish(folder, measure(config, folder, console), "win_rates", "win_rates_matrix", copy=json)
 
 
 main = entry_point(win_rates, "python -m experiments.win_rates", __doc__ or "")

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 from shuttle_marl.base.environment_ids import register_when_imported
 
 if TYPE_CHECKING:
-    from shuttle_marl.analysis import analyse_rally, rank_players
-    from shuttle_marl.coach import report, scouting_report
     from shuttle_marl.data import read_matches, to_df
     from shuttle_marl.dynamics import fit_model, load_models
     from shuttle_marl.env import match_v0, rally_v0
@@ -22,6 +20,7 @@ if TYPE_CHECKING:
     from shuttle_marl.league import LeagueConfig, run_league
     from shuttle_marl.policy import register, resolve
     from shuttle_marl.recording import RallyLog, RallyLogWriter, RecordRallies
+    from shuttle_marl.reports import analyse_rally, rank_players, report, scouting_report
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, agent_network, train
 
 __version__ = "0.3.0"
@@ -70,8 +69,7 @@ __all__ = [
 ]
 
 _NAMES = {
-    "analysis": ("analyse_rally", "rank_players"),
-    "coach": ("report", "scouting_report"),
+    "reports": ("analyse_rally", "rank_players", "report", "scouting_report"),
     "data": ("read_matches", "to_df"),
     "dynamics": ("fit_model", "load_models"),
     "env": ("match_v0", "rally_v0"),

@@ -21,7 +21,7 @@ COMMANDS: Final = {
     "recording": "read, check, recover and export rally logs",
     "report": "what decided a match: a report for coaches",
     "scout": "how to play against an opponent: a report for coaches",
-    "suite": "run the benchmark suite: tasks with exact scores, rounds of committed code, leaderboard",
+    "suite": "run the benchmark suite: tasks with exact scores, leaderboard",
     "training": "train an agent with PPO, A2C or SAC",
     "watch": "watch matches in 3D, analyse them, and play yourself",
 }

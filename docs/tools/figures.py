@@ -3,16 +3,14 @@
 ``python -m docs.tools.tables`` writes them with the tables, and ``--check`` fails where one has drifted beyond its tolerance.
 """
 
-import dataclasses
 import functools
 import re
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from docs.tools.markdown import saved
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.dynamics.make import MIN_MATCHES_FOR_REFITS
-from shuttle_marl.dynamics.splits import MIN_STROKES, MIN_STROKES_WITH_PRIOR
+from shuttle_marl.dynamics.splits import MIN_MATCHES_FOR_REFITS, MIN_STROKES, MIN_STROKES_WITH_PRIOR
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.shipped import read_model_card
@@ -25,41 +23,18 @@ class FigureError(ShuttleError):
     """A figure that is not where it should be, or not what its source says."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Figure:
-    """A number in a sentence.
-
-    Attributes:
-        page: path from the root of the repository.
-        text: the words around it, with ``{}`` in its place; a space may be a line break.
-        value: what it is computed from.
-        form: format of the number.
-        tolerance: largest relative difference from the value that is left as it is.
-    """
+class Figure(NamedTuple):
+    """A number in a sentence."""
 
     page: str
+    """Path from the root of the repository."""
     text: str
+    """The words around it, with ``{}`` in its place; a space may be a line break."""
     value: Callable[[], float]
+    """What it is computed from."""
     form: str = ",.0f"
     tolerance: float = 0.0
-
-    def found(self, page: str) -> re.Match[str]:
-        """Place of the number on a page.
-
-        Raises:
-            FigureError: the words are not there, or more than once.
-        """
-        before, after = self.text.split("{}")
-        parts = [r"\s+".join(map(re.escape, part.split(" "))) for part in (before, after)]
-        matches = list(re.finditer(parts[0] + _NUMBER + parts[1], page))
-        if len(matches) != 1:
-            raise FigureError(f"{self.page}: expected {self.text!r} once with a number, found it {len(matches)} times")
-        return matches[0]
-
-    def fits(self, number: str) -> bool:
-        """Whether a number as it stands on the page is within the tolerance."""
-        value = self.value()
-        return format(value, self.form) == number or abs(float(number.replace(",", "")) - value) <= self.tolerance * abs(value)
+    """Largest relative difference from the value that is left as it is."""
 
 
 @functools.cache
@@ -82,70 +57,45 @@ def _tournament_millions() -> float:
 
 
 FIGURES: Final = (
-    Figure(page="README.md", text="fitted to {} annotated strokes", value=lambda: _card()["data"]["train_strokes"]),
-    Figure(page="README.md", text="a round robin of {} policies with", value=lambda: len(default_pool(default_game()))),
-    Figure(page="README.md", text="policies with {} matches per pair", value=lambda: LeagueConfig().matches),
-    Figure(
-        page="docs/league.md", text="about {} million strokes a second on one core", value=_tournament_millions, tolerance=0.25
-    ),
-    Figure(page="docs/league.md", text="{} matches a pair are tens of millions", value=lambda: LeagueConfig().matches),
-    Figure(
-        page="docs/tutorials/five_minutes.md",
-        text="tabulated on all {} states of the game",
-        value=lambda: default_game().n_states,
-    ),
-    Figure(page="docs/environments.md", text="| observation | {} numbers |", value=lambda: RALLY_WIDTH),
-    Figure(page="docs/environments.md", text="numbers | the same, and {} for the score |", value=lambda: SCORE_WIDTH),
-    Figure(page="benchmarks/README.md", text="counted once; the {} numbers and the mask", value=lambda: RALLY_WIDTH),
-    Figure(
-        page="benchmarks/README.md", text="until the next one; {} numbers and the mask", value=lambda: RALLY_WIDTH + SCORE_WIDTH
-    ),
-    Figure(page="docs/tutorials/own_loop.md", text="(`[B, {}]`, [the vector", value=lambda: RALLY_WIDTH),
-    Figure(
-        page="docs/tutorials/own_loop.md",
-        text="the loop won {} % of rallies against `bc`",
-        value=_own_loop_percent,
-        form=".0f",
-        tolerance=0.02,
-    ),
-    Figure(page="docs/own_data.md", text="At least three matches and {} strokes outside", value=lambda: MIN_STROKES),
-    Figure(page="docs/own_data.md", text="It needs {} strokes and two matches", value=lambda: MIN_STROKES_WITH_PRIOR),
-    Figure(page="docs/own_data.md", text="leave open, need {} train matches", value=lambda: MIN_MATCHES_FOR_REFITS),
-    Figure(page="docs/datasheet.md", text="of which {} strokes of", value=_fitted_strokes),
+    Figure("README.md", "fitted to {} annotated strokes", lambda: _card()["data"]["train_strokes"]),
+    Figure("README.md", "a round robin of {} policies with", lambda: len(default_pool(default_game()))),
+    Figure("README.md", "policies with {} matches per pair", lambda: LeagueConfig().matches),
+    Figure("docs/league.md", "about {} million strokes a second on one core", _tournament_millions, tolerance=0.25),
+    Figure("docs/league.md", "{} matches a pair are tens of millions", lambda: LeagueConfig().matches),
+    Figure("docs/tutorials/five_minutes.md", "tabulated on all {} states of the game", lambda: default_game().n_states),
+    Figure("docs/environments.md", "| observation | {} numbers |", lambda: RALLY_WIDTH),
+    Figure("docs/environments.md", "numbers | the same, and {} for the score |", lambda: SCORE_WIDTH),
+    Figure("benchmarks/README.md", "counted once; the {} numbers and the mask", lambda: RALLY_WIDTH),
+    Figure("benchmarks/README.md", "until the next one; {} numbers and the mask", lambda: RALLY_WIDTH + SCORE_WIDTH),
+    Figure("docs/tutorials/own_loop.md", "(`[B, {}]`, [the vector", lambda: RALLY_WIDTH),
+    Figure("docs/tutorials/own_loop.md", "the loop won {} % of rallies against `bc`", _own_loop_percent, ".0f", 0.02),
+    Figure("docs/own_data.md", "At least three matches and {} strokes outside", lambda: MIN_STROKES),
+    Figure("docs/own_data.md", "It needs {} strokes and two matches", lambda: MIN_STROKES_WITH_PRIOR),
+    Figure("docs/own_data.md", "leave open, need {} train matches", lambda: MIN_MATCHES_FOR_REFITS),
+    Figure("docs/datasheet.md", "of which {} strokes of", _fitted_strokes),
 )
 """All figures that are kept so."""
 
 
-def written(pages: Mapping[str, str]) -> dict[str, str]:
-    """The pages with every figure that is beyond its tolerance replaced.
+def updated(pages: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+    """The pages with every figure that is beyond its tolerance replaced, and a line about each of these.
 
     Args:
         pages: text of every page by its path.
 
     Raises:
-        FigureError: the words around a figure are not on its page.
+        FigureError: the words around a figure are not on its page, or more than once.
     """
-    after = dict(pages)
+    after, drifted = dict(pages), []
     for figure in FIGURES:
-        found = figure.found(after[figure.page])
-        if not figure.fits(found[1]):
-            text = after[figure.page]
-            after[figure.page] = text[: found.start(1)] + format(figure.value(), figure.form) + text[found.end(1) :]
-    return after
-
-
-def drifted(pages: Mapping[str, str]) -> list[str]:
-    """A line for every figure that is beyond its tolerance.
-
-    Raises:
-        FigureError: the words around a figure are not on its page.
-    """
-    lines = []
-    for figure in FIGURES:
-        number = figure.found(pages[figure.page])[1]
-        if not figure.fits(number):
+        page, value = after[figure.page], figure.value()
+        before, behind = (r"\s+".join(map(re.escape, part.split(" "))) for part in figure.text.split("{}"))
+        places = list(re.finditer(before + _NUMBER + behind, page))
+        if len(places) != 1:
+            raise FigureError(f"{figure.page}: expected {figure.text!r} once with a number, found it {len(places)} times")
+        (start, end), number, expected = places[0].span(1), places[0][1], format(value, figure.form)
+        if number != expected and abs(float(number.replace(",", "")) - value) > figure.tolerance * abs(value):
+            after[figure.page] = page[:start] + expected + page[end:]
             allowed = f"within {figure.tolerance:.0%} of " if figure.tolerance else ""
-            lines.append(
-                f"{figure.page}: {figure.text.format(number)!r}; expected {allowed}{format(figure.value(), figure.form)}"
-            )
-    return lines
+            drifted.append(f"{figure.page}: {figure.text.format(number)!r}; expected {allowed}{expected}")
+    return after, drifted

@@ -46,11 +46,11 @@ def _module(*command: str) -> Callable[[], None]:
 
 def _stroke_value() -> None:
     from experiments.stroke_value import draw_ranking, groups_of  # noqa: PLC0415  matplotlib
-    from shuttle_marl.analysis import PlayerValue, pictures  # noqa: PLC0415
+    from shuttle_marl.reports import PlayerValue, charts  # noqa: PLC0415
 
     found = saved("experiments", "stroke_value")["players"]
     players = [PlayerValue(**{name: value for name, value in each.items() if name != "away"}) for each in found]
-    pictures.save(draw_ranking(groups_of(players), "Value added by strokes"), IMAGES / "stroke_value.png")
+    charts.save(draw_ranking(groups_of(players), "Value added by strokes"), IMAGES / "stroke_value.png")
 
 
 def _human() -> None:
@@ -169,15 +169,10 @@ def _reports() -> None:
             _shown(file, _COACH, name)
 
 
-_COURT: Final = {
-    ("tagging.jpg",): "tagging_picture",
-    (
-        "film.webp",
-        "watch_players.jpg",
-        *(f"watch_{mode}_wide.jpg" for mode in ("analyse", "learn", "play", "watch")),
-        "watch_play_narrow.jpg",
-    ): "watch_pictures",
-}
+_COURT: Final = (
+    *("film.webp", "watch_players.jpg", "watch_play_narrow.jpg"),
+    *(f"watch_{mode}_wide.jpg" for mode in ("analyse", "learn", "play", "watch")),
+)
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
     ("human.png",): (_human, "experiments/results/human.json"),
     ("landings.png", "replies.png"): (_analysis, _GAME),
@@ -197,7 +192,7 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         ),
         _GAME,
     ),
-    **{names: (_module(f"docs.tools.{tool}"), _GAME) for names, tool in _COURT.items()},
+    _COURT: (_module("docs.tools.watch_pictures"), _GAME),
 }
 """Pictures, what draws them, and the data they show."""
 
@@ -215,9 +210,10 @@ def digest(source: str) -> str:
 
 
 KEPT: Final = frozenset({
-    "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png", "foxglove_side.png", "strokes.png"
+    "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png", "foxglove_side.png", "strokes.png",
+    "tagging.jpg",
 })  # fmt: skip
-"""Pictures whose program ended; CONTRIBUTING.md names it."""
+"""Pictures whose program ended; docs/truth_record.md names it."""
 
 
 def outdated() -> list[str]:

@@ -1,18 +1,15 @@
 """Lists how every table of the documentation is made, and makes one again: ``python -m docs.tools.reproduce [TABLE] [--save]``.
 
-``--part K/N`` makes every N-th table again, for the jobs of a scheduled workflow, ``--part 1/1`` all of them. ``--seconds S``
-makes results again that fit into so much time, other ones every day: of each quick board of the suite one row
-(``suite:TASK:METHOD:STROKES``), then whole results. Tables without a result file are left to ``docs.tools.tables --check``, which
-makes them anyway. Speeds, which differ between machines, are left out of both.
-
 A table is made from a result file by :mod:`docs.tools.tables`; the result file is made by a command. The result of a second run
 of that command is compared with the saved one, number by number, within a tolerance: 0 where a seed determines the result, a
 relative difference where versions of PyTorch or the machine change it. Speeds are compared within a factor of two, and differ by
 more between machines. ``--save`` keeps the time and the greatest difference in ``reproduced.json``, and a result that differs.
-A time in words is an estimate.
+A time in words is an estimate. Tables without a result file are checked by ``docs.tools.tables --check``.
+
+``--part K/N`` makes every N-th result again, for the jobs of a scheduled workflow, ``--part 1/1`` all of them. ``--seconds S``
+makes results again that fit into so much time, other ones every day. Both leave out speeds.
 """
 
-import dataclasses
 import datetime
 import functools
 import json
@@ -24,21 +21,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
 
-from docs.tools import league_tables, tables
 from docs.tools.markdown import ROOT, saved
 from docs.tools.results import Result
-from docs.tools.tables import COMPUTED, RESULTS
+from docs.tools.tables import RESULTS
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.game import default_game, load_game
-from shuttle_marl.game.shipped import model_folder, shipped_game
+from shuttle_marl.game.shipped import model_folder
 
 _PROVENANCE: Final = frozenset(
     {"command", "commit", "cpu", "cpu_seconds", "git", "machine", "packages", "platform", "python", "printed", "seconds"}
@@ -49,10 +45,6 @@ _DATA: Final = "{data}"
 _OUT: Final = "{out}"
 _SPEED: Final = Result.tolerance
 """Relative tolerance of measured speeds: a factor of two."""
-_BOARDS: Final = ("equilibrium-v0", "equilibrium-entrance-v0", "offline-v0")
-"""Tasks whose scores take seconds, so that a quick method is a quick row."""
-_QUICK: Final = 10.0
-"""Time of a method whose row is quick [s]."""
 _AGAIN: Final = Path(__file__).with_name("reproduced.json")
 """Seconds and greatest relative difference of reproduced tables, by name."""
 
@@ -67,21 +59,13 @@ def listed() -> Iterator[tuple[str, ...]]:
     Results that are shown beside others stand under their own name.
     """
     known = measured()
-
-    def times(name: str, estimate: str = "") -> tuple[str, str]:
-        if name not in known:
-            return estimate, ""
-        found = known[name]["difference"]
-        return f"{known[name]['seconds']} s", "" if found is None else f"{found:.2g}"
-
     for name, result in RESULTS.items():
-        duration, found = times(name, result.estimate)
-        tolerance, origin = f"{result.tolerance:g}" if result.compared else "not compared", origin_of(file_of(name))
+        again = known.get(name, {})
+        duration = f"{again['seconds']} s" if again else result.estimate
+        found = "" if again.get("difference") is None else f"{again['difference']:.2g}"
+        tolerance = f"{result.tolerance:g}" if result.compared else "not compared"
         for table in result.tables or (name,):
-            yield table, f"python -m {result.command}", duration, tolerance, found, *origin
-    for table in COMPUTED:
-        duration, found = times(table)
-        yield table, f"python -m docs.tools.reproduce {table}", duration, "0", found, *origin_of(ROOT)
+            yield table, f"python -m {result.command}", duration, tolerance, found, *origin_of(file_of(name))
 
 
 def file_of(name: str) -> Path:
@@ -191,41 +175,6 @@ def remake(name: str, result: Result) -> str:
     return text
 
 
-def _shown(table: str) -> str:
-    """A table as a page shows it."""
-    for path in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))):
-        found = re.search(rf"<!-- begin: {table} -->\n(.*?)\n<!-- end: {table} -->", path.read_text(encoding="utf-8"), re.DOTALL)
-        if found:
-            return found[1]
-    raise ReproduceError(f"no page shows {table}")
-
-
-def _computed(table: str) -> str:
-    if table not in tables.LEAGUE_BLOCKS:
-        return tables.BLOCKS[table]()
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "run"
-        league = [sys.executable, "-m", "shuttle_marl.league", "--record", "none", "--out", str(out)]
-        subprocess.run(league, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-        return getattr(league_tables, table)(out)
-
-
-def _row_again(task: str, method: str, budget: int) -> tuple[list[str], float]:
-    """Make a row of the suite again; returns what :func:`differences` does."""
-
-    def chosen(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-        same = [row for row in rows if (row["task"], row["method"], row["budget"]) == (task, method, budget)]
-        return [{key: value for key, value in row.items() if key not in ("rank", "behind")} for row in same]
-
-    before = chosen(saved("experiments", "suite")["rows"])
-    if not before:
-        raise ReproduceError(f"no row of {method} in {task} at {budget:,} strokes")
-    command = f"experiments.suite --tasks {task} --methods {method} --budgets {budget} --workers 1 --out runs/again --json {_OUT}"
-    result = dataclasses.replace(RESULTS["suite"], command=command)
-    new = json.loads(remake("suite", result))
-    return differences(before, chosen(new["rows"]), result.tolerance)
-
-
 def check(table: str, *, save: bool = False) -> list[str]:
     """Make a table again; returns the differences.
 
@@ -237,27 +186,18 @@ def check(table: str, *, save: bool = False) -> list[str]:
         ReproduceError: there is no such table, it is only replaced, or its command fails.
     """
     begun = time.perf_counter()
-    name = next((name for name, result in RESULTS.items() if table in (name, *result.tables)), table)
-    greatest = 0.0
-    if name in RESULTS and not RESULTS[name].compared:
-        raise ReproduceError(f"{name} is not compared; run python -m {RESULTS[name].command}")
-    if row := re.fullmatch(r"suite:([\w-]+):([\w.:-]+):(\d+)", name):
-        found, greatest = _row_again(row[1], row[2], int(row[3]))
-    elif name in RESULTS:
-        result = RESULTS[name]
-        new = remake(name, result)
-        found, greatest = differences(saved(result.folder, name), json.loads(new), result.tolerance, result.speeds)
-        if save and (found or greatest):
-            replace_file(file_of(name), f"{new.rstrip()}\n".encode())
-    elif name in COMPUTED:
-        found = [] if _computed(name) == _shown(name) else [f"{name}: another table than the page shows"]
-    else:
-        raise ReproduceError(f"no table {name!r}; python -m docs.tools.reproduce lists them")
+    name = next((name for name, result in RESULTS.items() if table in (name, *result.tables)), "")
+    if not name:
+        raise ReproduceError(f"no table {table!r}; python -m docs.tools.reproduce lists them")
+    result = RESULTS[name]
+    if not result.compared:
+        raise ReproduceError(f"{name} is not compared; run python -m {result.command}")
+    new = remake(name, result)
+    found, greatest = differences(saved(result.folder, name), json.loads(new), result.tolerance, result.speeds)
     if save:
-        about = {
-            "seconds": round(time.perf_counter() - begun),
-            "difference": None if found else greatest,
-        }
+        if found or greatest:
+            replace_file(file_of(name), f"{new.rstrip()}\n".encode())
+        about = {"seconds": round(time.perf_counter() - begun), "difference": None if found else greatest}
         whole = json.dumps(dict(sorted({**measured(), name: about}.items())), indent=1)
         replace_file(_AGAIN, f"{whole}\n".encode())
     return found
@@ -272,26 +212,20 @@ def part_of(part: str) -> list[str]:
     found = re.fullmatch(r"(\d{1,3})/(\d{1,3})", part)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
         raise ReproduceError(f"--part {part}: expected K/N with K from 1 to N")
-    names = [name for name, result in RESULTS.items() if result.compared and result.tolerance < 1] + list(COMPUTED)
+    names = [name for name, result in RESULTS.items() if result.compared and result.tolerance < 1]
     return names[int(found[1]) - 1 :: int(found[2])]
 
 
 def within(seconds: float, day: int) -> list[str]:
     """Names of the results that take less than so many seconds together, without data; each day the list starts elsewhere.
 
-    Of each quick board of the suite one row comes first. Results of earlier games are left out.
+    Results of earlier games are left out.
     """
-    quick_rows: dict[tuple[str, int], list[str]] = {}
-    for row in saved("experiments", "suite")["rows"]:
-        if row["task"] in _BOARDS and row["seconds"] <= _QUICK and shipped_game(row["game"]) is not None:
-            quick_rows.setdefault((row["task"], row["budget"]), []).append(f"suite:{row['task']}:{row['method']}:{row['budget']}")
-    chosen = [names[day % len(names)] for names in quick_rows.values()]
-    seconds -= _QUICK * len(chosen)
-    known, names = measured(), part_of("1/1")
-    present = {load_game(name).hash[:12] for name in ("default", "default:recovery")}
-    quick = [name for name in names if name in known and name in RESULTS and _DATA not in RESULTS[name].command]
+    known, present = measured(), {load_game(name).hash[:12] for name in ("default", "default:recovery")}
+    quick = [name for name in part_of("1/1") if name in known and _DATA not in RESULTS[name].command]
     quick = [name for name in quick if origin_of(file_of(name))[0] in present]
     first = day % max(1, len(quick))
+    chosen = []
     for name in quick[first:] + quick[:first]:
         if known[name]["seconds"] <= seconds:
             seconds -= known[name]["seconds"]

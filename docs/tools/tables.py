@@ -36,7 +36,7 @@ LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {
     "ranking_short": league_tables.ranking_short,
 }
 """Tables of a tournament by name, and what makes them from its run folder."""
-_OF_THE_CODE: Final = {"layer_diagram": structure.diagram, "layers": structure.layers, "paths": structure.path_table}
+_OF_THE_CODE: Final = {"layer_diagram": structure.diagram, "layers": structure.layers}
 RESULTS: Final = {**results.RESULTS, "suite": dataclasses.replace(results.RESULTS["suite"], tables=tuple(suite_tables.BLOCKS))}
 """Result files by name."""
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
@@ -45,8 +45,6 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     **suite_tables.BLOCKS,
 }
 """Tables of the code and of saved results by name, and what makes them."""
-COMPUTED: Final = (*_OF_THE_CODE, *LEAGUE_BLOCKS)
-"""Tables without a result file: of the code and of the default tournament, the same on every machine."""
 MODEL_CARD: Final = "docs/model_card.md"
 """The page that is made as a whole."""
 _PAGES: Final = ("README.md", "benchmarks/README.md", "docs/*.md", "docs/suite/*.md")
@@ -104,10 +102,9 @@ def main(*, run: Path | None = None, check: bool = False) -> None:
         pages = rendered(ROOT, folder)
     for name in {figure.page for figure in figures.FIGURES} - set(pages):
         pages[name] = (ROOT / name).read_text(encoding="utf-8")
-    if not check:
-        pages = figures.written(pages)
-    elif lines := figures.drifted({name: (ROOT / name).read_text(encoding="utf-8") for name in pages}):
-        raise TableError("figures have drifted; run this without --check\n" + "\n".join(lines))
+    pages, drifted = figures.updated(pages)
+    if check and drifted:
+        raise TableError("figures have drifted; run this without --check\n" + "\n".join(drifted))
     for name, after in pages.items():
         before = (ROOT / name).read_text(encoding="utf-8")
         if check and after != before:

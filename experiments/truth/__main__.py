@@ -13,21 +13,18 @@ from rich.console import Console
 
 from docs.tools.results import show
 from experiments.truth import decisions, likeness
-from experiments.truth.calibration import calibration
-from experiments.truth.decisions import Promises
+from experiments.truth.decisions import Promises, calibration, memory
 from experiments.truth.legality import illegal, judged_strokes
 from experiments.truth.matches import Strokes, of_splits, strokes_of
-from experiments.truth.memory import memory
-from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.recovery import recovery_effects
 from experiments.truth.transfer import thin_support, transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, judged_by, marked, shipped_world
-from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, clean_matches, read_matches
+from shuttle_marl.data.simulated import simulate
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.policy import UniformPolicy
@@ -49,8 +46,6 @@ def truth(
     halvings: int = 2,
     seed: int = 0,
     fits: Path = Path("runs/truth"),
-    values: Path | None = None,
-    against: Path | None = None,
     out: Path | None = None,
     json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
@@ -67,8 +62,6 @@ def truth(
         halvings: halvings of the training matches for the transfer; two games are fitted for each; 0: no transfer.
         seed: random seed of the fits, halvings and simulated matches.
         fits: cache folder of fitted games.
-        values: file for the values and advantages of all strokes, for --against.
-        against: file of --values of another game on the same matches; adds the paired differences to it.
         out: JSON file for the result, with its provenance.
         json_output: print JSON.
     """
@@ -95,10 +88,6 @@ def truth(
     result: dict[str, Any] = {**about, **compare(parts, real, promised, seed, training)}
     if cross is not None or factors is not None:
         result["calibration"] = calibration(real, promised, parts_of(parts), factors, seed)
-    if values is not None:
-        save_values(values, real, promised)
-    if against is not None:
-        result["against"] = differences(real, promised, load_values(against, real), seed)
     if halvings:
         result["transfer"] = transfer(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
     show(result, "truth", "truth_shots", "truth_memory", "truth_forecasts", "truth_told_apart", as_json=json_output, out=out)

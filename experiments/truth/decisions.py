@@ -5,24 +5,31 @@ that the average player chooses, because the target of a fault is unknown; V and
 average player. The outcome after h strokes is V of the state reached, with its sign, or +1 or -1 if the rally has ended. The
 **decision slope** is the least-squares slope of (outcome - V(s)) on A with a constant for every player in every match, so it does
 not measure skill. In a correct game it is 1 at every h.
+
+The **factor** of a horizon is the decision slope on training matches: how much of a predicted advantage is realised. A calibrated
+advantage is the predicted advantage times the factor; its slope on other matches is 1 in expectation.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from experiments.truth.matches import Strokes, ratio_by_match, states_of
+from experiments.truth.matches import RESAMPLES, Strokes, ratio_by_match, states_of
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import calibration_error
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 HORIZONS: Final = (1, 4, 8)
 """Strokes after which the promise is compared with what happened, beside the end of the rally."""
+LAGS: Final = (1, 2, 4, 6, 8)
+"""Strokes ago of the advantages whose memory is measured."""
 _DRAWS: Final = 200
 LEAST_STROKES: Final = 50
 """Errors of shot types with fewer strokes are not reported."""
@@ -228,29 +235,87 @@ def forecast_errors(strokes: Strokes, promised: Promises, seed: int = 0) -> dict
     return out
 
 
-def fault_log_losses(strokes: Strokes, promised: Promises) -> F64:
-    """``[N]`` log-loss of a fault; NaN where it is not known or the game knows no such stroke."""
-    outcome = strokes.rows.outcome
-    return _losses(outcome == Outcome.FAULT, np.where(outcome == Outcome.UNKNOWN, np.nan, promised.fault))
-
-
-def contact_log_losses(strokes: Strokes, promised: Promises) -> F64:
-    """``[N]`` log-loss of the contact of returned strokes; NaN for others."""
-    contact = strokes.rows.next_contact
-    return _losses(contact == 1, np.where(contact < 0, np.nan, promised.above))
-
-
-def _losses(label: Bools, p: F64) -> F64:
-    p = np.clip(p, 1e-9, 1 - 1e-9)
-    return np.asarray(-np.where(label, np.log(p), np.log1p(-p)))
-
-
-def value_log_losses(strokes: Strokes, promised: Promises) -> F64:
-    """``[N]`` log-loss in nats of V as a forecast of who wins the rally, NaN where one is unknown; that of a coin is 0.6931."""
-    p = np.where(strokes.result != 0, (1 + promised.value * strokes.result) / 2, np.nan)
-    return np.asarray(-np.log(np.clip(p, 1e-9, 1)))
-
-
 def value_log_loss(strokes: Strokes, promised: Promises) -> float:
-    """Mean of :func:`value_log_losses`."""
-    return float(np.nanmean(value_log_losses(strokes, promised)))
+    """Mean log-loss in nats of V as a forecast of who wins the rally, where both are known; that of a coin is 0.6931."""
+    p = np.where(strokes.result != 0, (1 + promised.value * strokes.result) / 2, np.nan)
+    return float(np.nanmean(-np.log(np.clip(p, 1e-9, 1))))
+
+
+def memory(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
+    """Slopes of (result of the rally - V of the state now) on the advantage of an earlier stroke, for all of :data:`LAGS`.
+
+    Advantages of the opponent count with the opposite sign. Effects of player and match are removed.
+    """
+    ended = realised(strokes, promised.value, None)
+    return {
+        str(lag): slope(strokes, dataclasses.replace(promised, advantage=_ago(strokes, promised.advantage, lag)), ended)
+        for lag in LAGS
+    }
+
+
+def _ago(strokes: Strokes, advantage: F64, lag: int) -> F64:
+    """``[N]`` advantage of the stroke ``lag`` strokes ago to the one who strikes now; NaN where there is none."""
+    earlier = np.maximum(np.arange(len(strokes)) - lag, 0)
+    same = (strokes.rally[earlier] == strokes.rally) & (strokes.number - strokes.number[earlier] == lag)
+    return np.where(same, advantage[earlier] * (1 if lag % 2 == 0 else -1), np.nan)
+
+
+def calibration(
+    strokes: Strokes, promised: Promises, part: Ints, factors: Mapping[str, Estimate] | None = None, seed: int = 0
+) -> dict[str, dict[str, float]]:
+    """Slopes of outcomes on calibrated advantages, at each horizon.
+
+    Args:
+        strokes: N strokes.
+        promised: their promises, by games that were fitted without them.
+        part: ``[N]`` part of each stroke's match; with one part, ``factors`` are needed.
+        factors: factor of each horizon, fitted to other matches; None: the factor of each part is fitted to the other parts.
+        seed: random seed of the bootstrap over matches. The matches that fit the factors and those that check them are resampled
+            independently, because the same resample for both would cancel most of their errors.
+
+    Returns:
+        For each horizon ``slope`` with its 95 % interval ``low`` to ``high``, and ``factor``, the mean over strokes.
+
+    Raises:
+        ShuttleError: neither factors nor a second part.
+    """
+    parts = np.unique(part)
+    if factors is None and len(parts) < 2:
+        raise ShuttleError("calibration: one part of the matches and no factors; expected factors fitted to other matches")
+    part_of_match = np.zeros(int(strokes.rows.match.max()) + 1, dtype=np.int64)
+    part_of_match[strokes.rows.match] = part
+    out = {}
+    for name, happened in outcomes(strokes, promised):
+        x, y, match = centred(strokes, promised, happened)
+        matches, index = np.unique(match, return_inverse=True)
+        sums: F64 = np.stack([np.bincount(index, x * y), np.bincount(index, x * x)]).astype(np.float64)
+        member = part_of_match[matches] == parts[:, None]
+        known = None if factors is None else factors[name].value
+        rng, everyone = np.random.default_rng(seed), np.arange(len(matches))[None]
+        fitting, checking = rng.integers(0, len(matches), (2, RESAMPLES, len(matches)))
+        slope, factor = _calibrated_slope(sums, member, everyone, everyone, known)
+        low, high = np.nanquantile(_calibrated_slope(sums, member, fitting, checking, known)[0], [0.025, 0.975])
+        out[name] = {"slope": float(slope[0]), "low": float(low), "high": float(high), "factor": float(factor[0])}
+    return out
+
+
+def _calibrated_slope(sums: F64, member: Bools, fitting: I64, checking: I64, factor: float | None) -> tuple[F64, F64]:
+    """Slope on calibrated advantages, and mean factor, of resamples of the matches.
+
+    Args:
+        sums: ``[2, M]`` sums of products xy and xx of each match.
+        member: ``[K, M]`` whether a match belongs to a part.
+        fitting, checking: ``[B, M]`` matches of each resample that fit the factors, and that check them.
+        factor: the factor; None: that of the other parts.
+    """
+
+    def by_part(draws: I64) -> F64:
+        return np.stack([(sums[:, None] * own)[..., draws].sum(axis=-1)[:, 0] for own in member.astype(np.float64)], axis=1)
+
+    xy, xx = by_part(checking)  # [K, B] each
+    fitted_xy, fitted_xx = by_part(fitting)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        others = (fitted_xy.sum(axis=0) - fitted_xy) / (fitted_xx.sum(axis=0) - fitted_xx)
+        factors = others if factor is None else np.full_like(xy, factor)
+        weight = xx / xx.sum(axis=0)
+        return (factors * xy).sum(axis=0) / (factors**2 * xx).sum(axis=0), (weight * factors).sum(axis=0)

@@ -1,6 +1,7 @@
 """The cache of computed things, a database in the user's cache folder; one that is damaged or not writable only costs time."""
 
 import contextlib
+import contextvars
 import functools
 import hashlib
 import logging
@@ -17,6 +18,18 @@ _WAIT_S: Final = 20.0
 _HASH: Final = 64
 """Length of the hash before each content [bytes]."""
 _LOG: Final = logging.getLogger(__name__)
+_MEMORY: Final = contextvars.ContextVar[dict[bytes, bytes] | None]("memory", default=None)
+"""Results by key where the database is not used."""
+
+
+@contextlib.contextmanager
+def forgotten() -> Iterator[None]:
+    """Context without the database: everything is computed, and kept in memory until the outermost of such contexts ends."""
+    token = _MEMORY.set({} if (memory := _MEMORY.get()) is None else memory)
+    try:
+        yield
+    finally:
+        _MEMORY.reset(token)
 
 
 def key_of(*parts: str) -> bytes:
@@ -41,6 +54,8 @@ class Cache:
 
     def read(self, keys: Iterable[bytes]) -> dict[bytes, bytes]:
         """The results that are stored undamaged, by key."""
+        if (memory := _MEMORY.get()) is not None:
+            return {key: memory[key] for key in keys if key in memory}
         folder = cache_folder()
         if folder is None:
             return {}
@@ -63,6 +78,9 @@ class Cache:
 
     def store(self, results: Mapping[bytes, bytes]) -> None:
         """Store results by key."""
+        if (memory := _MEMORY.get()) is not None:
+            memory.update(results)
+            return
         folder = cache_folder()
         if folder is None:
             _warn_once("the user has no home folder. Results are recomputed by every command; set XDG_CACHE_HOME to keep them")

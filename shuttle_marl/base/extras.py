@@ -15,7 +15,6 @@ _EXTRAS: Final = {
     "playwright": "video",
     "polars": "frames",
     "pygame": "render",
-    "pygltflib": "scene",
     "tensordict": "train",
     "torch": "train",
     "torchrl": "train",

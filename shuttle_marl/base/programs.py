@@ -81,18 +81,6 @@ class Program:
                 raise self.failed(self._exited()) from error
             rest, end = rest[written:], self._deadline()
 
-    def read(self, size: int) -> bytes:
-        """The next ``size`` bytes of its output.
-
-        Raises:
-            ProgramError: the program has exited.
-            ProgramTimeoutError: it does not answer.
-        """
-        end = self._deadline()
-        while len(self._unread) < size:
-            self._receive(end)
-        return self._taken(size)
-
     def read_line(self) -> bytes:
         """The next line of its output.
 
@@ -105,24 +93,9 @@ class Program:
             if len(self._unread) > _CHUNK:
                 raise self.failed(f"it answered a line of more than {_CHUNK:,} bytes")
             self._receive(end)
-        return self._taken(length + 1)[:-1]
-
-    def read_rest(self) -> bytes:
-        """All that is left of its output, after its input is closed.
-
-        Raises:
-            ProgramError: its exit status is not 0.
-            ProgramTimeoutError: it does not end.
-        """
-        assert self._process is not None
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        end = self._deadline()
-        while self._received(end):
-            pass
-        if self._status():
-            raise self.failed(self._exited())
-        return self._taken(len(self._unread))
+        line = bytes(self._unread[:length])
+        del self._unread[: length + 1]
+        return line
 
     def failed(self, problem: str) -> ProgramError:
         """Kill the program, so that it is not asked again, for instance because its answer is invalid; returns the error."""
@@ -151,21 +124,11 @@ class Program:
         os.set_blocking(self._stdin, False)
 
     def _receive(self, end: float | None) -> None:
-        if not self._received(end):
-            raise self.failed(self._exited())
-
-    def _received(self, end: float | None) -> bool:
-        """Wait for output; whether there is any before it ends."""
         if not select.select([self._stdout], [], [], _left(end))[0]:
             raise self._late(f"no answer within {self._seconds:g} s")
-        more = os.read(self._stdout, _CHUNK)
+        if not (more := os.read(self._stdout, _CHUNK)):
+            raise self.failed(self._exited())
         self._unread += more
-        return bool(more)
-
-    def _taken(self, size: int) -> bytes:
-        taken = bytes(self._unread[:size])
-        del self._unread[:size]
-        return taken
 
     def _late(self, problem: str) -> ProgramTimeoutError:
         return ProgramTimeoutError(str(self.failed(problem)))

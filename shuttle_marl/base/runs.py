@@ -1,6 +1,7 @@
-"""Run folders: creation, resuming, locking, and the manifest that makes runs reproducible."""
+"""Runs: a folder that is created or resumed and locked, and the manifest that makes its results reproducible."""
 
 import contextlib
+import dataclasses
 import errno
 import importlib.metadata
 import json
@@ -10,7 +11,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ import shuttle_marl
 from shuttle_marl.base import files
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import FileReadError, T, replace_file
+from shuttle_marl.base.interrupts import was_interrupted
 
 CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
@@ -40,10 +42,83 @@ class _BusyError(RunError):
     """Another process runs in a folder."""
 
 
+@dataclasses.dataclass(eq=False)
+class Run:
+    """A run whose folder is locked, see :func:`open_run`."""
+
+    folder: Path
+    about: dict[str, Any] = dataclasses.field(default_factory=dict)
+    """Content of the manifest, after :meth:`begin`."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run is finished, see :func:`is_finished`."""
+        return is_finished(self.folder)
+
+    def begin(self, packages: Sequence[str], *, same: Mapping[str, Any], **more: Any) -> None:
+        """Write the manifest: everything that is needed to reproduce the run.
+
+        Args:
+            packages: distributions whose versions affect the results.
+            same: entries that stay the same until the run is finished, such as the hash of its game; see :func:`check_same`.
+            **more: other entries.
+
+        Raises:
+            RunError: an entry changed after the run was started.
+        """
+        check_same(self.folder, same)
+        self.about = {"status": "running", **more, **describe(packages), **same}
+        write_json(self.folder / MANIFEST, self.about)
+
+    def finish(self, **figures: Any) -> None:
+        """Mark the run as finished, with further entries of its manifest."""
+        self.about |= {"status": "finished", **figures}
+        write_json(self.folder / MANIFEST, self.about)
+
+    @contextlib.contextmanager
+    def resumable(self, saved: Callable[[], str]) -> Iterator[None]:
+        """Say in a KeyboardInterrupt what is saved of the run, and how it continues.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C, or an error that it caused in a library.
+        """
+        try:
+            yield
+        except (KeyboardInterrupt, Exception) as error:
+            if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
+                raise
+            raise KeyboardInterrupt(f"interrupted; {saved()}; the same with --resume --out {self.folder} continues") from error
+
+
+def check_flags(folder: Path, fixed: Mapping[str, Any]) -> None:
+    """Check that a run was started with these options.
+
+    Raises:
+        RunError: it was not, or its configuration cannot be read.
+    """
+    before = read_json(folder / CONFIG, dict[str, Any])
+    different = [f"{key}: {before.get(key)!r} then, {fixed[key]!r} now" for key in fixed if before.get(key) != fixed[key]]
+    if different:
+        raise RunError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to resume it")
+
+
+def check_same(folder: Path, same: Mapping[str, Any]) -> None:
+    """Check entries of the manifest of a run that was started before, if there is one; a dictionary may have new keys.
+
+    Raises:
+        RunError: an entry changed, or the manifest cannot be read.
+    """
+    before = read_json(folder / MANIFEST, dict[str, Any]) if (folder / MANIFEST).exists() else {}
+    for what, now in same.items():
+        known = before.get(what, {})
+        if known != ({key: now.get(key) for key in known} if isinstance(known, dict) else now):
+            raise RunError(f"{folder}: the {what} changed after the run was started; start a new run with another --out")
+
+
 @contextlib.contextmanager
 def open_run(
     out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool, overwrite: bool, called: str | None = None
-) -> Iterator[Path]:
+) -> Iterator[Run]:
     """Create or resume a run folder, and lock it until the context ends.
 
     Args:
@@ -58,6 +133,8 @@ def open_run(
             not exist or was started with other flags; or another process uses the folder; or the folder cannot be created or
             written.
     """
+    if resume and overwrite:
+        raise RunError("--resume continues a run and --overwrite replaces it; give one of them")
     default = Path("runs") / name
     with contextlib.ExitStack() as stack:
         with _usable(out or default):
@@ -68,17 +145,11 @@ def open_run(
             if resume:
                 folder = _to_resume(out, default, called or f"named {name}")
                 stack.enter_context(locked(folder))
-                before = read_json(folder / CONFIG, dict[str, Any])
-                different = [
-                    f"{key}: {before.get(key)!r} then, {fixed[key]!r} now" for key in fixed if before.get(key) != fixed[key]
-                ]
-                if different:
-                    reason = f"was started with other flags ({'; '.join(different)})"
-                    raise RunError(f"{folder}: {reason}; give the same ones to resume it")
+                check_flags(folder, fixed)
             else:
                 folder = _new(default, stack) if out is None else _empty(out, stack, overwrite=overwrite)
                 write_json(folder / CONFIG, fixed)
-        yield folder
+        yield Run(folder)
 
 
 @contextlib.contextmanager
@@ -216,8 +287,6 @@ class Journal:
 
     def __init__(self, path: Path, go_on: str = "continue with --resume", restore: str = _ADVICE) -> None:
         self._path, self._go_on, self._restore = path, go_on, restore
-        self._whole: int | None = None
-        """Length of the complete lines, if a write failed after them."""
 
     def append(self, lines: Sequence[dict[str, Any]]) -> None:
         """Append lines, synchronised to the disk. After an error none of them is there, and the next ones can be appended.
@@ -228,17 +297,15 @@ class Journal:
         content = b"".join(files.seal(line, indent=None) for line in lines)
         try:
             with self._path.open("ab", buffering=0) as file:
-                if self._whole is not None:
-                    file.truncate(self._whole)
-                self._whole = file.seek(0, os.SEEK_END)
-                if file.write(content) < len(content):
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-                os.fsync(file.fileno())
-                self._whole = None
+                whole = file.seek(0, os.SEEK_END)
+                try:
+                    if file.write(content) < len(content):
+                        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                    os.fsync(file.fileno())
+                except OSError:
+                    file.truncate(whole)
+                    raise
         except OSError as error:
-            if self._whole is not None:  # the file was opened, and may have a part of the lines
-                with contextlib.suppress(OSError):
-                    os.truncate(self._path, self._whole)
             reason = f"cannot be written ({error.strerror})"
             raise RunError(f"{self._path}: {reason}; free disk space and {self._go_on}") from error
 

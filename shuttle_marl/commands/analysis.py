@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from shuttle_marl import analysis as play
+from shuttle_marl import reports as play
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import MAX_JSON, read_file, replace_file
 from shuttle_marl.commands import cli
@@ -104,9 +104,9 @@ def analysis(
         players: whose strokes they are.
         json: print JSON.
     """
-    from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.base import table_files  # noqa: PLC0415
     from shuttle_marl.data import anonymised, named  # noqa: PLC0415
+    from shuttle_marl.reports.summary import players_of  # noqa: PLC0415  these keep --help quick
 
     if out is not None:
         written = (out / f"{kind}.{suffix}" for kind in ("strokes", "rallies") for suffix in ("parquet", "csv"))
@@ -154,19 +154,19 @@ def _ratings(path: Path) -> dict[str, float]:
 
 def _draw(out: Path, summaries: dict[str, "play.Summary"], name: str, reference: "play.Summary") -> None:
     """Draw the first players and the last one, compared with a reference."""
-    from shuttle_marl.analysis import pictures  # noqa: PLC0415
+    from shuttle_marl.reports import charts  # noqa: PLC0415
 
     names = list(summaries)
     drawn = {name: summaries[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
-    pictures.save(pictures.landings(drawn, reference, name), out / "landings.png")
-    pictures.save(pictures.shot_mix(drawn), out / "shots.png")
+    charts.save(charts.landings(drawn, reference, name), out / "landings.png")
+    charts.save(charts.shot_mix(drawn), out / "shots.png")
     for player, summary in drawn.items():
         file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in player)
-        pictures.save(pictures.transitions(summary, player), out / f"replies-{file}.png")
+        charts.save(charts.transitions(summary, player), out / f"replies-{file}.png")
 
 
 def _print_json(summaries: dict[str, "play.Summary"], ratings: dict[str, float]) -> None:
-    from shuttle_marl.analysis.summary import ENDINGS  # noqa: PLC0415
+    from shuttle_marl.reports.summary import ENDINGS  # noqa: PLC0415
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):

@@ -26,22 +26,19 @@ from rich.text import Text
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 from tyro.extras import SubcommandApp
 
-from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError, command, printable
 from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
-    from shuttle_marl.analysis.outlook import PlayerRow, Prediction
-    from shuttle_marl.analysis.scouting import ListedPlayer
     from shuttle_marl.exact.away import Spread
-    from shuttle_marl.exact.regret import Holes
     from shuttle_marl.game.tables import Game
-    from shuttle_marl.policy.scorecard import Scorecard
 
 Command = Callable[..., object]
 Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"]
 """Policy, its results in the game by name, and their spreads in the refits; None without refits."""
+Figure = object
+"""What is shown of a result: a number, a text, shares by name, or a number with an interval ``(value, low, high)``."""
 
 _NUMBERS: Final = ConstructorRegistry()
 _SCALES: Final = {"k": 10**3, "m": 10**6, "g": 10**9}
@@ -52,16 +49,12 @@ _SHOWN_SHOTS: Final = 5
 _WRITTEN: Final = ("out", "pdf")
 """Options that name what a command writes."""
 _PAGES: Final = (".html", ".md", ".pdf")
-_FIGURES: Final = {
-    "rally_win_vs_bc": "rallies won against bc",
-    "match_win_vs_bc": "matches won against bc",
-    "rally_win": "rallies won",
-    "match_win": "matches won",
-    "match_share": "matches won against all others",
-    "server_win": "rallies won by the server",
-    "exploitability": "exploitability",
-}
-"""Descriptions of results."""
+_SHOWN: Final = 4
+"""Number of the largest fractions that a cell of a table shows."""
+_SHARES: Final = ("win", "won", "share", "thin", "rare", "against", "after", "runs")
+"""Figures whose names have these words are fractions, which are shown in percent."""
+_BOUNDS: Final = ("bound", "residual")
+"""Figures whose names have these words are shown with their order of magnitude."""
 _FIXABLE: Final = {
     errno.EACCES,
     errno.EEXIST,
@@ -301,22 +294,77 @@ def _texts(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
         yield name, str(value)
 
 
-def _table(title: str | Text, *left: str, right: Sequence[str] = ()) -> Table:
-    """Empty table with columns aligned left, then columns aligned right."""
-    table = Table(title=title, title_justify="left", header_style="bold")
-    for heading in left:
-        table.add_column(heading)
-    for heading in right:
-        table.add_column(heading, justify="right")
-    return table
+def show(figures: Mapping[str, Figure], as_json: bool, *parts: "Table | str") -> None:
+    """Print the result of a command: as JSON, or its figures line by line, and then tables and notes.
+
+    Args:
+        figures: by name; without parts of their own (mappings of mappings, lists), which only JSON has.
+        as_json: print JSON.
+        parts: tables and notes.
+    """
+    if as_json:
+        print_json(figures)
+        return
+    shown = {name: value for name, value in figures.items() if name != "home" and value is not None}  # a table has these
+    lines = {name.replace("_", " "): written(name, value) for name, value in shown.items()}
+    tell(facts({name: line for name, line in lines.items() if line is not None}), *parts)
+
+
+def tell(*parts: "Table | str") -> None:
+    """Print tables and lines of text, in which nothing is markup; nothing for an empty text."""
+    for part in filter(None, parts):
+        console().print(printable(part, keep="\n") if isinstance(part, str) else part)
+
+
+def written(name: str, value: Figure) -> str | None:
+    """A figure as text; None for what has parts of its own."""
+    match value:
+        case None:
+            return "-"
+        case bool() | str() | Path():
+            return printable(str(value), keep="\n")
+        case int():
+            return f"{value:,}"
+        case float():
+            if any(word in name for word in _BOUNDS):
+                return f"{value:.1e}"
+            # Adding 0 turns a rounded -0.0 into 0.0.
+            return percent(value) if any(word in name for word in _SHARES) else f"{round(value, 4) + 0:.4f}"
+        case (float(), float(), float()):
+            return "{} ({} to {})".format(*(written(name, part) for part in value))
+        case {"value": value, "low": low, "high": high}:
+            return written(name, (value, low, high))
+        case Mapping() if all(isinstance(part, float) for part in value.values()):
+            return shares(value)
+    return None
+
+
+def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[Figure]]) -> Table:
+    """Table of rows of figures; numbers are aligned right."""
+    lines = [[written(heading, value) or "" for heading, value in zip(headings, row, strict=True)] for row in rows]
+    found = Table(title=Text(printable(title)), title_justify="left", header_style="bold")
+    for number, heading in enumerate(headings):
+        figures = all(line[number][:1] in "+-0123456789" for line in lines)
+        found.add_column(heading, justify="right" if figures else "left", no_wrap=number == 0, overflow="fold")
+    for line in lines:
+        found.add_row(*map(Text, line))
+    return found
+
+
+def named(title: str, rows: Mapping[str, Mapping[str, Figure]]) -> Table:
+    """Table of the figures of several by name."""
+    keys = list(next(iter(rows.values()), {}))
+    lines = ([name, *(row.get(key) for key in keys)] for name, row in rows.items())
+    largest = ([shares(part, _SHOWN) if isinstance(part, Mapping) else part for part in line] for line in lines)
+    return table(title, ("", *(key.replace("_", " ") for key in keys)), largest)
 
 
 def facts(rows: Mapping[str, str]) -> Table:
     """Table of names and values, one per line."""
-    table = Table.grid(padding=(0, 3))
+    grid = Table.grid(padding=(0, 3))
     for name, value in rows.items():
-        table.add_row(Text(printable(name), "dim"), Text(printable(value)))
-    return table
+        grid.add_row(Text(printable(name), "dim"), Text(printable(value)))
+    return grid
 
 
 def shares(named: Mapping[str, float], count: int | None = None) -> str:
@@ -325,156 +373,33 @@ def shares(named: Mapping[str, float], count: int | None = None) -> str:
     return ", ".join(f"{name} {percent(named[name])}" for name in order)
 
 
-def scorecards(cards: Sequence["Scorecard"]) -> Table:
-    """Table of scorecards, one policy per row."""
-    right = ("rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin")
-    table = _table("Against bc, its best response, and perfect play", "policy", right=right)
-    table.columns[0].no_wrap = True
-    for card in cards:
-        rally = _with_interval(card.rally_win_vs_bc, card.rally_interval)
-        match = _with_interval(card.match_win_vs_bc, card.match_interval)
-        figures = (card.normalised_score, card.exploitability, card.regret_per_rally)
-        thin = "-" if card.thin_vs_bc is None else percent(card.thin_vs_bc)
-        table.add_row(_name(card.policy), rally, match, *map(_number, figures), f"{card.rally_length_vs_bc:.2f}", thin)
-    return table
-
-
-def play(cards: Sequence["Scorecard"]) -> Table:
-    """Endings and shots of rallies against bc, one policy per row."""
-    table = _table("Rallies against bc", "policy", "endings", f"its {_SHOWN_SHOTS} most frequent shots")
-    for card in cards:
-        if card.endings_vs_bc is not None and card.shot_mix_vs_bc is not None:
-            table.add_row(_name(card.policy), shares(card.endings_vs_bc), shares(card.shot_mix_vs_bc, _SHOWN_SHOTS))
-    return table
-
-
-def depth(found: Mapping[str, Any]) -> tuple[Table, Table, Table]:
-    """Tables of :func:`shuttle_marl.policy.scorecard.depth`: play, the same beside people's, and the best that read little."""
-    right = ("shot types", "bits", "strokes a rally", "rare")
-    play = _table("Play against itself and against bc", "policy", "opponent", "its most frequent shots", right=right)
-    for name, against in found["policies"].items():
-        for opponent, of in against.items():
-            figures = (str(of["types"]), f"{of['bits']:.2f}", f"{of['length']:.2f}", percent(of["rare"]))
-            play.add_row(_name(name), opponent, shares(of["shots"], _SHOWN_SHOTS), *figures)
-    columns = ("clear", "drop", "smash after a lift", "net runs", "kinds")
-    beside = _table("Play beside people", "policy", "opponent", "returns of a short serve", right=columns)
-    everyone = {**found["policies"], **({"people": {"people": found["people"]}} if found["people"] else {})}
-    for name, against in everyone.items():
-        for opponent, of in against.items():
-            parts = of["shots"]["clear"], of["shots"]["drop"], of["smash_after_lift"], of["net_runs"]
-            beside.add_row(_name(name), opponent, shares(of["short_serve_replies"], 2), *map(percent, parts), str(of["kinds"]))
-    best = _table("Best policies that read", "", right=("normalised", "exploitability", "against minimax"))
-    for name, of in found["lists"].items():
-        won = percent(of["against_minimax"])
-        best.add_row(name.replace("_", " "), f"{of['score']:.3f}", f"{of['exploitability']:z.3f}", won)
-    return play, beside, best
-
-
-def holes(policy: str, found: "Holes") -> Table:
-    """The states in which a policy loses most, one per row."""
-    title = Text(f"Largest losses of {printable(policy)} to its best response")
-    right = ("in self-play", "against its best response", "lost a stroke", "lost a rally")
-    table = _table(title, "state", "plays, better", right=right)
-    for column in table.columns[:2]:
-        column.overflow = "fold"
-    for hole in found.holes:
-        played = f"{hole.played} {percent(hole.played_share)}{_real(hole.played_real)}"
-        better = "" if hole.best == hole.played else f"\n{hole.best} {percent(hole.best_share)}{_real(hole.best_real)}"
-        seen = (f"{share:.4f}" if share >= 1e-4 else f"{share:.0e}" for share in (hole.in_self_play, hole.against_best_response))
-        state = hole.description.replace(", ", "\n", 2)
-        table.add_row(Text(state), Text(played + better), *seen, f"{hole.regret:.4f}", f"{hole.loss:.5f}", end_section=True)
-    return table
-
-
-def _real(number: float | None) -> str:
-    return "" if number is None else f"\n{number:,.0f} real strokes"
-
-
 def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
     """Results in the game and in its refits as JSON; ``away`` is null without refits."""
     return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
 
 
-def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked: bool) -> None:
-    """Print results in the game and in its refits if requested, or why there are none."""
+def home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked: bool) -> list[Table | str]:
+    """Results in the game and in its refits if requested, or why there are none."""
     if not asked or not rows:
-        return
-    out = console()
+        return []
     if not refits:
-        out.print("The model has no refits on resampled matches, so there are no results in refits.")
-        return
-    table = _table("In the game and in its refits", "", "result", right=("game", "refits", "95 %"))
-    table.columns[0].no_wrap = True
+        return ["The model has no refits on resampled matches, so there are no results in refits."]
+    lines = []
     for name, home, away in rows:
-        known = [(figure, value, away[figure]) for figure, value in home.items() if away is not None and value is not None]
-        for i, (figure, value, there) in enumerate(known):
-            # Exploitability is a value from 0 to 1, as everywhere; the others are probabilities.
-            written = (lambda part: f"{part:z.3f}") if figure == "exploitability" else percent
-            mean, low, high = (written(min(1.0, max(0.0, float(part)))) for part in (there.value, there.low, there.high))
-            table.add_row(Text("") if i else _name(name), _FIGURES[figure], written(value), mean, f"{low} to {high}")
-    out.print(table)
-    out.print(
-        f"refits: the same policies, played in {len(refits)} refits of the game on resampled matches: mean, and\n"
-        "95 % interval for one more refit. Exploitability uses the best response in the refit."
-    )
+        for figure, there in (away or {}).items():
+            mean, low, high = (min(1.0, max(0.0, float(part))) for part in (there.value, there.low, there.high))
+            lines.append((name, figure.replace("_", " "), written(figure, home[figure]), written(figure, (mean, low, high))))
+    return [
+        table("In the game and in its refits", ("policy", "result", "game", "refits"), lines),
+        f"refits: the same policies, played in {len(refits)} refits of the game on resampled matches: mean, and 95 % interval "
+        "for one more refit. Exploitability uses the best response in the refit.",
+    ]
 
 
-def matrix(title: str, names: Sequence[str], probabilities: F64) -> Table:
+def matrix(title: str, names: Sequence[str], probabilities: Sequence[Sequence[float]]) -> Table:
     """Table of ``[N, N]`` probabilities of the row player against the column player."""
-    table = _table(title, "")
-    table.columns[0].no_wrap = True
-    for name in names:
-        table.add_column(_name(name), justify="right", no_wrap=True)
-    for i, name in enumerate(names):
-        table.add_row(_name(name), *("" if i == j else percent(probabilities[i, j]) for j in range(len(names))))
-    return table
-
-
-def player_rows(rows: "Sequence[PlayerRow]") -> Table:
-    """Table of players by their mean predicted results."""
-    right = ("skill as of", "strokes in the data", "rallies won", "matches won")
-    table = _table("Predicted against all others", "player", right=right)
-    for row in rows:
-        table.add_row(_name(row.name), row.since, f"{row.strokes:,}", percent(row.rally_win), percent(row.match_win))
-    return table
-
-
-def pair_rows(rows: "Sequence[Prediction]") -> Table:
-    """Table of predictions of pairs, with real results where there are any."""
-    met = any(row.matches for row in rows)
-    right = ("rallies won", "95 % interval", "matches won", "95 % interval")
-    table = _table(
-        "Predicted, first player against second", "players", right=(*right, "real rallies", "real matches")[: 6 if met else 4]
-    )
-    for row in rows:
-        real = (f"{row.rallies_won} of {row.rallies}", f"{row.matches_won} of {row.matches}") if met else ()
-        table.add_row(
-            Text(printable(" against ".join(row.players))),
-            percent(row.rally_win),
-            f"{100 * row.rally_low:.1f} to {100 * row.rally_high:.1f}",
-            percent(row.match_win),
-            f"{100 * row.match_low:.0f} to {100 * row.match_high:.0f}",
-            *real,
-        )
-    return table
-
-
-def scouted_rows(players: Sequence["ListedPlayer"]) -> Table:
-    """Table of the players who can be scouted."""
-    table = _table("Players", "player", "discipline", right=("strokes", "matches", "last match", "own choices"))
-    for each in players:
-        choices = "yes" if each.imitated else "no"
-        counts = (f"{each.strokes:,}", f"{each.matches:,}", str(each.last), choices)
-        table.add_row(Text(printable(each.name)), each.discipline, *counts)
-    return table
-
-
-def reason_rows(prediction: "Prediction") -> Table:
-    """Table of the offsets with the largest effects."""
-    table = _table(f"Points of 100 rallies for {printable(prediction.players[0])}", "offset", right=("points",))
-    for reason, points in prediction.reasons.items():
-        table.add_row(Text(printable(reason)), f"{points:+.2f}")
-    return table
+    rows = ([name, *map(percent, row)] for name, row in zip(names, probabilities, strict=True))
+    return table(title, ("", *names), ([*row[: i + 1], "", *row[i + 2 :]] for i, row in enumerate(rows)))
 
 
 def percent(share: float) -> str:
@@ -512,16 +437,3 @@ def _reader_is_gone() -> bool:
 def _drop_output() -> None:
     """Discard buffered output, which the interpreter would otherwise write at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _name(name: str) -> Text:
-    return Text(printable(name))
-
-
-def _with_interval(share: float, interval: tuple[float, float] | None) -> str:
-    return percent(share) if interval is None else f"{percent(share)} ({percent(interval[0])} to {percent(interval[1])})"
-
-
-def _number(value: float | None) -> str:
-    # Adding 0 turns a rounded -0.0 into 0.0.
-    return "-" if value is None else f"{round(value, 4) + 0:.4f}"

@@ -8,20 +8,18 @@ from typing import Annotated, Any, Final
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from shuttle_marl.base.errors import command, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import HandsTold
-from shuttle_marl.data import Report, provenance_of, upstream, write_parquet
+from shuttle_marl.data import Report, column_map, provenance_of, upstream, write_parquet
 from shuttle_marl.data import validate as check
 from shuttle_marl.data.cleaning import clean_matches
-from shuttle_marl.data.column_map import TEMPLATE_CSV, template_map
 from shuttle_marl.data.hands import hands_of, telling_hands
 from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.problems import DataError
 from shuttle_marl.data.schema import DROP_REASONS, Account
-from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.data.table import load_counted, pseudonymous
 from shuttle_marl.data.upstream import SPLITS, Split
 
@@ -132,7 +130,7 @@ def template(*, out: Path) -> None:
     Args:
         out: Folder for both.
     """
-    contents = {"strokes.csv": TEMPLATE_CSV, "columns.toml": template_map()}
+    contents = {name: column_map.template(name) for name in ("strokes.csv", "columns.toml")}
     for name in contents:
         cli.check_free(out / name)
     for name, content in contents.items():
@@ -155,12 +153,10 @@ def summary(root: Root, *, json: bool = False) -> None:
         cli.print_json({**account.as_json(), "hands": hands})
         return
     _show(account)
-    table = Table("player", "hand", "around the head", "on the right", title="left-handers, and players of unknown hand")
-    for name, player in players.items():
-        if player.name != "right":
-            table.add_row(printable(name), player.name, f"{player.n:,}", "" if player.share is None else f"{player.share:.0%}")
-    if table.row_count:
-        cli.console().print(table)
+    rows = [(name, p.name, p.n, "" if p.share is None else p.share) for name, p in players.items() if p.name != "right"]
+    if rows:
+        headings = ("player", "hand", "around the head", "share on the right")
+        cli.tell(cli.table("left-handers, and players of unknown hand", headings, rows))
 
 
 def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | None = None, json: bool = False) -> None:
@@ -205,21 +201,14 @@ def _show_report(report: Report) -> None:
 
 
 def _show(account: Account) -> None:
-    console = cli.console()
-    table = Table("", "total", "kept", "share", title=f"{account.matches} matches")
-    for name, total, kept in (
-        ("rallies", account.rallies, account.rallies_kept),
-        ("strokes", account.strokes, account.strokes_kept),
-    ):
-        table.add_row(name, f"{total:,}", f"{kept:,}", f"{kept / max(total, 1):.1%}")
-    console.print(table)
+    counts = {"rallies": (account.rallies, account.rallies_kept), "strokes": (account.strokes, account.strokes_kept)}
+    rows = ((name, n, kept, kept / max(n, 1)) for name, (n, kept) in counts.items())
+    cli.tell(cli.table(f"{account.matches} matches", ("", "total", "kept", "share"), rows))
     if account.dropped:
-        table = Table("rows dropped", "rows", "why", title="dropped rows")
-        for reason, count in account.dropped.items():
-            table.add_row(printable(reason), f"{count:,}", DROP_REASONS.get(reason, ""))
-        console.print(table)
+        reasons = ((name, n, DROP_REASONS.get(name, "")) for name, n in account.dropped.items())
+        cli.tell(cli.table("dropped rows", ("rows dropped", "rows", "why"), reasons))
     if account.area_agreement is not None:
-        console.print(f"areas computed from the coordinates agree with {account.area_agreement:.1%} of the labels")
+        cli.tell(f"areas computed from the coordinates agree with {account.area_agreement:.1%} of the labels")
 
 
 COMMANDS: Final[dict[str, cli.Command]] = {

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import tyro
-from rich.table import Table
 
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.base.files import FileReadError, read_json
-from shuttle_marl.commands.cli import Command, check_free, console, entry_point, print_json
+from shuttle_marl.commands.cli import Command, check_free, console, entry_point, show, table
 from shuttle_marl.commands.options import HandsTold, hands_told
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.game.shipped import model_folder, read_model_card
@@ -104,38 +103,17 @@ def evaluate(
     from shuttle_marl.dynamics.make import evaluate_model  # noqa: PLC0415  torch
 
     result = evaluate_model(data, model_folder(model), split, report=_report)
-    if json:
-        print_json(result)
-        return
-    table = Table(title=f"{split} split: models and boosted trees")
-    for column in ("", "rows", "log-loss", "trees", "ratio", "Brier", "AUC", "ECE"):
-        table.add_column(column, justify="left" if not column else "right")
+    rows = []
     for name in ("success", "return", "contact"):
-        s = result[name]
-        ratio = s["log_loss"] / s["trees"]["log_loss"]
-        numbers = (s["log_loss"], s["trees"]["log_loss"], ratio, s["brier"], s["auc"], s["ece"])
-        table.add_row(name, f"{s['rows']:,}", *(f"{x:.4f}" for x in numbers))
-    out = console()
-    out.print(table)
-    following = result["next_stroke"]
-    for key in ("shot_type", "area", "area_given_type"):
-        out.print(f"{key}: " + ", ".join(f"top-{k + 1} {x:.3f}" for k, x in enumerate(following[key])))
-
-
-def recovery(data: Path, model: str = "default") -> None:
-    """Fit where people wait, and what that changes, and add it to an existing model; takes a minute.
-
-    Args:
-        data: folder of the download, or the Parquet file that the model was fitted to.
-        model: name of a shipped model, or a model folder.
-    """
-    from shuttle_marl.dynamics.recovery import add_recovery  # noqa: PLC0415  torch
-
-    found = add_recovery(data, model_folder(model), report=_report)["recovery"]
-    console().print(
-        f"{printable(model)}: {found['strokes']:,} strokes, {found['feasible']:.2f} feasible positions on average, "
-        f"{100 * found['inside']:.1f} % of people's positions are feasible"
+        figures, trees = result[name], result[name]["trees"]["log_loss"]
+        loss = (figures["log_loss"], trees, figures["log_loss"] / trees)
+        rows.append((name, figures["rows"], *loss, figures["brier"], figures["auc"], figures["ece"]))
+    headings = ("", "rows", "log-loss", "trees", "ratio", "Brier", "AUC", "ECE")
+    following = (
+        f"{key}: " + ", ".join(f"top-{k + 1} {x:.3f}" for k, x in enumerate(result["next_stroke"][key]))
+        for key in ("shot_type", "area", "area_given_type")
     )
+    show(result, json, table(f"{split} split: models and boosted trees", headings, rows), *following)
 
 
 def card(
@@ -170,7 +148,7 @@ def card(
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
 
 
-COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "recovery": recovery, "card": card}
+COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}
 
 
 main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", __doc__ or "")

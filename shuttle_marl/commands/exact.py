@@ -25,6 +25,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
+    from shuttle_marl.exact.regret import Hole
     from shuttle_marl.game.rally.record import Rallies
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
@@ -43,7 +44,12 @@ class PlotOptions:
 
 Model = tyro.conf.OmitArgPrefixes[GameOptions]
 AtLeast = Annotated[int | None, tyro.conf.arg(metavar="INT")]
+_SCORES: Final = (
+    *("policy", "rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin"),
+)
+_HOLES: Final = ("state", "plays, better", "in self-play", "against its best response", "lost a stroke", "lost a rally")
 _AT_LEAST: Final = "--at-least N sets the number"
+_SHOWN_SHOTS: Final = 5
 _EXPECTED: Final = "the part of the edge over 50 % that unseen matches realise, docs/truth.md"
 _GAME: Final = GameOptions()
 _NO_PLOT: Final = PlotOptions()
@@ -87,34 +93,25 @@ def solve(
     others = refits_of(tables) if away else ()
     with cli.working("playing the refits"):
         spreads = over(others, functools.partial(of_solution, solution)) if others else None
+    seen = exact.visits(*solution.policy)
+    serving = (1 + solution.value_at_serve) / 2
+    home = {"server_win": serving, "exploitability": 0.0}
     figures = {
         "value_at_serve": solution.value_at_serve,
+        "server_win": serving,
         "states": tables.n_states,
         "legal_pairs": tables.n_pairs,
         "sweeps": solution.sweeps,
         "residual": solution.residual,
         "error_bound": solution.error_bound,
         "seconds": seconds,
-        **cli.home_and_away_json({"server_win": (1 + solution.value_at_serve) / 2, "exploitability": 0.0}, spreads),
+        "rally_length": seen.rally_length,
+        "endings": seen.endings(),
+        "shot_mix": _mix(seen, 0),
+        **cli.home_and_away_json(home, spreads),
     }
-    if json_output:
-        cli.print_json(figures)
-        return
-    serving = (1 + solution.value_at_serve) / 2
-    seen = exact.visits(*solution.policy)
-    ends = seen.endings()
-    winners = ends["winner of player 0"] + ends["winner of player 1"]
-    rows = {
-        "value at the serve": f"{solution.value_at_serve:+.6f}: the server wins {cli.percent(serving)} of the rallies",
-        "error bound": f"{solution.error_bound:.1e} (residual {solution.residual:.1e}, contraction {solution.contraction:.5f})",
-        "solved in": f"{seconds:.2f} s: {solution.sweeps} sweeps of {tables.n_pairs:,} legal pairs in {tables.n_states:,} states",
-        "strokes a rally": f"{seen.rally_length:.2f}",
-        "rallies end by": f"winner {cli.percent(winners)}, fault {cli.percent(1 - winners)}",
-        "shots": cli.shares(dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))),
-        "a rally won adds": f"{exact.least_gain(serving, 1 - serving):.1e} or more to the match win probability, at every score",
-    }
-    cli.console().print(cli.facts(rows))
-    cli.print_home_and_away([("minimax", figures["home"], spreads)], others, asked=away)
+    gain = f"A rally won adds {exact.least_gain(serving, 1 - serving):.1e} or more to the match win probability, at every score."
+    cli.show(figures, json_output, gain, *cli.home_and_away([("minimax", home, spreads)], others, asked=away))
 
 
 def evaluate(
@@ -153,25 +150,36 @@ def evaluate(
     if json_output:
         cli.print_json([card.as_json() for card in cards])
         return
-    console = cli.console()
-    console.print(cli.scorecards(cards))
-    console.print(cli.play(cards))
     best = scorer.reference_best
-    console.print(
-        f"normalised: 0 is bc, 1 is the best response to bc ({100 * best.rally:.2f} % of rallies). exploitability: gain "
-        "of the best response, which wins 50 % of rallies plus half of it. regret: loss against perfect play. "
-        "thin: fraction of its strokes with fewer than five real strokes behind them."
-    )
-    cli.print_home_and_away(
-        [(card.policy, card.home, card.away) for card in cards if not card.sampled], scorer.refits, asked=away
-    )
     bounds = [card.error_bound for card in cards if card.error_bound is not None]
-    if bounds:
-        console.print(f"exact: every figure is within {max(bounds):.0e} of the true one.")
-    for card in cards:
-        if card.sampled:
-            name = printable(card.policy)
-            console.print(f"{name} reads the score: sampled in {card.matches} matches, 95 % intervals.")
+    exactly = [(card.policy, card.home, card.away) for card in cards if not card.sampled]
+    cli.tell(
+        cli.table("Against bc, its best response, and perfect play", _SCORES, map(_scores, cards)),
+        cli.table(
+            "Rallies against bc",
+            ("policy", "endings", f"its {_SHOWN_SHOTS} most frequent shots"),
+            (
+                (card.policy, card.endings_vs_bc, cli.shares(card.shot_mix_vs_bc, _SHOWN_SHOTS))
+                for card in cards
+                if card.shot_mix_vs_bc is not None
+            ),
+        ),
+        f"normalised: 0 is bc, 1 is the best response to bc ({cli.percent(best.rally)} of rallies). exploitability: gain "
+        "of the best response, which wins 50 % of rallies plus half of it. regret: loss against perfect play. "
+        "thin: fraction of its strokes with fewer than five real strokes behind them.",
+        *cli.home_and_away(exactly, scorer.refits, asked=away),
+        f"exact: every figure is within {max(bounds):.0e} of the true one." if bounds else "",
+        *[f"{card.policy} reads the score: sampled in {card.matches} matches, 95 % intervals." for card in cards if card.sampled],
+    )
+
+
+def _scores(card: "Scorecard") -> tuple[cli.Figure, ...]:
+    def interval(share: float, limits: tuple[float, float] | None) -> cli.Figure:
+        return share if limits is None else (share, *limits)
+
+    rally, match = interval(card.rally_win_vs_bc, card.rally_interval), interval(card.match_win_vs_bc, card.match_interval)
+    figures = card.normalised_score, card.exploitability, card.regret_per_rally, f"{card.rally_length_vs_bc:.2f}"
+    return card.policy, rally, match, *figures, card.thin_vs_bc
 
 
 def best_response(
@@ -204,52 +212,36 @@ def best_response(
         odds, seen = answer.value.odds(), exact.visits(answer.policy, opponent)
     factor = factor_of(tables)
     expected = None if factor is None else Estimate(*(0.5 + part for part in factor.scaled(odds.rally - 0.5)))
-    mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
-    support = _support(tables, seen.base_pairs(0).sum(axis=0))
     if save is not None:
         answer.policy.save(save, {"policy": f"best-response:{policy}"})
     others = refits_of(tables) if away else ()
     with cli.working("playing the refits"):
         spreads = over(others, functools.partial(of_pair, answer.policy, opponent)) if others else None
+    home = {"rally_win": odds.rally, "match_win": odds.match()}
     figures: dict[str, Any] = {
         "policy": policy,
-        "rally_win": odds.rally,
+        **home,
         "rally_win_serving": odds.serving,
         "rally_win_receiving": odds.receiving,
-        "match_win": odds.match(),
         "expected_rally_win": None if expected is None else expected._asdict(),
         "exploitability": odds.value,
         "rally_length": seen.rally_length,
         "endings": seen.endings(),
-        "shot_mix": mix[0],
+        "shot_mix": _mix(seen, 0),
+        "shot_mix_of_policy": _mix(seen, 1),
         "at_least": least,
-        "support": support,
+        "support": _support(tables, seen.base_pairs(0).sum(axis=0)),
         "error_bound": max(answer.value.error_bound, seen.error_bound),
         "saved": None if save is None else str(save),
-        **cli.home_and_away_json({"rally_win": odds.rally, "match_win": odds.match()}, spreads),
+        **cli.home_and_away_json(home, spreads),
     }
-    if json_output:
-        cli.print_json(figures)
-        return
-    wins = f"{cli.percent(odds.rally)} of rallies ({cli.percent(odds.serving)} serving, {cli.percent(odds.receiving)} receiving)"
-    rows = {
-        "the best response to": policy,
-        "wins": f"{wins}, {cli.percent(odds.match())} of matches",
-        "exploitability": f"{odds.value:.6f} (within {answer.value.error_bound:.0e})",
-        "strokes a rally": f"{seen.rally_length:.2f}",
-        "rallies end by": cli.shares({name.replace("player 0", "the response"): share for name, share in seen.endings().items()})
-        .replace("player 1", policy),
-        "shots of the response": cli.shares(mix[0]),
-        f"shots of {policy}": cli.shares(mix[1]),
-        "real strokes behind it": _support_text(support, least),
-    }  # fmt: skip
-    if expected is not None:
-        low, high = cli.percent(expected.low), cli.percent(expected.high)
-        rows["to expect in real matches"] = f"{cli.percent(expected.value)} of rallies ({low} to {high}): {_EXPECTED}"
-    if save is not None:
-        rows["saved as"] = f"table:{save}"
-    cli.console().print(cli.facts(rows))
-    cli.print_home_and_away([("the response", figures["home"], spreads)], others, asked=away)
+    notes = (
+        f"player 0 is the response, player 1 {policy}. support: fractions of its strokes with so few real ones behind them "
+        f"({_AT_LEAST}).",
+        f"expected: {_EXPECTED}." if expected is not None else "",
+        f"saved as table:{save}" if save is not None else "",
+    )
+    cli.show(figures, json_output, *notes, *cli.home_and_away([("the response", home, spreads)], others, asked=away))
 
 
 def holes(
@@ -279,21 +271,31 @@ def holes(
     if json_output:
         cli.print_json({"policy": policy, "at_least": least, **found.as_json()})
         return
-    console = cli.console()
-    console.print(cli.holes(policy, found))
-    console.print(
+    factor = factor_of(tables)
+    realised = ""
+    if factor is not None:
+        part, low, high = map(cli.percent, (factor.value, factor.low, factor.high))
+        realised = (
+            f" In matches that no fit used, {part} ({low} to {high}) of a predicted advantage was realised (docs/truth.md)."
+        )
+    cli.tell(
+        cli.table(f"Largest losses of {policy} to its best response", _HOLES, map(_hole, found.holes)),
         f"{len(found.holes)} of {found.states:,} states with a loss account for {cli.percent(found.share)} of it. The policy "
         f"loses {found.loss:.5f} a rally to its best response, which gives up {found.given_up:.5f} of perfect play in exchange: "
         f"exploitability {found.exploitability:.5f} (within {found.error_bound:.0e}). in self-play, against its best response: "
         "expected visits of the policy in a rally, with each player serving half of the rallies. "
-        f"Better strokes have at least {least} real ones behind them where a state has any such ({_AT_LEAST})."
+        f"Better strokes have at least {least} real ones behind them where a state has any such ({_AT_LEAST}).{realised}",
     )
-    factor = factor_of(tables)
-    if factor is not None:
-        console.print(
-            f"In matches that no fit used, {cli.percent(factor.value)} ({cli.percent(factor.low)} to {cli.percent(factor.high)}) "
-            "of a predicted advantage was realised by the end of the rally (docs/truth.md)."
-        )
+
+
+def _hole(hole: "Hole") -> tuple[cli.Figure, ...]:
+    def real(number: float | None) -> str:
+        return "" if number is None else f"\n{number:,.0f} real strokes"
+
+    better = "" if hole.best == hole.played else f"\n{hole.best} {cli.percent(hole.best_share)}{real(hole.best_real)}"
+    played = f"{hole.played} {cli.percent(hole.played_share)}{real(hole.played_real)}{better}"
+    seen = f"{hole.in_self_play:.2g}", f"{hole.against_best_response:.2g}"
+    return hole.description.replace(", ", "\n", 2), played, *seen, hole.regret, f"{hole.loss:.5f}"
 
 
 def crossplay(
@@ -328,29 +330,28 @@ def crossplay(
         spreads = over(
             others, lambda refit: of_all_pairs(exact.crossplay([exact.moved(each, refit) for each in entrants])), at_once=1
         )
-    if json_output:
-        figures = {
-            "policies": list(policies),
-            "rally_win_serving": odds.serving.tolist(),
-            "rally_win_receiving": odds.receiving.tolist(),
-            "rally_win": odds.rally.tolist(),
-            "match_win": odds.match().tolist(),
-            "error_bound": odds.error_bound,
-            "seconds": seconds,
-            **cli.home_and_away_json({name: np.asarray(figure).tolist() for name, figure in home.items()}, spreads),
-        }
-        cli.print_json(figures)
-        return
-    console = cli.console()
-    console.print(cli.matrix("Matches won by the row against the column", policies, odds.match()))
-    console.print(cli.matrix("Rallies won by the row against the column", policies, odds.rally))
-    shares = np.asarray(home["match_share"])
-    cli.print_home_and_away(
-        [(name, {"match_share": shares[i]}, None if spreads is None else {"match_share": spreads["match_share"].at(i)})
-         for i, name in enumerate(policies)],
-        others, asked=away,
-    )  # fmt: skip
-    console.print(f"exact: every probability of a rally is within {odds.error_bound:.0e} of the true one; {seconds:.1f} s")
+    figures = {
+        "policies": list(policies),
+        "rally_win_serving": odds.serving.tolist(),
+        "rally_win_receiving": odds.receiving.tolist(),
+        "rally_win": odds.rally.tolist(),
+        "match_win": odds.match().tolist(),
+        "error_bound": odds.error_bound,
+        "seconds": seconds,
+        **cli.home_and_away_json({name: np.asarray(figure).tolist() for name, figure in home.items()}, spreads),
+    }
+    shares = np.asarray(home["match_share"]).tolist()
+    headlines: list[cli.Headlines] = [
+        (name, {"match_share": share}, None if spreads is None else {"match_share": spreads["match_share"].at(i)})
+        for i, (name, share) in enumerate(zip(policies, shares, strict=True))
+    ]
+    cli.show(
+        figures,
+        json_output,
+        cli.matrix("Matches won by the row against the column", policies, figures["match_win"]),
+        cli.matrix("Rallies won by the row against the column", policies, figures["rally_win"]),
+        *cli.home_and_away(headlines, others, asked=away),
+    )
 
 
 @contextlib.contextmanager
@@ -374,27 +375,27 @@ def _recorded(
 
 def _strokes_to_plot(game: Game, chart: PlotOptions) -> tuple[int | None, int | None]:
     """Catalogue indices of the incoming and the own stroke of a chart, checked before anything is computed."""
-    from shuttle_marl.analysis import pictures  # noqa: PLC0415
+    from shuttle_marl.reports import charts, rally  # noqa: PLC0415
 
     if chart.plot is None:
         if chart.incoming is not None or chart.own is not None:
             raise ExactError("--incoming and --own select the content of a chart; name its file with --plot FILE")
         return None, None
-    pictures.check_format(chart.plot)
-    incoming, own = (None if name is None else pictures.stroke_index(game, name) for name in (chart.incoming, chart.own))
+    charts.check_format(chart.plot)
+    incoming, own = (None if name is None else rally.stroke_index(game, name) for name in (chart.incoming, chart.own))
     if incoming is not None:
-        pictures.edges_of(game, incoming, own)
+        rally.edges_of(game, incoming, own)
     return incoming, own
 
 
 def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:
-    from shuttle_marl.analysis import pictures  # noqa: PLC0415
+    from shuttle_marl.reports import charts  # noqa: PLC0415
 
     if incoming is None:
         tables = solution.games[0]
         stroke = tables.incoming(np.arange(tables.n_states))
         incoming = int(np.bincount(stroke, exact.visits(*solution.policy).states[0])[: tables.n_strokes].argmax())
-    pictures.save(pictures.best_replies(solution, incoming, own), path)
+    charts.save(charts.best_replies(solution, incoming, own), path)
 
 
 def _check_at_least(number: int | None) -> None:
@@ -413,12 +414,8 @@ def _support(game: Game, played: F64) -> dict[str, float] | None:
     return {f"fewer_than_{n}": float(played[behind < n].sum() / played.sum()) for n in (FEW_STROKES, RELIABLE)}
 
 
-def _support_text(support: dict[str, float] | None, least: int) -> str:
-    if support is None:
-        return "not known for this model"
-    few, unreliable = support.values()
-    text = f"fewer than 5 behind {cli.percent(few)} of its strokes, fewer than {RELIABLE} behind {cli.percent(unreliable)}"
-    return f"{text} ({_AT_LEAST})" if not least else f"{text}, at least {least} where a state has any"
+def _mix(seen: exact.Visits, player: int) -> dict[str, float]:
+    return dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True))
 
 
 def _check_some(policies: Sequence[str]) -> None:
@@ -448,23 +445,21 @@ def depth(
 
     tables, console = model.load(), cli.console(stderr=True)
     found = depth(tables, policies or POLICIES, report=lambda line: console.print(line, markup=False))
-    if json_output:
-        cli.print_json(found)
-        return
-    output = cli.console()
-    output.print(*cli.depth(found))
-    if tables.recovery is not None:
-        strokes, positions = (cli.percent(found["mixed"][name]) for name in ("strokes", "positions"))
-        output.print(
-            f"Perfect play mixes strokes in {strokes} and positions in {positions} of its choices. A best response wins "
-            f"{cli.percent(found['purified'])} against its most likely choices, and {cli.percent(found['ignores_position'])} "
-            "against perfect play of the game without recovery that waits as people do."
-        )
-    output.print(
-        f"{found['impossible']} legal strokes at the net are met in the back third. rare: fraction of its strokes of a shot type "
-        "that bc plays there in less than 1 % of cases. shot types: those above 2 %. smash after a lift: fraction of its replies "
-        "to a lift from above. net runs: fraction of its net shots in runs of three or more cross-court ones. kinds: pairs of a "
-        "shot type and a target area above 1 %. people: in the matches of the fit. normalised: 0 is bc, 1 its best response."
+    played = {f"{name} against {other}": of for name, against in found["policies"].items() for other, of in against.items()}
+    people = {"people": found["people"]} if found["people"] else {}
+    cli.show(
+        found,
+        json_output,
+        cli.named("Play", played | people),
+        cli.named("Best policies that read", found["lists"]),
+        "impossible: legal strokes at the net that are met in the back third. types, kinds: shot types above 2 %, and pairs of a "
+        "shot type and a target area above 1 %. smash after lift: fraction of its replies to a lift from above. net runs: part "
+        "of its net shots in runs of three or more cross-court ones. rare: fraction of its strokes of a shot type that bc plays "
+        "there in less than 1 % of cases. people: in the matches of the fit. score: 0 is bc, 1 its best response.",
+        "mixed: choices of strokes and of positions in which perfect play mixes. purified, ignores position: rallies that a best "
+        "response wins against its most likely choices, and against perfect play of the game without recovery."
+        if tables.recovery is not None
+        else "",
     )
 
 

@@ -46,20 +46,9 @@ def train(
         from shuttle_marl.training.league.run import MAIN, train_league  # noqa: PLC0415  torch
 
     done = train_league(config, cli.console(stderr=True))
-    figures = done.figures
-    if json_output:
-        cli.print_json({**figures, "run": str(done.folder)})
-        return
-    table = printable(str(done.folder / MAIN))
-    rows = {
-        "main agent": f"{figures['main_agent']}, the least exploitable of {len(figures['curve'])}",
-        "exploitability": f"{figures['exploitability']:.5f} (within {figures['error_bound']:.0e})",
-        "rounds": f"{figures['rounds']} in {figures['seconds']:.0f} s, {figures['strokes']:,} strokes",
-        "policies": f"{len(figures['policies'])}, {figures['payoffs_solved']} pairs of them solved exactly",
-        "played as": f"table:{table}",
-        "run folder": printable(str(done.folder)),
-    }
-    cli.console().print(cli.facts(rows), soft_wrap=True)
+    figures = {**done.figures, "run": str(done.folder)}
+    played = f"The main agent is the least exploitable of {len(figures['curve'])}; played as table:{done.folder / MAIN}"
+    cli.show(figures, json_output, played)
 
 
 def report(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], *, out: Path = Path("report.html")) -> None:
@@ -100,8 +89,8 @@ def pairs(
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.analysis.outlook import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
     from shuttle_marl.data import read_matches  # noqa: PLC0415
+    from shuttle_marl.league.pairs import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
@@ -119,11 +108,31 @@ def pairs(
     if json_output:
         cli.print_json({"players": [dataclasses.asdict(row) for row in rows], "pairs": [*map(dataclasses.asdict, predictions)]})
         return
-    cli.console().print(cli.player_rows(rows))
     met = sorted((each for each in predictions if each.matches), key=lambda each: -each.rallies)
-    cli.console().print(cli.pair_rows(met or predictions))
+    real = ("real rallies", "real matches") if met else ()
+    cli.tell(
+        cli.table(
+            "Predicted against all others",
+            ("player", "skill as of", "strokes in the data", "rallies won", "matches won"),
+            ((row.name, row.since, row.strokes, row.rally_win, row.match_win) for row in rows),
+        ),
+        cli.table(
+            "Predicted, first player against second",
+            ("players", "rallies won", "matches won", *real),
+            (
+                (
+                    " against ".join(row.players),
+                    (row.rally_win, row.rally_low, row.rally_high),
+                    (row.match_win, row.match_low, row.match_high),
+                    *(f"{row.rallies_won} of {row.rallies}", f"{row.matches_won} of {row.matches}")[: len(real)],
+                )
+                for row in met or predictions
+            ),
+        ),
+    )
     if len(predictions) == 1:
-        cli.console().print(cli.reason_rows(predictions[0]))
+        points = ((name, f"{value:+.2f}") for name, value in predictions[0].reasons.items())
+        cli.tell(cli.table(f"Points of 100 rallies for {predictions[0].players[0]}", ("offset", "points"), points))
 
 
 COMMANDS: Final = play

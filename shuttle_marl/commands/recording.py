@@ -28,7 +28,7 @@ from shuttle_marl.recording.replay import check as check_log
 from shuttle_marl.scene import SceneError
 
 if TYPE_CHECKING:
-    from shuttle_marl.analysis.rally import Resolve
+    from shuttle_marl.reports.rally import Resolve
 
 File = Annotated[Path, tyro.conf.Positional]
 Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]

@@ -13,7 +13,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json, PlayerOptions
-from shuttle_marl.pages.languages import Language, speaking
+from shuttle_marl.reports.languages import Language, speaking
 from shuttle_marl.watch import WatchError
 
 

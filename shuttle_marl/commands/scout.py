@@ -10,7 +10,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import hands_told
 from shuttle_marl.commands.reports import ReportOptions
-from shuttle_marl.pages.languages import speaking
+from shuttle_marl.reports.languages import speaking
 
 _OUTPUT: Final = ReportOptions()
 
@@ -38,20 +38,19 @@ def scout(
         list_players: list the players of the model instead.
         output: what is written.
     """
-    from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415  these keep --help quick
-    from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
-    from shuttle_marl.coach.scout_page import scouting_page  # noqa: PLC0415
-    from shuttle_marl.coach.sources import gaps  # noqa: PLC0415
-    from shuttle_marl.coach.words import words  # noqa: PLC0415
     from shuttle_marl.data import read_matches  # noqa: PLC0415
     from shuttle_marl.game.pairs import people_of  # noqa: PLC0415
+    from shuttle_marl.reports.scout_page import scouting_page  # noqa: PLC0415
+    from shuttle_marl.reports.scouting import plain, players_of  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.reports.scouting import scout as scouted  # noqa: PLC0415
+    from shuttle_marl.reports.sources import gaps  # noqa: PLC0415
+    from shuttle_marl.reports.words import words  # noqa: PLC0415
 
     if list_players:
         listed = players_of(game)
-        if output.json_output:
-            cli.print_json({"players": [plain(each) for each in listed]})
-        else:
-            cli.console().print(cli.scouted_rows(listed))
+        rows = ((p.name, p.discipline, p.strokes, p.matches, str(p.last), "yes" if p.imitated else "no") for p in listed)
+        headings = ("player", "discipline", "strokes", "matches", "last match", "own choices")
+        cli.show({"players": [plain(each) for each in listed]}, output.json_output, cli.table("Players", headings, rows))
         return
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")

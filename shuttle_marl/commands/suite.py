@@ -1,9 +1,9 @@
-"""The benchmark suite: tasks with exact scores, runs of methods, rounds of committed code, and the leaderboard (docs/suite)."""
+"""The benchmark suite: tasks with exact scores, runs of methods, and the leaderboard (docs/suite)."""
 
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import tyro
 from rich.progress import track
@@ -14,13 +14,9 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.suite.options import NOTHING_GIVEN, Beacon, RerunOptions, Resources, Split, SuiteError, SuiteRun, VerifyOptions
+from shuttle_marl.suite.options import SPLITS, Split, SuiteError, SuiteRun
 
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
-Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
-Folders = Annotated[tuple[Path, ...], tyro.conf.Positional]
-_FRONTIER: Final[tuple[Literal["score", "exploitability", "gain"], ...]] = ("score", "exploitability", "gain")
-_RESOURCES: Final = Resources()
 _SHOWN: Final = 20
 """Refused units that are printed."""
 
@@ -38,10 +34,8 @@ def list_tasks(*, json_output: Json = False) -> None:
         {
             **_described(task),
             "higher_is_better": task.higher_is_better,
-            "optimum": task.optimum,
             "game": arena_of(task, "default", "test").base,
-            "splits": list(task.splits),
-            "seeds": task.seeds,
+            "splits": SPLITS,
             "baselines": list(BASELINES[kind_of(name)]),
         }
         for name, task in suite.TASKS.items()
@@ -56,8 +50,8 @@ def list_tasks(*, json_output: Json = False) -> None:
 
 
 def _described(task: "suite.Task") -> dict[str, Any]:
-    parts = {name: getattr(task, name) for name in ("about", "protocol", "access", "entrance", "metric", "unit", "zero")}
-    return {"task": task.name, **parts, "hidden": list(task.hidden)}
+    names = ("about", "protocol", "access", "entrance", "metric", "unit", "zero", "optimum", "seeds")
+    return {"task": task.name, **{name: getattr(task, name) for name in names}, "hidden": list(task.hidden)}
 
 
 def show(
@@ -66,7 +60,7 @@ def show(
     split: Split = "test",
     quick: bool = False,
     game: str = "default",
-    beacon: Beacon = None,
+    seed: str | None = None,
     json_output: Json = False,
 ) -> None:
     """Show a task: what is given, what is scored, how a method is called, and its cases.
@@ -76,28 +70,21 @@ def show(
         split: part of the task.
         quick: the cases of a quick run.
         game: model of the game.
-        beacon: randomness of the beacon of a round, for the split round.
+        seed: seed of the split round.
         json_output: print JSON.
     """
     from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415  numba
 
     found = suite.find_task(task)
-    arena = arena_of(found, game, split, quick=quick, beacon=beacon)
-    cases = found.cases(arena)
-    fields: dict[str, Any] = {
-        **_described(found),
-        "optimum": found.optimum,
-        "seeds": found.seeds,
-        "game": arena.game.hash,
-        "split": split,
-        "cases": [case.name for case in cases],
-    }
+    arena = arena_of(found, game, split, quick=quick, seed=seed)
+    cases = [case.name for case in found.cases(arena)]
+    fields = {**_described(found), "game": arena.game.hash, "split": split}
     if json_output:
-        cli.print_json(fields)
+        cli.print_json({**fields, "cases": cases})
         return
-    fields["hidden"] = ", ".join(fields["hidden"])
-    rows = {name: str(value) for name, value in fields.items() if name != "cases" and value not in (None, "")}
-    cli.console().print(cli.facts({**rows, f"{len(cases)} cases": ", ".join(fields["cases"])}))
+    fields["hidden"] = ", ".join(found.hidden)
+    rows = {name: str(value) for name, value in fields.items() if value not in (None, "")}
+    cli.console().print(cli.facts({**rows, f"{len(cases)} cases": ", ".join(cases)}))
 
 
 def run(config: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = False) -> None:
@@ -107,21 +94,38 @@ def run(config: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fals
         config: settings of the run.
         json_output: print JSON.
     """
+    from shuttle_marl.suite.board import with_interval  # noqa: PLC0415  numba
+
     folder = suite.run_method(config, cli.console(stderr=True))
-    _print_summary(folder, config.beacon, config.game, json_output=json_output)
+    found = suite.summarise(folder, config.game, config.seed)
+    if json_output:
+        cli.print_json({"folder": str(folder), **found})
+        return
+    rows = {"task": f"{found['task']}, {found['split']}", "method": found["method"], "seeds": str(found["seeds"])}
+    rows |= {name: with_interval(each) for name, each in found["scores"].items()}
+    rows |= {"seconds": f"{found['seconds']:.1f}", "folder": str(folder)}
+    cli.console().print(cli.facts(rows))
+    _print_remarks(found["remarks"])
 
 
-def verify(folder: Folder, *, given: tyro.conf.OmitArgPrefixes[VerifyOptions] = NOTHING_GIVEN, json_output: Json = False) -> None:
+def verify(
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")],
+    *,
+    game: str | None = None,
+    seed: str | None = None,
+    json_output: Json = False,
+) -> None:
     """Recompute every score of a run from its policies and answers; exits with 1 if one is refused.
 
     Args:
         folder: folder of the run.
-        given: what the verification reads besides the folder.
+        game: model of the game; default: the shipped one that the run names. Folders that a run names are not opened.
+        seed: seed of the split round.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.results import NOT_VERIFIED, verify_run  # noqa: PLC0415  numba
+    from shuttle_marl.suite.results import NOT_VERIFIED  # noqa: PLC0415  numba
 
-    found = verify_run(folder, given, progress=_progress)
+    found = suite.verify_run(folder, game, seed, progress=_progress)
     remarks = [] if found.summary is None else found.summary["remarks"]
     if json_output:
         cli.print_json(
@@ -140,41 +144,45 @@ def verify(folder: Folder, *, given: tyro.conf.OmitArgPrefixes[VerifyOptions] = 
             out.print(printable(f"refused: {each.case}, seed {each.seed}: {each.reason}"), soft_wrap=True)
         if not found.refused:
             out.print(f"{found.units} units reproduced. Not verified: {', '.join(NOT_VERIFIED)}.", soft_wrap=True)
-        if remarks:
-            out.print(f"remarks: {'; '.join(remarks)}", soft_wrap=True)
+        _print_remarks(remarks)
     if found.refused:
         raise SuiteError(f"{folder}: {len(found.refused)} of {found.units} units are refused")
 
 
+def _print_remarks(remarks: Sequence[str]) -> None:
+    if remarks:
+        cli.console().print(f"remarks: {'; '.join(remarks)}", soft_wrap=True)
+
+
 def board(
-    folders: Folders = (),
+    folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
     *,
-    reran: tuple[Path, ...] = (),
     results: File = None,
     check: bool = True,
-    given: tyro.conf.OmitArgPrefixes[VerifyOptions] = NOTHING_GIVEN,
+    game: str | None = None,
+    seed: str | None = None,
     out: File = None,
     html: bool = False,
 ) -> None:
-    """Write the leaderboard from run folders in two classes, rerun and self-reported, best method first, with the open gap.
+    """Write the leaderboard from run folders, best method first, with the open gap.
 
-    Folders that are refused, or differ from a rerun of the same code, are left out with the reason; the exit status is then 1.
+    Folders that are refused, or whose card names no author, are left out with the reason; the exit status is then 1.
 
     Args:
         folders: run folders.
-        reran: folders of `suite rerun` that you trust, such as your own.
         results: a file of `python -m experiments.suite`, whose rows are added as they are.
         check: verify the folders; entries that are not verified are marked.
-        given: what the verification reads besides the folders.
+        game: model of the game; default: the shipped one that a run names. Folders that a run names are not opened.
+        seed: seed of the split round.
         out: write the board here; default: print it.
         html: write HTML instead of Markdown.
     """
     from shuttle_marl.suite.board import render, rows_of  # noqa: PLC0415  numba
 
-    if not (folders or reran) and results is None:
+    if not folders and results is None:
         raise SuiteError("nothing to show: name run folders, or a file of results with --results")
     left: list[str] = []
-    rows = rows_of(folders, results, reran=reran, check=check, given=given, progress=_progress, failed=left.append)
+    rows = rows_of(folders, results, game=game, seed=seed, check=check, progress=_progress, failed=left.append)
     text = render(rows, "html" if html else "md")
     if out is None:
         print(text, end="")  # noqa: T201
@@ -205,21 +213,24 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
     if json_output:
         cli.print_json(points)
         return
-    rows = {f"p = {each['p']:g}": ", ".join(f"{name} {each[name]:.3f}" for name in _FRONTIER) for each in points}
+    rows = {
+        f"p = {each['p']:g}": ", ".join(f"{name} {each[name]:.3f}" for name in ("score", "exploitability", "gain"))
+        for each in points
+    }
     cli.console().print(cli.facts(rows))
 
 
-def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl", "apart"] = "python") -> None:
+def new_submission(task: Task, *, author: str, out: Path = Path()) -> None:
     """Write a template of a method, at most 40 lines that run as they are, and a card.
 
     Args:
         task: name of the task.
+        author: your name on boards.
         out: folder.
-        language: language of the template; apart: Python for a round, which runs without this package.
     """
     from shuttle_marl.suite.registry import new_submission as write  # noqa: PLC0415  numba
 
-    cli.console().print(f"run it in {out} with\n  {write(task, out, language)}", soft_wrap=True)
+    cli.console().print(f"run it in {out} with\n  {write(task, out, author)}", soft_wrap=True)
 
 
 def data(
@@ -233,7 +244,7 @@ def data(
     game: str = "default",
     json_output: Json = False,
 ) -> None:
-    """Write the logs of offline and evaluate as Parquet files or Minari data sets, or the positions of text as JSON lines.
+    """Write the logs of offline and evaluate as Parquet files or Minari data sets.
 
     Args:
         task: name of the task.
@@ -254,97 +265,6 @@ def data(
         cli.console().print(cli.facts(hashes))
 
 
-def commit(
-    folder: Folder,
-    *,
-    task: str,
-    method: str,
-    author: str,
-    beacon: int | None = None,
-    out: Path = Path("commitment.json"),
-    json_output: Json = False,
-) -> None:
-    """Commit to code before a round is drawn: its hash, which the author publishes.
-
-    Args:
-        folder: folder of the code, with everything that it needs besides Python and installed libraries.
-        task: name of the task.
-        method: MODULE:ATTRIBUTE in that folder.
-        author: name on the board.
-        beacon: announced round of the beacon; the commitment then counts in no other one.
-        out: file of the commitment.
-        json_output: print JSON.
-    """
-    from shuttle_marl.suite.run import write  # noqa: PLC0415  numba
-
-    if out.resolve().is_relative_to(folder.resolve()):
-        raise SuiteError(f"{out}: would change the code that is committed to; name a file outside with --out")
-    found = suite.commit(folder, task=task, method=method, author=author, beacon=beacon)
-    write(out, found)
-    fields = {"file": str(out), "hash": found.hash}
-    cli.print_json(fields) if json_output else cli.console().print(cli.facts(fields))
-
-
-def draw(
-    commitments: Folders, *, beacon: int, randomness: str, out: Path = Path("round.json"), json_output: Json = False
-) -> None:
-    """Draw a round after commitments, from a public beacon that appeared after them.
-
-    Args:
-        commitments: files of `suite commit`.
-        beacon: number of a round of the chain quicknet of https://drand.love that was announced before it appeared.
-        randomness: randomness that the beacon published, 64 hexadecimal digits.
-        out: file of the round.
-        json_output: print JSON.
-    """
-    from shuttle_marl.suite.run import BEACON, write  # noqa: PLC0415  numba
-
-    found = suite.draw_round(commitments, beacon=beacon, randomness=randomness)
-    write(out, found)
-    fields = {"file": str(out), "beacon": f"{BEACON}/{beacon}", "entries": str(len(found.commitments))}
-    cli.print_json(fields) if json_output else cli.console().print(cli.facts(fields))
-
-
-def rerun(
-    round_file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ROUND")],
-    folder: Folder,
-    *,
-    asked: tyro.conf.OmitArgPrefixes[RerunOptions],
-    resources: tyro.conf.OmitArgPrefixes[Resources] = _RESOURCES,
-    json_output: Json = False,
-) -> None:
-    """Rerun committed code on a round: apart from this package, without a network, as another user, in a container or namespaces.
-
-    Args:
-        round_file: file of `suite round`.
-        folder: folder of the code.
-        asked: the entry.
-        resources: settings of the run.
-        json_output: print JSON.
-    """
-    from shuttle_marl.suite.run import rerun as again  # noqa: PLC0415  numba
-
-    made = again(round_file, folder, asked, resources, cli.console(stderr=True))
-    _print_summary(made, asked.randomness, resources.game, json_output=json_output)
-
-
-def _print_summary(folder: Path, beacon: str | None, game: str | None, *, json_output: bool) -> None:
-    from shuttle_marl.suite.board import with_interval  # noqa: PLC0415  numba
-
-    found = suite.summarise(folder, beacon, game)
-    if json_output:
-        cli.print_json({"folder": str(folder), **found})
-        return
-    rows = {"task": f"{found['task']}, {found['split']}", "method": found["method"], "seeds": str(found["seeds"])}
-    for name, each in found["scores"].items():
-        rows[name] = with_interval(each)
-    rows["seconds"] = f"{found['seconds']:.1f}"
-    rows["folder"] = str(folder)
-    cli.console().print(cli.facts(rows))
-    if found["remarks"]:
-        cli.console().print(f"remarks: {'; '.join(found['remarks'])}", soft_wrap=True)
-
-
 def _progress(units: Sequence[Any]) -> Any:
     return track(units, "cases", console=cli.console(stderr=True), transient=True)
 
@@ -358,9 +278,6 @@ COMMANDS: Final[dict[str, cli.Command]] = {
     "frontier": frontier,
     "new-submission": new_submission,
     "data": data,
-    "commit": commit,
-    "round": draw,
-    "rerun": rerun,
 }
 
 

@@ -8,12 +8,11 @@ from typing import Annotated, Final
 
 import tyro
 from rich.console import Console
-from rich.table import Table
 
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.interrupts import interrupts_held
 from shuttle_marl.base.runs import PAGE, RALLIES
-from shuttle_marl.commands.cli import Command, Output, console, entry_point, watching
+from shuttle_marl.commands.cli import Command, Output, console, entry_point, named, watching
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.config import CONFIGS, A2CConfig, PPOConfig, SACConfig, TrainingConfig
@@ -59,12 +58,8 @@ def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
         from shuttle_marl.training import train_seeds  # noqa: PLC0415  torch
 
     done = train_seeds(config, seeds, jobs, Console(stderr=True, highlight=False))
-    table = Table("exact figure", "interquartile mean", "95 %", "lowest seed", "highest seed")
-    for name, figure in done.figures.items():
-        numbers = [f"{figure[key]:.4f}" for key in ("value", "low", "high", "lowest", "highest")]
-        table.add_row(name.replace("_", " "), numbers[0], f"{numbers[1]} to {numbers[2]}", *numbers[3:])
     out = console()
-    out.print(table)
+    out.print(named("Exact figures: interquartile mean, 95 % interval, lowest and highest seed", done.figures))
     folders = [done.folder / f"seed-{seed}" for seed in range(config.seed, config.seed + seeds)]
     out.print(f"{seeds} agents are in {done.folder}; the first is played as agent:{folders[0] / 'agent'}")
     out.print(f"report: {_report(done.folder, folders)}", soft_wrap=True)

@@ -18,9 +18,9 @@ from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import load_game, origin_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.pages.languages import Language, current
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.baselines import players as imitated
+from shuttle_marl.reports.languages import Language, current
 from shuttle_marl.watch import WatchError, building
 
 if TYPE_CHECKING:
@@ -279,14 +279,14 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
 
     @functools.lru_cache(maxsize=8)
     def report(match: str | tuple[int, int], _: Language) -> bytes:
-        from shuttle_marl.coach import sources  # noqa: PLC0415  Jinja
-        from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
+        from shuttle_marl.reports import sources  # noqa: PLC0415  Jinja
+        from shuttle_marl.reports.match_page import match_page  # noqa: PLC0415
 
         found = sources.of_strokes(path, game, match) if isinstance(match, str) else sources.of_log(path, game, *match)
         return match_page(*found)
 
     def strokes(match: str | tuple[int, int]) -> "pa.Table":
-        from shuttle_marl.coach import sources  # noqa: PLC0415  Jinja
+        from shuttle_marl.reports import sources  # noqa: PLC0415  Jinja
 
         if isinstance(match, str):
             return sources.match_strokes(read_matches(path), match)

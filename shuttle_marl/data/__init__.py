@@ -4,8 +4,8 @@ Most users only need :func:`read_matches`.
 """
 
 from shuttle_marl.data.cleaning import clean_matches
+from shuttle_marl.data.problems import DataError
 from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome, named, to_df
-from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.data.table import Report, anonymised, load_account, provenance_of, read_matches, validate, write_parquet
 from shuttle_marl.data.upstream import SPLITS, Split, matches_of, split_of
 

@@ -19,9 +19,9 @@ from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import command
 from shuttle_marl.data.conventions import with_common_labels
 from shuttle_marl.data.hands import unknown_hands, with_hands
+from shuttle_marl.data.problems import DataError
 from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, Account, Cleaned, Outcome, stroke_table
 from shuttle_marl.data.shuttleset import AREA_OF_LABEL, NEAREST_OF_LABEL, RawGame, list_matches, read_game
-from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
@@ -58,7 +58,12 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
     if absent or not matches:
         missing = ", ".join(sorted(absent)) or "any match"
         raise DataError(root, f"no files of {missing}; get them with `{command('data', 'download')}`")
-    games = [read_game(match, path) for match in matches for path in match.games()]
+    games = []
+    for match in matches:
+        for path in match.games():
+            games.append(game := read_game(match, path))
+            if game.problems and not game.published:
+                raise DataError.of(game.problems)
     cleaned = [clean_game(game) for game in games]
     strokes, inferred = with_hands(pa.concat_tables([table for table, _ in cleaned]), root)
     strokes, conventions = with_common_labels(strokes)
@@ -67,8 +72,8 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
     account = Account.of(
         strokes,
         matches=len(matches),
-        total=sum(len(game.line) + game.empty for game in games),
-        rallies=sum(len(np.unique(game.rally)) for game in games),
+        total=sum(len(game) + game.empty for game in games),
+        rallies=sum(len(np.unique(game["rally"])) for game in games),
         dropped={reason: dropped[reason] for reason in DROP_REASONS},
         area_agreement=float(agrees.mean()) if len(agrees) else None,
     )
@@ -97,8 +102,8 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
     outcome, reason = outcomes(raw, first)
     # In the image x points right and y down: the lower player's right is +x and the upper player's right is -x.
     facing = np.where(side[:, None] > 0, [1.0, -1.0], [-1.0, 1.0])
-    ego = {name: (raw.point[column] * facing).astype(np.float32) for name, column in _COORDINATES.items()}
-    is_serve = (raw.shot >= 0) & (raw.shot < N_SERVES)
+    ego = {name: (raw[column] * facing).astype(np.float32) for name, column in _COORDINATES.items()}
+    is_serve = (raw["shot"] >= 0) & (raw["shot"] < N_SERVES)
     # A serve has no contact point, and players neither reach far over the net nor stand beyond it.
     ego["contact"][is_serve | (ego["contact"][:, 1] > REACH_OVER)] = np.nan
     ego["striker"][ego["striker"][:, 1] > 0] = np.nan
@@ -107,14 +112,14 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
     area = court.area_of(landing_x, landing_y)
     label = corrected_label(raw, own_half=landing_y < 0)
     tests = {
-        "unreadable value": raw.unreadable,
+        "unreadable value": raw["unreadable"],
         "broken homography": np.full(len(first), raw.broken_homography),
         "contact heights unreliable": np.full(len(first), heights_unreliable(raw, first)),
         "broken rally": broken_rallies(raw, first),
-        "unknown shot type": raw.shot < 0,
-        "serve type inside a rally": is_serve & (raw.stroke > 1),
-        "first stroke is no serve": ~is_serve & (raw.stroke == 1),
-        "contact height missing": (raw.height < 0) & ~is_serve,
+        "unknown shot type": raw["shot"] < 0,
+        "serve type inside a rally": is_serve & (raw["stroke"] > 1),
+        "first stroke is no serve": ~is_serve & (raw["stroke"] == 1),
+        "contact height missing": (raw["height"] < 0) & ~is_serve,
         "side of the court unknown": (side == 0) | contradicted,
         "landing missing": (area < 0) & (outcome != Outcome.FAULT),
         "landing on the striker's side": (landing_y < -REACH_OVER) & (outcome != Outcome.FAULT),
@@ -125,31 +130,27 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         counts[name] = int((valid & test).sum())
         valid &= ~test
     rows = np.flatnonzero(valid)
-    score = raw.score[np.flatnonzero(np.r_[first[1:], True])][np.cumsum(first) - 1]  # that of the last row of the rally
+    score = raw["score"][np.flatnonzero(np.r_[first[1:], True])][np.cumsum(first) - 1]  # that of the last row of the rally
     players = pa.array(raw.match.players)
     texts = {
         "match": pa.repeat(raw.match.name, len(rows)),
-        "source": pa.repeat(raw.match.source, len(rows)),
-        "discipline": pa.repeat(raw.match.discipline, len(rows)),
-        "player": players.take(pa.array(np.where(raw.by_a, 0, 1)[rows])),
-        "opponent": players.take(pa.array(np.where(raw.by_a, 1, 0)[rows])),
+        **{name: pa.repeat(getattr(raw.match, name), len(rows)) for name in ("source", "discipline")},
+        "player": players.take(pa.array(np.where(raw["by_a"], 0, 1)[rows])),
+        "opponent": players.take(pa.array(np.where(raw["by_a"], 1, 0)[rows])),
     }
     untimed = ~timed(raw, first)
     columns: dict[str, npt.NDArray[Any]] = {
         "game": np.full(len(first), raw.game),
-        "rally": raw.rally,
-        "stroke": raw.stroke,
-        "shot": raw.shot,
-        "height": np.where(is_serve, 0, raw.height),  # by the laws; two serves are annotated as above the net
-        "technique": np.where(raw.backhand, 1, np.where(raw.around_head, 2, 0)),
+        **{name: raw[name] for name in ("rally", "stroke", "shot")},
+        "height": np.where(is_serve, 0, raw["height"]),  # by the laws; two serves are annotated as above the net
+        "technique": np.where(raw["backhand"], 1, np.where(raw["around_head"], 2, 0)),
         "area": np.ma.masked_where(area < 0, area),
         "in_court": np.ma.masked_where(area < 0, court.in_court(landing_x, landing_y)),
-        "clock": np.ma.masked_where(untimed, raw.clock),
-        "frame": np.ma.masked_where(untimed, raw.frame),
+        **{name: np.ma.masked_where(untimed, raw[name]) for name in ("clock", "frame")},
         "outcome": outcome,
         "reason": reason,
-        "points": np.ma.masked_less(np.where(raw.by_a, score[:, 0], score[:, 1]), 0),
-        "points_opponent": np.ma.masked_less(np.where(raw.by_a, score[:, 1], score[:, 0]), 0),
+        "points": np.ma.masked_less(np.where(raw["by_a"], score[:, 0], score[:, 1]), 0),
+        "points_opponent": np.ma.masked_less(np.where(raw["by_a"], score[:, 1], score[:, 0]), 0),
         "label_area": np.ma.masked_less(label, 0),
     }
     kept = {name: values[rows] for name, values in columns.items()}
@@ -164,24 +165,24 @@ def arrange(raw: RawGame) -> tuple[RawGame, int]:
     Returns:
         The rows in playing order, and the number of dropped rows.
     """
-    raw = raw.take(np.argsort(raw.rally, kind="stable"))
-    same = (np.diff(raw.rally) == 0) & (np.diff(raw.stroke) == 0) & (raw.by_a[1:] == raw.by_a[:-1]) & (raw.stroke[1:] > 1)
-    repeated = np.r_[False, same]
+    raw = raw.take(np.argsort(raw["rally"], kind="stable"))
+    same = [raw[name][1:] == raw[name][:-1] for name in ("rally", "stroke", "by_a")]
+    repeated = np.r_[False, np.all(same, axis=0) & (raw["stroke"][1:] > 1)]
     return raw.take(np.flatnonzero(~repeated)), int(repeated.sum())
 
 
 def rally_starts(raw: RawGame) -> Bools:
     """``[n]`` whether a row is the first of a rally; a rally may have the number of the previous one."""
-    return np.r_[True, (np.diff(raw.rally) != 0) | (raw.stroke[1:] == 1)]
+    return np.r_[True, (np.diff(raw["rally"]) != 0) | (raw["stroke"][1:] == 1)]
 
 
 def broken_rallies(raw: RawGame, first: Bools) -> Bools:
     """``[n]`` rows of rallies with misnumbered strokes, players who do not alternate, or a repeated number."""
     rally = np.cumsum(first) - 1
     inside = ~first[1:]
-    wrong = np.r_[False, inside & ((np.diff(raw.stroke) != 1) | (raw.by_a[1:] == raw.by_a[:-1]))]
-    wrong |= first & ((raw.stroke != 1) | (raw.rally < 1))
-    wrong |= first & np.r_[False, np.diff(raw.rally) == 0]
+    wrong = np.r_[False, inside & ((np.diff(raw["stroke"]) != 1) | (raw["by_a"][1:] == raw["by_a"][:-1]))]
+    wrong |= first & ((raw["stroke"] != 1) | (raw["rally"] < 1))
+    wrong |= first & np.r_[False, np.diff(raw["rally"]) == 0]
     return np.asarray(np.bincount(rally, weights=wrong)[rally] > 0)
 
 
@@ -193,13 +194,13 @@ def sides(raw: RawGame, first: Bools) -> tuple[I64, Bools]:
     and are not used.
     """
     rally = np.cumsum(first) - 1
-    own = [np.sign(raw.point[name][:, 1]) for name in ("player_location", "hit")]
-    other = [-np.sign(raw.point["opponent_location"][:, 1])]
-    crossed = ~np.isin(raw.reason, (_NET, _SHORT))
-    other.append(np.where(crossed, -np.sign(raw.point["landing"][:, 1]), np.nan))
-    vote = np.where(raw.shot < 0, 0.0, np.nansum(np.stack(own + other), axis=0))
-    sign_a = np.sign(np.bincount(rally, weights=np.where(raw.by_a, vote, -vote)))
-    side = np.where(raw.by_a, sign_a[rally], -sign_a[rally]).astype(np.int64)
+    own = [np.sign(raw[name][:, 1]) for name in ("player_location", "hit")]
+    other = [-np.sign(raw["opponent_location"][:, 1])]
+    crossed = ~np.isin(raw["reason"], (_NET, _SHORT))
+    other.append(np.where(crossed, -np.sign(raw["landing"][:, 1]), np.nan))
+    vote = np.where(raw["shot"] < 0, 0.0, np.nansum(np.stack(own + other), axis=0))
+    sign_a = np.sign(np.bincount(rally, weights=np.where(raw["by_a"], vote, -vote)))
+    side = np.where(raw["by_a"], sign_a[rally], -sign_a[rally]).astype(np.int64)
     return side, vote * side < 0
 
 
@@ -212,12 +213,12 @@ def with_corrected_letters(raw: RawGame, first: Bools) -> RawGame:
     if raw.game > 2:
         return raw
     side, _ = sides(raw, first)
-    side_a = np.where(raw.by_a, side, -side)[first]
+    side_a = np.where(raw["by_a"], side, -side)[first]
     usual = np.sign(side_a.sum())
     odd = side_a == -usual
     if usual == 0 or odd.sum() > MAX_EXCHANGED * len(odd):
         return raw
-    return dataclasses.replace(raw, by_a=raw.by_a ^ odd[np.cumsum(first) - 1])
+    return dataclasses.replace(raw, columns={**raw.columns, "by_a": raw["by_a"] ^ odd[np.cumsum(first) - 1]})
 
 
 def outcomes(raw: RawGame, first: Bools) -> tuple[I64, I64]:
@@ -227,12 +228,12 @@ def outcomes(raw: RawGame, first: Bools) -> tuple[I64, I64]:
     the reason contradicts the winner, the last stroke was not annotated and the outcome is unknown.
     """
     ends = np.flatnonzero(np.r_[first[1:], True])
-    before = np.vstack([[0, 0], raw.score[ends[:-1]]])
-    gained = raw.score[ends] - before
+    before = np.vstack([[0, 0], raw["score"][ends[:-1]]])
+    gained = raw["score"][ends] - before
     by_score = np.where((gained == [1, 0]).all(1), 0, np.where((gained == [0, 1]).all(1), 1, -1))
-    winner = np.where(by_score < 0, raw.winner[ends], by_score)
-    won = winner == np.where(raw.by_a[ends], 0, 1)
-    given = raw.reason[ends]
+    winner = np.where(by_score < 0, raw["winner"][ends], by_score)
+    won = winner == np.where(raw["by_a"][ends], 0, 1)
+    given = raw["reason"][ends]
     contradiction = (given >= 0) & (np.isin(given, (_OUT, _NET, _SHORT, _FOUL)) == won)
     unknown = (winner < 0) | contradiction
     outcome = np.full(len(first), Outcome.RETURNED)
@@ -244,13 +245,13 @@ def outcomes(raw: RawGame, first: Bools) -> tuple[I64, I64]:
 
 def heights_unreliable(raw: RawGame, first: Bools) -> bool:
     """Whether the contact heights of a game contradict each other, or the shot types, too often."""
-    met = np.where(first, -1, np.r_[np.int8(-1), raw.met_height[:-1]])
-    both = (met >= 0) & (raw.height >= 0)
-    if both.mean() > 0.5 and (met == raw.height)[both].mean() < HEIGHTS_AGREE:
+    met = np.where(first, -1, np.r_[np.int8(-1), raw["met_height"][:-1]])
+    both = (met >= 0) & (raw["height"] >= 0)
+    if both.mean() > 0.5 and (met == raw["height"])[both].mean() < HEIGHTS_AGREE:
         return True
-    expected = np.array([FIXED_HEIGHT.get(name, -1) for name in SHOTS] + [-1])[raw.shot]
-    fixed = (expected >= 0) & (raw.height >= 0)
-    return bool(fixed.any() and (expected == raw.height)[fixed].mean() < HEIGHTS_PLAUSIBLE)
+    expected = np.array([FIXED_HEIGHT.get(name, -1) for name in SHOTS] + [-1])[raw["shot"]]
+    fixed = (expected >= 0) & (raw["height"] >= 0)
+    return bool(fixed.any() and (expected == raw["height"])[fixed].mean() < HEIGHTS_PLAUSIBLE)
 
 
 def timed(raw: RawGame, first: Bools) -> Bools:
@@ -259,10 +260,10 @@ def timed(raw: RawGame, first: Bools) -> Bools:
     Rows of unknown shot type, which are dropped, contain placeholders for times.
     """
     fits = np.zeros(len(first), dtype=bool)
-    given = (raw.frame >= 0) & (raw.clock >= 0) & (raw.shot >= 0)
+    given = (raw["frame"] >= 0) & (raw["clock"] >= 0) & (raw["shot"] >= 0)
     for rally in np.split(np.arange(len(first)), np.flatnonzero(first)[1:]):
         rows = rally[given[rally]]
-        frame, clock = raw.frame[rows], raw.clock[rows]
+        frame, clock = raw["frame"][rows], raw["clock"][rows]
         in_order = (np.diff(frame) > 0).all() and (np.diff(clock) >= 0).all()
         fits[rows if in_order else rows[_longest_chain(frame, clock)]] = True
     return fits
@@ -283,9 +284,9 @@ def corrected_label(raw: RawGame, own_half: Bools) -> I8:
     Annotators label right and left from the view of the player in whose half the shuttle landed, which is the striker for
     strokes that fell back into the own half.
     """
-    label = _LABEL_AREA[raw.label_area]
+    label = _LABEL_AREA[raw["label_area"]]
     source, numbers = MIRRORED
     mirror = own_half.copy()
     if raw.match.source == source and raw.match.number in numbers:
-        mirror ^= raw.point["landing"][:, 1] > 0
+        mirror ^= raw["landing"][:, 1] > 0
     return np.where(mirror & (label >= 0), 3 * (label // 3) + 2 - label % 3, label).astype(np.int8)

@@ -16,13 +16,13 @@ and a half smash, or a push and a lift, are such pairs, in which annotators diff
 """
 
 import dataclasses
-from collections.abc import Iterator
-from typing import Final, NamedTuple
+import math
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.base.arrays import F64, I8, I64, Bools
+from shuttle_marl.base.arrays import I64, Bools
 from shuttle_marl.data.upstream import split_of
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
@@ -59,19 +59,6 @@ class Convention:
     distance: float
 
 
-class _Replies(NamedTuple):
-    """N replies."""
-
-    row: I64
-    match: I64
-    incoming: I8
-    shot: I8
-    place: I64
-    """Area and height of the contact."""
-    area: I64
-    """Landing area; 9 where none was recorded."""
-
-
 def with_common_labels(strokes: pa.Table) -> tuple[pa.Table, list[Convention]]:
     """Rename the strokes of all conventions.
 
@@ -84,81 +71,77 @@ def with_common_labels(strokes: pa.Table) -> tuple[pa.Table, list[Convention]]:
     encoded = strokes["match"].combine_chunks().dictionary_encode()
     names: list[str] = encoded.dictionary.to_pylist()
     training = np.array([split_of(name) == "train" for name in names], dtype=bool)
-    replies, found = _replies(strokes, encoded.indices.to_numpy().astype(np.int64)), []
-    shot = strokes["shot"].to_numpy().copy()
+    row, *codes = _replies(strokes, encoded.indices.to_numpy().astype(np.int64))
+    shape = (len(names), N_SHOTS, 2 * N_AREAS, N_AREAS + 1, N_SHOTS)
+    count = np.bincount(np.ravel_multi_index(codes, shape), minlength=math.prod(shape)).reshape(shape)
+    meaning = np.broadcast_to(np.arange(N_SHOTS, dtype=np.int8), (len(names), N_SHOTS, N_SHOTS)).copy()
+    found: list[Convention] = []
     for incoming in range(N_SHOTS):
-        those = _Replies(*(column[replies.incoming == incoming] for column in replies))
-        while here := list(_conventions(those, names, training)):
-            found.append(farthest := max(here, key=lambda one: one.distance))
-            given, meant = SHOTS.index(farthest.given), SHOTS.index(farthest.meant)
-            those.shot[(those.match == names.index(farthest.match)) & (those.shot == given)] = meant
-        shot[those.row] = those.shot
+        replies = count[:, incoming]
+        while farthest := _farthest(replies, training):
+            at, given, meant, labelled, both, expected, distance = farthest
+            found.append(
+                Convention(
+                    match=names[at], incoming=SHOTS[incoming], given=SHOTS[given], meant=SHOTS[meant],
+                    strokes=labelled, of=both, expected=expected, distance=distance,
+                )
+            )  # fmt: skip
+            replies[at, ..., meant] += replies[at, ..., given]
+            replies[at, ..., given] = 0
+            meaning[at, incoming][meaning[at, incoming] == given] = meant
+    shot = strokes["shot"].to_numpy().copy()
+    shot[row] = meaning[codes[0], codes[1], codes[-1]]
     position = strokes.schema.get_field_index("shot")
     return strokes.set_column(position, strokes.schema.field(position), pa.array(shot)), found
 
 
-def _replies(strokes: pa.Table, match: I64) -> _Replies:
+def _replies(strokes: pa.Table, match: I64) -> tuple[I64, ...]:
+    """Row, match, incoming shot type, area and height of the contact, landing area (9: not recorded) and label of each reply."""
     game, rally, number, shot, height = (strokes[name].to_numpy() for name in ("game", "rally", "stroke", "shot", "height"))
     area = strokes["area"].fill_null(N_AREAS).to_numpy().astype(np.int64)
     same = np.diff(np.stack([match, game, rally]), axis=1) == 0
     row = np.flatnonzero(same.all(axis=0) & (np.diff(number) == 1)) + 1
     row = row[area[row - 1] < N_AREAS]
-    return _Replies(row, match[row], shot[row - 1], shot[row], area[row - 1] * 2 + height[row], area[row])
+    return row, match[row], shot[row - 1], area[row - 1] * 2 + height[row], area[row], shot[row]
 
 
-def _conventions(replies: _Replies, matches: list[str], training: Bools) -> Iterator[Convention]:
-    """The convention of each match and label that has one, in the replies to a shot type."""
-    labels = range(N_SERVES, N_SHOTS)
-    for given in labels:
-        if np.bincount(replies.match[replies.shot == given], minlength=1).max() < EXCESS * LEAST:
-            continue
-        found, alike = {}, np.full((N_SHOTS, len(matches)), -np.inf)
-        for meant in labels:
-            compared = _compared(replies, given, meant, training)
-            if given != meant and np.isfinite(compared[-1]).any():
-                found[meant], alike[meant] = compared, _likeness(replies, given, meant, training)
-        for match in np.flatnonzero(np.isfinite(alike).any(axis=0)).tolist():
-            meant = int(alike[:, match].argmax())
-            strokes, of, expected, distance = (float(part[match]) for part in found[meant])
-            if of >= LEAST and distance >= FAR and expected <= RARE and strokes / of - expected >= EXCESS:
-                yield Convention(
-                    match=matches[match],
-                    incoming=SHOTS[replies.incoming[0]],
-                    given=SHOTS[given],
-                    meant=SHOTS[meant],
-                    strokes=int(strokes),
-                    of=int(of),
-                    expected=expected,
-                    distance=distance,
-                )
+def _farthest(count: I64, training: Bools) -> tuple[int, int, int, int, int, float, float] | None:
+    """The convention of the largest distance in the replies to a shot type; None without one.
 
+    Args:
+        count: ``[matches, contacts, landings, labels]`` replies.
 
-def _compared(replies: _Replies, given: int, meant: int, training: Bools) -> tuple[F64, F64, F64, F64]:
-    """Strokes of one label and of both, expected share and distance from it of each match; NaN without enough to compare."""
-    shape = len(training), 2 * N_AREAS
-    cell = replies.match * shape[1] + replies.place
-    labelled, other = (
-        np.bincount(cell[replies.shot == shot], minlength=shape[0] * shape[1]).reshape(shape) for shot in (given, meant)
-    )
-    both = labelled + other
-    strokes, of = labelled.sum(axis=1).astype(np.float64), both.sum(axis=1).astype(np.float64)
-    usual = training & (of >= LEAST)
-    if usual.sum() < LEAST_MATCHES:
-        return strokes, of, *np.full((2, len(training)), np.nan)
+    Returns:
+        Match, label in it and that of the others, strokes of the one and of both, expected share, and distance.
+    """
+    count = count[..., N_SERVES:]
+    at = np.moveaxis(count.sum(axis=2), 1, 2)
+    labelled, both = at[:, :, None], at[:, :, None] + at[:, None]  # [matches, given, meant, contacts]
+    strokes, of = np.broadcast_to(labelled.sum(axis=3), both.shape[:3]), both.sum(axis=3)
+    usual = training[:, None, None] & (of >= LEAST)
+    comparable = (usual.sum(axis=0) >= LEAST_MATCHES) & ~np.eye(count.shape[3], dtype=bool)
+    if not comparable.any():
+        return None
     # Of the other training matches; at a place shrunk to the share at all places with the weight of one stroke.
-    hits, total = (counts[training].sum(axis=0) - counts * training[:, None] for counts in (labelled, both))
-    overall = hits.sum(axis=1, keepdims=True) / np.maximum(total.sum(axis=1, keepdims=True), 1)
-    share = (hits + overall) / (total + 1)
-    expected, variance = (both * share).sum(axis=1), (both * share * (1 - share)).sum(axis=1)
-    error = (strokes - expected) / np.sqrt(np.maximum(variance, 1.0))
-    error -= np.median(error[usual])
-    spread = max(1.0, 1.4826 * float(np.median(np.abs(error[usual]))))
-    return strokes, of, expected / np.maximum(of, 1.0), error / spread
-
-
-def _likeness(replies: _Replies, given: int, meant: int, training: Bools) -> F64:
-    """``[matches]`` log-likelihood of contacts and landings of a label under those of another one in the training matches."""
-    place = replies.place * (N_AREAS + 1) + replies.area
-    count = np.bincount(place[training[replies.match] & (replies.shot == meant)], minlength=2 * N_AREAS * (N_AREAS + 1)) + 0.1
-    those = replies.shot == given
-    return np.bincount(replies.match[those], np.log(count / count.sum())[place[those]], len(training)).astype(np.float64)
+    hits, total = (one[training].sum(axis=0) - one * training[:, None, None, None] for one in (labelled, both))
+    share = (hits + hits.sum(axis=3, keepdims=True) / np.maximum(total.sum(axis=3, keepdims=True), 1)) / (total + 1)
+    expected, variance = (both * share).sum(axis=3), (both * share * (1 - share)).sum(axis=3)
+    error = np.where(comparable, (strokes - expected) / np.sqrt(np.maximum(variance, 1.0)), 0.0)
+    error -= np.nanmedian(np.where(usual | ~comparable, error, np.nan), axis=0)
+    spread = 1.4826 * np.nanmedian(np.where(usual | ~comparable, np.abs(error), np.nan), axis=0)
+    distance, expected = error / np.maximum(spread, 1.0), expected / np.maximum(of, 1)
+    # Log-likelihood of contacts and landings of a label under those of another one in the training matches.
+    prior = count[training].sum(axis=0) + 0.1
+    alike = np.einsum("mclg,clt->mgt", count, np.log(prior / prior.sum(axis=(0, 1))))
+    best = np.where(comparable, alike, -np.inf).argmax(axis=2)[..., None]
+    strokes, of, expected, distance, fits = (
+        np.take_along_axis(one, best, axis=2)[..., 0].T
+        for one in (strokes, of, expected, distance, np.broadcast_to(comparable, of.shape))
+    )
+    fits = fits & (of >= LEAST) & (distance >= FAR) & (expected <= RARE) & (strokes / np.maximum(of, 1) - expected >= EXCESS)
+    if not fits.any():
+        return None
+    given, match = np.unravel_index(np.where(fits, distance, -np.inf).argmax(), fits.shape)
+    share, far = float(expected[given, match]), float(distance[given, match])
+    label = N_SERVES + int(given), N_SERVES + int(best[match, given, 0])
+    return int(match), *label, int(strokes[given, match]), int(of[given, match]), share, far

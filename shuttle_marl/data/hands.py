@@ -17,8 +17,8 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.data.problems import DataError, shown
 from shuttle_marl.data.schema import STROKES
-from shuttle_marl.data.strict_csv import DataError, shown
 from shuttle_marl.data.upstream import player_id
 from shuttle_marl.data.words import Words
 from shuttle_marl.game import court
@@ -69,8 +69,8 @@ def hands_of(strokes: pa.Table) -> dict[str, PlayerHand]:
     The side of a stroke is that of its contact point; without one, that of the area of the stroke before, if it was not inferred.
     """
     player, names = _encoded(strokes, "player")
-    given, hand = _given(strokes), np.full(len(names), -1)
-    known = np.flatnonzero(given >= 0)[::-1]
+    given = strokes["hand"].fill_null(-1).to_numpy()
+    hand, known = np.full(len(names), -1), np.flatnonzero((given >= 0) & (given < len(HANDS)))[::-1]
     hand[player[known]] = given[known]  # the first one, if they differ
     after = np.diff(strokes["stroke"].to_numpy()) == 1
     for name in ("match", "game", "rally"):
@@ -82,10 +82,10 @@ def hands_of(strokes: pa.Table) -> dict[str, PlayerHand]:
     counted = (strokes["technique"].to_numpy() == TECHNIQUES.index("around-the-head")) & ~(np.isnan(x) & (met == _CENTRE))
     counted &= strokes["height"].to_numpy() == HEIGHTS.index("above")
     n, right = (np.bincount(player[rows], minlength=len(names)) for rows in (counted, counted & on_right))
-    rows = zip(names, hand.tolist(), n.tolist(), right.tolist(), strict=True)
+    rows = sorted(zip(names, hand.tolist(), n.tolist(), right.tolist(), strict=True))
     return {
-        name: PlayerHand(hand=number if number >= 0 else None, n=count, share=of_them / count if count else None)
-        for name, number, count, of_them in sorted(rows)
+        name: PlayerHand(hand=None if number < 0 else number, n=count, share=of_them / count if count else None)
+        for name, number, count, of_them in rows
     }
 
 
@@ -101,20 +101,21 @@ def with_hands(strokes: pa.Table, path: Path) -> tuple[pa.Table, list[str]]:
     Raises:
         DataError: ``--hand`` names an unknown player or an unknown hand, or gives a player two hands.
     """
-    players = hands_of(strokes)
-    telling = _TELLING.get()
-    told = {} if telling is None else _told(telling[0], players, path)
+    players, (words, said) = hands_of(strokes), _TELLING.get() or ((), [])
+    told = _told(words, players, path)
     inferred = {name: p.shown for name, p in players.items() if p.hand is None and name not in told and p.shown is not None}
     hands = {name: p.hand for name, p in players.items()} | inferred | told
     player, names = _encoded(strokes, "player")
-    of_player = np.array([-1 if hands[name] is None else hands[name] for name in names], dtype=np.int8)[player]
-    replaced = strokes["hand"].is_null().to_numpy() | np.isin(player, [names.index(name) for name in told])
-    filled = pc.if_else(replaced, pa.array(np.ma.masked_less(of_player, 0)), strokes["hand"].combine_chunks())
+    of_player = pa.array([hands[name] for name in names], pa.int8()).take(pa.array(player))
+    replaced = pc.or_(pc.is_null(strokes["hand"]), pc.is_in(strokes["player"], pa.array(list(told), pa.string())))
+    filled = pc.if_else(replaced.combine_chunks(), of_player, strokes["hand"].combine_chunks())
     strokes = strokes.set_column(strokes.schema.get_field_index("hand"), STROKES.field("hand"), filled)
-    if telling is not None:
-        telling[1].append(unknown_hands(strokes))
+    said.append(unknown_hands(strokes))
     sources = (("told by --hand", told), ("from the side of strokes around the head", inferred))
-    return strokes, [f"hands of players, {source}: {_counted(found.values())}" for source, found in sources if found]
+    counts = {source: [list(found.values()).count(hand) for hand in (_RIGHT, _LEFT)] for source, found in sources if found}
+    return strokes, [
+        f"hands of players, {source}: {right:,} right-handed, {left:,} left-handed" for source, (right, left) in counts.items()
+    ]
 
 
 def unknown_hands(strokes: pa.Table) -> list[str]:
@@ -186,14 +187,3 @@ def _encoded(strokes: pa.Table, name: str) -> tuple[I64, list[Any]]:
     """``[n]`` numbers of the values of a column, and the values."""
     encoded = strokes[name].combine_chunks().dictionary_encode()
     return encoded.indices.to_numpy().astype(np.int64), encoded.dictionary.to_pylist()
-
-
-def _given(strokes: pa.Table) -> I8:
-    """``[n]`` hands of the table, -1 unknown or invalid."""
-    hand = strokes["hand"].fill_null(-1).to_numpy()
-    return np.where(hand < len(HANDS), hand, np.int8(-1))
-
-
-def _counted(hands: Collection[int]) -> str:
-    """Numbers of right- and left-handers in words."""
-    return ", ".join(f"{list(hands).count(number):,} {name}-handed" for number, name in enumerate(HANDS))

@@ -9,12 +9,13 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Array, Bools
 from shuttle_marl.data.cleaning import FIXED_HEIGHT
+from shuttle_marl.data.problems import shown
 from shuttle_marl.data.schema import REACH_OVER, REASONS, Outcome
-from shuttle_marl.data.strict_csv import Problem, Sheet, shown
+from shuttle_marl.data.sheet import Sheet
 from shuttle_marl.data.upstream import player_id
 from shuttle_marl.game import court
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.stroke import N_SERVES, SHOTS
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS
 
 MET: Final[dict[str, tuple[tuple[str, float], ...]]] = {
     "clear": (("back-left", 0.24), ("back-right", 0.37), ("back-left", 0.42), ("back-left", 0.39)),
@@ -130,17 +131,7 @@ def _read(
 ) -> tuple[int, int, list[Points | None], I64]:
     """A reading of scores: what contradicts it and, negative, what agrees with it; points after each rally, and winners."""
     points = [s if s is None or who == 0 else s[::-1] for s, who in zip(scores, first.tolist(), strict=True)]
-    after, winners, wrong = _followed(points, fresh, told.tolist(), before=before)
-    won = np.array(winners)
-    known = (won >= 0) & (told >= 0)
-    return wrong + int((known & (won != told)).sum()), -int((known & (won == told)).sum()), after, won
-
-
-def _followed(
-    points: Sequence[Points | None], fresh: Bools, told: Sequence[int], *, before: bool
-) -> tuple[list[Points | None], list[int], int]:
-    """Scores after each rally, winners, and the number of impossible changes."""
-    won, after, wrong = [], [], 0
+    after, winners, wrong = list[Points | None](), list[int](), 0
     for r, here in enumerate(points):
         last = r + 1 == len(points) or bool(fresh[r + 1])
         if before:
@@ -149,12 +140,14 @@ def _followed(
         else:
             start, end = (0, 0) if fresh[r] else points[r - 1], here
         gained = None if start is None or end is None else (end[0] - start[0], end[1] - start[1])
-        won.append({(1, 0): 0, (0, 1): 1}.get(gained, -1) if gained else -1)
-        wrong += gained is not None and won[-1] < 0
+        winners.append({(1, 0): 0, (0, 1): 1}.get(gained, -1) if gained else -1)
+        wrong += gained is not None and winners[-1] < 0
         if before and end is None and here is not None and told[r] >= 0:
-            end = (here[0] + (told[r] == 0), here[1] + (told[r] == 1))
+            end = (here[0] + int(told[r] == 0), here[1] + int(told[r] == 1))
         after.append(end)
-    return after, won, wrong
+    won = np.array(winners)
+    known = (won >= 0) & (told >= 0)
+    return wrong + int((known & (won != told)).sum()), -int((known & (won == told)).sum()), after, won
 
 
 def changes(*columns: Array) -> Bools:
@@ -195,9 +188,9 @@ def check_scale(sheet: Sheet, name: str, points: F64) -> None:
     furthest = np.nanmax(np.abs(points), axis=1, initial=0)[~np.isnan(points).all(axis=1)]
     limit = _SHALLOW if len(furthest) > _FEW / 2 else _TINY
     if len(furthest) > 2 and furthest.max() <= limit:
-        text = f"all {len(furthest)} {name} points lie within {limit:g} m of the middle of the net: are these metres?"
         certain = len(furthest) >= _FEW and furthest.max() <= _TINY
-        (sheet.problems if certain else sheet.warnings).append(Problem(sheet.path, text))
+        text = f"all {len(furthest)} {name} points lie within {limit:g} m of the middle of the net: are these metres?"
+        (sheet.add if certain else sheet.doubt)(text)
 
 
 def check_tempo(sheet: Sheet, passed: F64) -> None:
@@ -208,57 +201,47 @@ def check_tempo(sheet: Sheet, passed: F64) -> None:
         certain = middle > _TEMPO[1] or 0 < middle < _SHORTEST
         advice = "; write seconds, or leave the times out" if certain else ""
         text = f"half of the strokes follow the one before after {middle:g} s: are these seconds?{advice}"
-        found = Problem(sheet.path, text)
-        if found not in (*sheet.problems, *sheet.warnings):
-            (sheet.problems if certain else sheet.warnings).append(found)
+        (sheet.add if certain else sheet.doubt)(text)
 
 
-def compare(
-    sheet: Sheet, headers: Mapping[str, str], strokes: Mapping[str, Any], points: Mapping[str, F64], side: I64
-) -> None:  # fmt: skip
+def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64], side: I64) -> None:
     """Compare the rows with those before them, and points and heights with other columns.
 
     Args:
-        headers: header by name of :data:`shuttle_marl.data.column_map.COLUMNS`.
         strokes: ``[n]`` values by column of the schema, NaN where there are none.
         points: ``[n, 2]`` :data:`POINTS`.
         side: ``[n]`` half of the striker, 1 for the far one.
     """
-    fresh = changes(strokes["match"], strokes["game"])
-    first = fresh | changes(strokes["rally"])
-    number = strokes["stroke"]
-    if "stroke" in headers:
+    match, game, rally, number, player, outcome = (
+        strokes[name] for name in ("match", "game", "rally", "stroke", "player", "outcome")
+    )
+    fresh = changes(match, game)
+    first = fresh | changes(rally)
+    if "stroke" in sheet:
         missing = number != np.where(first, 1, np.r_[0, number[:-1]] + 1)
-        sheet.warn(np.flatnonzero(missing), "strokes of the rally are missing before this one")
-    _compare_order(sheet, strokes, fresh, first)
-    if "side" in headers:
-        end = (side == 1) ^ (strokes["player"] < strokes["opponent"])
-        moved = ~fresh & changes(end)
+        sheet.warn(missing, "strokes of the rally are missing before this one")
+    gap = rally - np.where(fresh, 0, np.r_[0, rally[:-1]])
+    sheet.warn(first & (gap > 1), "rallies of the game are missing before this one")
+    leap = game - np.where(changes(match), 0, np.r_[0, game[:-1]])
+    sheet.warn(leap > 1, "games of the match are missing before this one")
+    won = np.select([outcome == Outcome.WINNER, outcome == Outcome.FAULT], [player, strokes["opponent"]], "")
+    served = first & (number == 1) & (strokes["shot"] < N_SERVES) & ~fresh & (gap == 1)
+    others = served & np.r_[False, (won[:-1] != "") & (won[:-1] != player[1:])]
+    sheet.warn(others, "the server did not win the rally before")
+    if "side" in sheet:
+        moved = ~fresh & changes((side == 1) ^ (player < strokes["opponent"]))
         sheet.mark(np.flatnonzero(moved & ~first), "the players are not on the sides of the stroke before")
-        sheet.warn(np.flatnonzero(moved & first & (strokes["game"] < 3)), "the players change sides during the game")
-    if "seconds" in headers:
-        passed = np.diff(sheet.numbers(headers["seconds"]), prepend=np.nan)
-        sheet.warn(np.flatnonzero(~fresh & first & (passed < 0)), "the time is before that of the rally before")
+        sheet.warn(moved & first & (game < 3), "the players change sides during the game")
+    if "seconds" in sheet:
+        passed = np.diff(sheet.numbers("seconds"), prepend=np.nan)
+        sheet.warn(~fresh & first & (passed < 0), "the time is before that of the rally before")
         sheet.mark(np.flatnonzero(~first & (passed < 0)), "the time is before that of the stroke before")
         check_tempo(sheet, passed[~first])
     _compare_scores(sheet, strokes, fresh, first)
     _compare_points(sheet, strokes, points, first)
     for name, usual in FIXED_HEIGHT.items():
-        where, other = ("below", "above")[1 - usual], strokes["height"] == 1 - usual
-        sheet.warn(np.flatnonzero((strokes["shot"] == SHOTS.index(name)) & other), f"a {name} struck {where} the net")
-
-
-def _compare_order(sheet: Sheet, strokes: Mapping[str, Any], fresh: Bools, first: Bools) -> None:
-    """Compare numbers of rallies and games, and who serves, with the rows before them."""
-    rally, game, player, outcome = (strokes[name] for name in ("rally", "game", "player", "outcome"))
-    gap = rally - np.where(fresh, 0, np.r_[0, rally[:-1]])
-    sheet.warn(np.flatnonzero(first & (gap > 1)), "rallies of the game are missing before this one")
-    leap = game - np.where(changes(strokes["match"]), 0, np.r_[0, game[:-1]])
-    sheet.warn(np.flatnonzero(leap > 1), "games of the match are missing before this one")
-    won = np.select([outcome == Outcome.WINNER, outcome == Outcome.FAULT], [player, strokes["opponent"]], "")
-    served = first & (strokes["stroke"] == 1) & (strokes["shot"] < N_SERVES) & ~fresh & (gap == 1)
-    others = served & np.r_[False, (won[:-1] != "") & (won[:-1] != player[1:])]
-    sheet.warn(np.flatnonzero(others), "the server did not win the rally before")
+        other = (strokes["shot"] == SHOTS.index(name)) & (strokes["height"] == 1 - usual)
+        sheet.warn(other, f"a {name} struck {HEIGHTS[1 - usual]} the net")
 
 
 def _compare_scores(sheet: Sheet, strokes: Mapping[str, Any], fresh: Bools, first: Bools) -> None:
@@ -268,7 +251,7 @@ def _compare_scores(sheet: Sheet, strokes: Mapping[str, Any], fresh: Bools, firs
     ends = np.flatnonzero(np.r_[first[1:], True])
     end = ends[np.cumsum(first) - 1]  # of the rally of each row
     told = np.where((player == player[end])[:, None], points, points[:, ::-1])
-    sheet.warn(np.flatnonzero(np.abs(told - told[end]).max(axis=1, initial=0) > 0), OTHER_SCORE)
+    sheet.warn(np.abs(told - told[end]).max(axis=1, initial=0) > 0, OTHER_SCORE)
     current, of_game = 0, np.cumsum(fresh)
     for row in ends:
         if of_game[row] != current:
@@ -294,7 +277,7 @@ def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[st
     met[first] = np.nan
     for other, limit, text in ((met, _APART, "where the stroke before was met"), (points["striker"], _REACH, "the striker")):
         far = np.hypot(*(contact - other).T) > limit
-        sheet.warn(np.flatnonzero(far), f"the contact point is more than {limit:g} m from {text}")
+        sheet.warn(far, f"the contact point is more than {limit:g} m from {text}")
     inside, over = court.in_court(*landing.astype(np.float32).T), landing[:, 1] > REACH_OVER
     known = ~np.isnan(landing[:, 1])
     out, short = reason == REASONS.index("out"), np.isin(reason, [REASONS.index("net"), REASONS.index("short")])
@@ -303,8 +286,8 @@ def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[st
         (short & over, "net or short, and the landing point lies beyond the net"),
         ((outcome == Outcome.WINNER) & ~inside, "a winner, and the landing point lies outside the court"),
     ):
-        sheet.warn(np.flatnonzero(known & wrong), text)
+        sheet.warn(known & wrong, text)
     returned = known & (outcome == Outcome.RETURNED)
     if returned.sum() > 2 and (returned & ~inside).sum() > returned.sum() / 3:
         text = "a third of the returned strokes were met outside the court: are x and y metres from the middle of the net?"
-        sheet.warnings.append(Problem(sheet.path, text))
+        sheet.doubt(text)

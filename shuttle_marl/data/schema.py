@@ -12,11 +12,10 @@ from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.base.arrays import I64, Bools, Floats, Ints
+from shuttle_marl.base.arrays import I64, Array, Bools, Floats, Ints
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.extras import hinted
 from shuttle_marl.base.files import Fraction, StoredCount
@@ -333,64 +332,53 @@ class Violation:
 
 def violations(strokes: pa.Table) -> Iterator[Violation]:
     """Yield every broken rule of a stroke table, which must have the schema of strokes."""
-    table = _Columns(strokes)
-    for rule, columns, bad in _rules(table):
+    for rule, columns, bad in _rules(strokes):
         rows = np.flatnonzero(bad)
         if len(rows):
-            yield Violation(rule=rule, rows=rows, example=table.describe(int(rows[0]), columns))
+            values = strokes.slice(int(rows[0]), 1).to_pylist()[0]
+            where = f"{values['match']}, game {values['game']}, rally {values['rally']}, stroke {values['stroke']}"
+            about = ", ".join(f"{name} {values[name]!r}" for name in columns if name not in _PLACE)
+            yield Violation(rule=rule, rows=rows, example=f"row {rows[0]} ({where})" + (f": {about}" if about else ""))
 
 
-class _Columns:
-    """Columns of a table as numpy arrays; missing numbers are NaN."""
-
-    def __init__(self, strokes: pa.Table) -> None:
-        self._strokes = strokes
-        self._arrays: dict[str, npt.NDArray[Any]] = {}
-
-    def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        if name not in self._arrays:
-            column = self._strokes[name]
-            if pa.types.is_string(column.type):
-                encoded = column.combine_chunks().dictionary_encode()
-                self._arrays[name] = encoded.indices.to_numpy(zero_copy_only=False)
-            elif pa.types.is_floating(column.type):
-                self._arrays[name] = column.to_numpy()
-            else:
-                self._arrays[name] = column.cast(pa.float64()).to_numpy()
-        return self._arrays[name]
-
-    def one_of(self, name: str, words: tuple[str, ...]) -> Bools:
-        column = self._strokes[name].combine_chunks()
-        return np.asarray(pc.is_in(column, value_set=pa.array(words)).to_numpy(zero_copy_only=False))
-
-    def describe(self, row: int, columns: tuple[str, ...]) -> str:
-        place = ("match", "game", "rally", "stroke")
-        values = self._strokes.select(list(dict.fromkeys((*place, *columns)))).slice(row, 1).to_pylist()[0]
-        where = f"{values['match']}, game {values['game']}, rally {values['rally']}, stroke {values['stroke']}"
-        about = ", ".join(f"{name} {values[name]!r}" for name in columns if name not in place)
-        return f"row {row} ({where})" + (f": {about}" if about else "")
+_PLACE: Final = ("match", "game", "rally", "stroke")
+_Rule = tuple[str, tuple[str, ...], Bools]
+"""A rule, the columns concerned, and the rows that break it."""
 
 
-def _rules(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
-    """Yield (rule, columns concerned, rows that break it)."""
-    yield "source is named", ("source",), t.one_of("source", ("",))
-    yield f"discipline is one of {', '.join(DISCIPLINES)}", ("discipline",), ~t.one_of("discipline", DISCIPLINES)
+def _numbers(strokes: pa.Table) -> dict[str, Array]:
+    """Columns as numbers, NaN where they are missing, and texts as codes; players and opponents have the same."""
+    found = {}
+    for name in strokes.column_names:
+        column = strokes[name].combine_chunks()
+        if pa.types.is_string(column.type):
+            column = column.dictionary_encode().indices
+        found[name] = (column if pa.types.is_floating(column.type) else column.cast(pa.float64())).to_numpy(zero_copy_only=False)
+    both = pa.concat_arrays([strokes[name].combine_chunks() for name in ("player", "opponent")]).dictionary_encode().indices
+    found["player"], found["opponent"] = both.to_numpy(zero_copy_only=False).reshape(2, -1)
+    return found
+
+
+def _rules(strokes: pa.Table) -> Iterator[_Rule]:
+    t, n = _numbers(strokes), len(strokes)
+    yield "source is named", ("source",), pc.equal(strokes["source"], "").to_numpy()
+    known = pc.is_in(strokes["discipline"], value_set=pa.array(DISCIPLINES)).to_numpy()
+    yield f"discipline is one of {', '.join(DISCIPLINES)}", ("discipline",), ~known
     for name, (low, high) in RANGES.items():
         yield f"{name} lies between {low} and {high}", (name,), (t[name] < low) | (t[name] > high)
-    yield "all known hands of a player are the same", ("player", "hand"), _other_hand(t)
-    yield from _order(t)
-    yield from _endings(t)
+    simulated = pc.equal(strokes["source"], "simulated").to_numpy()
+    yield "all known hands of a player are the same", ("player", "hand"), _other_hand(t, simulated)
+    yield from _order(t, n)
+    yield from _endings(t, n)
     yield from _points(t)
 
 
-def _other_hand(t: _Columns) -> Bools:
+def _other_hand(t: Mapping[str, Array], simulated: Bools) -> Bools:
     """``[n]`` rows whose hand is not that of the first row of the player with a known one.
 
     Simulated players may be agents, which have a hand in each match.
     """
-    match = t["match"].astype(np.int64)  # codes are of 32 bits
-    player = t["player"] + np.where(t.one_of("source", ("simulated",)), (1 + match) << 32, 0)
-    hand = t["hand"]
+    hand, player = t["hand"], t["player"] + np.where(simulated, (1 + t["match"]) * 2.0**32, 0)
     known = np.flatnonzero(~np.isnan(hand))
     _, first, number = np.unique(player[known], return_index=True, return_inverse=True)
     bad = np.zeros(len(hand), dtype=bool)
@@ -398,95 +386,78 @@ def _other_hand(t: _Columns) -> Bools:
     return bad
 
 
-def _order(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
-    match, game, rally, stroke = (t[name] for name in ("match", "game", "rally", "stroke"))
-    if not len(match):
-        return
+def _order(t: Mapping[str, Array], n: int) -> Iterator[_Rule]:
+    def beside(column: Array) -> Bools:
+        """Rows with the value of the row before."""
+        return np.r_[False, column[1:] == column[:-1]][:n]
 
-    def beside(column: npt.NDArray[Any]) -> Bools:
-        return np.r_[False, column[1:] == column[:-1]]
+    def falls(column: Array, by: int = 1) -> Bools:
+        return np.r_[False, column[:-1] - column[1:] >= by][:n]
 
-    def falls(column: npt.NDArray[Any]) -> Bools:
-        return np.r_[False, column[1:] < column[:-1]]
-
+    match, stroke, player, opponent = (t[name] for name in ("match", "stroke", "player", "opponent"))
     same_match = beside(match)
-    same_game = same_match & beside(game)
-    same_rally = same_game & beside(rally)
-    starts = np.flatnonzero(~same_match)
-    seen_before = np.ones(len(starts), dtype=bool)
-    seen_before[np.unique(match[starts], return_index=True)[1]] = False
-    again = np.zeros(len(match), dtype=bool)
-    again[starts[seen_before]] = True
+    same_game = same_match & beside(t["game"])
+    same_rally = same_game & beside(t["rally"])
+    again = ~same_match
+    again[np.unique(match, return_index=True)[1]] = False
     yield "the rows of a match stand together", ("match",), again
-    yield "games of a match are in order", ("game",), same_match & falls(game)
-    yield "rallies of a game are in order", ("rally",), same_game & falls(rally)
-    yield "strokes of a rally rise", ("stroke",), same_rally & np.r_[False, stroke[1:] <= stroke[:-1]]
-    for name in ("clock", "frame"):
-        known = ~np.isnan(t[name])
-        rows = np.flatnonzero(known)
+    yield "games of a match are in order", ("game",), same_match & falls(t["game"])
+    yield "rallies of a game are in order", ("rally",), same_game & falls(t["rally"])
+    yield "strokes of a rally rise", ("stroke",), same_rally & falls(stroke, 0)
+    for name, rule, by in (("clock", "never falls", 1), ("frame", "rises", 0)):
+        rows = np.flatnonzero(~np.isnan(t[name]))
         together = np.cumsum(~same_rally)[rows]
-        back = np.diff(t[name][rows]) < (1 if name == "frame" else 0)
-        bad = np.zeros(len(match), dtype=bool)
-        bad[rows[1:][(np.diff(together) == 0) & back]] = True
-        yield f"{name} {'rises' if name == 'frame' else 'never falls'} in a rally", (name,), bad
-    both = pa.concat_arrays([t._strokes[name].combine_chunks() for name in ("player", "opponent")])
-    player, opponent = both.dictionary_encode().indices.to_numpy(zero_copy_only=False).reshape(2, -1)
+        bad = np.zeros(n, dtype=bool)
+        bad[rows[1:][(np.diff(together) == 0) & (-np.diff(t[name][rows]) >= by)]] = True
+        yield f"{name} {rule} in a rally", (name,), bad
     yield "player and opponent differ", ("player", "opponent"), player == opponent
-    pair_low, pair_high = np.minimum(player, opponent), np.maximum(player, opponent)
-    yield "a match has two players", ("player", "opponent"), same_match & ~(beside(pair_low) & beside(pair_high))
+    low, high = np.minimum(player, opponent), np.maximum(player, opponent)
+    yield "a match has two players", ("player", "opponent"), same_match & ~(beside(low) & beside(high))
     # With an even gap between two strokes the striker is the same, with an odd one the other player.
-    even = np.r_[False, np.diff(stroke) % 2 == 0]
+    even = np.r_[False, np.diff(stroke) % 2 == 0][:n]
     yield "players alternate in a rally", ("player",), same_rally & (beside(player) != even)
-    a_points = np.where(player == pair_low, t["points"], t["points_opponent"])
-    b_points = np.where(player == pair_low, t["points_opponent"], t["points"])
-    changes = same_rally & ~(beside(np.nan_to_num(a_points, nan=-1)) & beside(np.nan_to_num(b_points, nan=-1)))
+    points = np.nan_to_num(np.stack([t["points"], t["points_opponent"]]), nan=-1)
+    of_low, of_high = np.where(player == low, points, points[::-1])
+    changes = same_rally & ~(beside(of_low) & beside(of_high))
     yield "the score is the same in all rows of a rally", ("points", "points_opponent"), changes
     for name in ("source", "discipline"):
         yield f"{name} is the same in all rows of a match", (name,), same_match & ~beside(t[name])
 
 
-def _endings(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
-    outcome, reason, first = t["outcome"], t["reason"], t["stroke"] == 1
-    same = np.r_[(np.diff(t["match"]) == 0) & (np.diff(t["game"]) == 0) & (np.diff(t["rally"]) == 0), False][: len(first)]
-    yield "only the last stroke of a rally ends it", ("outcome",), same & (outcome != Outcome.RETURNED)
+def _endings(t: Mapping[str, Array], n: int) -> Iterator[_Rule]:
+    outcome, reason, first, serve = t["outcome"], t["reason"], t["stroke"] == 1, t["shot"] < N_SERVES
+    same = np.r_[np.all([np.diff(t[name]) == 0 for name in ("match", "game", "rally")], axis=0), False][:n]
+    fault, winner, unknown = outcome == Outcome.FAULT, outcome == Outcome.WINNER, reason == REASONS.index("unknown")
     both = ("outcome", "reason")
+    yield "only the last stroke of a rally ends it", ("outcome",), same & (outcome != Outcome.RETURNED)
     returned = reason == REASONS.index("returned")
     yield "a returned stroke, and no other, has the reason returned", both, (outcome == Outcome.RETURNED) != returned
-    yield "a fault is out, net, short, foul or unknown", both, (outcome == Outcome.FAULT) & ~np.isin(reason, _FAULT_REASONS)
-    yield "a winner landed, was misjudged or is unknown", both, (outcome == Outcome.WINNER) & ~np.isin(reason, _WINNER_REASONS)
-    unknown = reason == REASONS.index("unknown")
+    yield "a fault is out, net, short, foul or unknown", both, fault & ~np.isin(reason, _FAULT_REASONS)
+    yield "a winner landed, was misjudged or is unknown", both, winner & ~np.isin(reason, _WINNER_REASONS)
     yield "an unknown outcome has no reason", both, (outcome == Outcome.UNKNOWN) & ~unknown
-    serve = t["shot"] < N_SERVES
     yield "the first stroke of a rally, and no other, is a serve", ("shot",), serve != first
     yield "serves are struck below the net", ("shot", "height"), serve & (t["height"] != 0)
     yield "no serve is hurried", ("shot", "hurried"), serve & (t["hurried"] == 1)
-    yield "only faults are forced or unforced", ("forced", "outcome"), ~np.isnan(t["forced"]) & (outcome != Outcome.FAULT)
+    yield "only faults are forced or unforced", ("forced", "outcome"), ~np.isnan(t["forced"]) & ~fault
     yield "confidence lies between 0 and 1", ("confidence",), (t["confidence"] < 0) | (t["confidence"] > 1)
 
 
-def _points(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
+def _points(t: Mapping[str, Array]) -> Iterator[_Rule]:
     for name in ("landing", "contact", "striker", "receiver"):
-        x, y = t[f"{name}_x"], t[f"{name}_y"]
         columns = (f"{name}_x", f"{name}_y")
+        x, y = (t[column] for column in columns)
         yield f"{name}: both coordinates or none", columns, np.isnan(x) != np.isnan(y)
-        far = (np.abs(x) > court.WIDTH / 2 + FAR_OFF) | (np.abs(y) > court.HALF_LENGTH + FAR_OFF) | np.isinf(x) | np.isinf(y)
+        far = (np.abs(x) > court.WIDTH / 2 + FAR_OFF) | (np.abs(y) > court.HALF_LENGTH + FAR_OFF)
         yield f"{name} lies on or near the court", columns, far
     yield "the striker stands in the own half (striker_y <= 0)", ("striker_y",), t["striker_y"] > 0
     yield "the receiver stands in the other half (receiver_y >= 0)", ("receiver_y",), t["receiver_y"] < 0
     yield f"the contact lies at most {REACH_OVER} m beyond the net", ("contact_y",), t["contact_y"] > REACH_OVER
-    serve = t["shot"] < N_SERVES
+    serve, over = t["shot"] < N_SERVES, t["outcome"] != Outcome.FAULT
     yield "serves have no contact point", ("contact_x", "contact_y"), serve & ~np.isnan(t["contact_y"])
-    lands = t["landing_y"]
-    over = t["outcome"] != Outcome.FAULT
-    yield (
-        f"only faults land over {REACH_OVER} m in the striker's half",
-        ("landing_y", "outcome"),
-        over & (lands < -REACH_OVER),
-    )
-    # In the precision of the file: a point on a line must fall on the same side of it.
-    x, y = t["landing_x"].astype(np.float32), lands.astype(np.float32)
-    known = ~np.isnan(lands)
-    area = np.where(np.isnan(t["area"]), -1, t["area"])
-    yield "area is the area of the landing", ("area", "landing_x", "landing_y"), known & (area != court.area_of(x, y))
-    inside = np.where(np.isnan(t["in_court"]), np.isnan(lands), t["in_court"] == court.in_court(x, y))
-    yield "in_court tells whether the landing lies in court", ("in_court", "landing_x", "landing_y"), ~inside.astype(bool)
+    own_half = f"only faults land over {REACH_OVER} m in the striker's half"
+    yield own_half, ("landing_y", "outcome"), over & (t["landing_y"] < -REACH_OVER)
+    x, y = t["landing_x"], t["landing_y"]  # in the precision of the file: a point on a line must fall on the same side of it
+    unknown, area = np.isnan(y), np.nan_to_num(t["area"], nan=-1)
+    yield "area is the area of the landing", ("area", "landing_x", "landing_y"), ~unknown & (area != court.area_of(x, y))
+    inside = np.where(np.isnan(t["in_court"]), unknown, t["in_court"] == court.in_court(x, y))
+    yield "in_court tells whether the landing lies in court", ("in_court", "landing_x", "landing_y"), ~inside

@@ -1,61 +1,32 @@
 """Strict readers of the files of ShuttleSet and ShuttleSet22; :mod:`shuttle_marl.data.cleaning` cleans their rows.
 
 Sources: Wang et al., "ShuttleSet: A Human-Annotated Stroke-Level Singles Dataset for Badminton Tactical Analysis",
-KDD 2023 (arXiv 2306.04948); Wang et al., "ShuttleSet22", IT4PSS@IJCAI 2023 (arXiv 2306.15664). Both MIT.
+KDD 2023 (arXiv 2306.04948); Wang et al., "ShuttleSet22", IT4PSS@IJCAI 2023 (arXiv 2306.15664). Both MIT. Types and reasons are
+the Chinese words of ``words.toml``; the passive drop is 過度切球 in the files, and 過渡切球 in the data sets' README.
 
 An invalid value is an error with file, line and value, unless the file equals a published one (by its SHA-256): its invalid
 rows are marked unreadable, and cleaning drops and counts them. The files of the 82 public matches have no such row.
 """
 
 import dataclasses
+import functools
 import json
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I8, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I8, I64, Array, Ints
 from shuttle_marl.base.errors import command
 from shuttle_marl.data import upstream
+from shuttle_marl.data.problems import DataError, Problem, shown
 from shuttle_marl.data.schema import FAR_OFF, REASONS
-from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv
+from shuttle_marl.data.sheet import Sheet, read_csv
 from shuttle_marl.data.upstream import discipline, player_id
+from shuttle_marl.data.words import table
 from shuttle_marl.game.stroke import SHOTS
-
-SHOT_NAMES: Final = {
-    "發短球": "short-serve",
-    "發長球": "long-serve",
-    "長球": "clear",
-    "挑球": "lift",
-    "防守回挑": "lift",
-    "切球": "drop",
-    "過度切球": "drop",
-    "殺球": "smash",
-    "點扣": "half-smash",
-    "平球": "drive",
-    "小平球": "drive",
-    "後場抽平球": "drive",
-    "防守回抽": "drive",
-    "推球": "push",
-    "撲球": "net-kill",
-    "放小球": "net-shot",
-    "擋小球": "block",
-    "勾球": "cross-court-net-shot",
-}
-"""Shot types by name in the files, which have 過度切球 for the passive drop (in the data sets' README 過渡切球)."""
-UNKNOWN_SHOT: Final = "未知球種"
-
-REASON_NAMES: Final = {
-    "出界": "out",
-    "掛網": "net",
-    "未過網": "short",
-    "犯規": "foul",
-    "對手落地致勝": "landed",
-    "落點判斷失誤": "misjudged",
-    "對手落地判斷失誤": "misjudged",
-}
-"""Reasons by value of ``lose_reason``."""
 
 POINTS: Final = ("landing", "hit", "player_location", "opponent_location")
 """Points with pixel coordinates in every row."""
@@ -72,14 +43,14 @@ _HOMOGRAPHY_COLUMNS: Final = ("video", "homography_matrix")
 _MAX_NUMBER: Final = 9999
 """Maximum number of rallies, strokes of a rally, and matches of a list."""
 _MAX_FRAMES: Final = 10_000_000
+_LISTED: Final = 20
+"""Words that a message lists."""
+_CLOCK: Final = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)", re.ASCII)
 
 AREA_OF_LABEL: Final = (0, 2, 6, 8, 3, 5, 1, 4, 7)
 """Index into court.AREAS by area label 1 to 9, from the view of the player of that half."""
 NEAREST_OF_LABEL: Final = (2, 5, 8, 7, 6, 3, 0)
 """Nearest area of the labels 10 to 16, which lie outside of the court and follow each other around it."""
-_SHOT_CODES: Final = {**{name: SHOTS.index(shot) for name, shot in SHOT_NAMES.items()}, UNKNOWN_SHOT: -1, "": -1}
-_REASON_CODES: Final = {**{name: REASONS.index(reason) for name, reason in REASON_NAMES.items()}, "": -1}
-
 # The court in the frame of the homographies: 355 x 960 units, net at 480, 660 units from base line to base line.
 _UNIT: Final = 13.40 / 660
 _CENTRE: Final = np.array([177.5, 480.0])
@@ -128,57 +99,47 @@ class ListedMatch:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RawGame:
-    """Columns of all rows of a game.
+    """Columns of all n rows of a game.
+
+    - ``line``: line in the file; ``unreadable``: whether a value was invalid and replaced by a missing one.
+    - ``rally``, ``stroke``: numbers of the annotators, from 1; 0 missing.
+    - ``by_a``: whether player A is the striker.
+    - ``shot``: index into :data:`shuttle_marl.game.stroke.SHOTS`, -1 unknown.
+    - ``height``, ``met_height``: contact heights of the stroke and of the receiver: 0 below, 1 above the net, -1 missing.
+    - ``backhand``, ``around_head``, ``flaw``: flags.
+    - ``label_area``: area label 1..16 of the landing as annotated, 0 missing.
+    - ``reason``: index into ``schema.REASONS``, -1 missing or not at the end of a rally.
+    - ``winner``: 0 for A, 1 for B, -1 missing or not at the end of a rally.
+    - ``score``: ``[n, 2]`` points of A and B after the rally, -1 missing.
+    - ``clock``, ``frame``: seconds and frames into the video, -1 missing.
+    - each of :data:`POINTS`: ``[n, 2]`` court metres, origin under the net, not yet egocentric; NaN missing.
 
     Attributes:
         game: number of the game, from 1.
+        problems: invalid values.
+        published: whether these are of a published file, in which their rows are dropped.
         broken_homography: whether the points are invalid (:data:`BAD_HOMOGRAPHY`).
         empty: number of further rows, without any value.
-        line: ``[n]`` line in the file of each row.
-        unreadable: ``[n]`` rows with an invalid value, which was replaced by a missing one.
-        rally, stroke: ``[n]`` numbers of the annotators, from 1; 0 missing.
-        by_a: ``[n]`` whether player A is the striker.
-        shot: ``[n]`` index into :data:`shuttle_marl.game.stroke.SHOTS`, -1 unknown.
-        height: ``[n]`` contact height: 0 below, 1 above the net, -1 missing.
-        met_height: ``[n]`` height of the receiver's contact, likewise.
-        backhand, around_head, flaw: ``[n]`` flags.
-        label_area: ``[n]`` area label 1..16 of the landing as annotated, 0 missing.
-        reason: ``[n]`` index into ``schema.REASONS``, -1 missing or not at the end of a rally.
-        winner: ``[n]`` 0 for A, 1 for B, -1 missing or not at the end of a rally.
-        score: ``[n, 2]`` points of A and B after the rally, -1 missing.
-        clock, frame: ``[n]`` seconds and frames into the video, -1 missing.
-        point: for each of :data:`POINTS`, ``[n, 2]`` court metres, origin under the net, not yet egocentric; NaN missing.
     """
 
     match: ListedMatch
     game: int
     path: Path
+    problems: Sequence[Problem]
+    published: bool
     broken_homography: bool
     empty: int
-    line: I64
-    unreadable: Bools
-    rally: I64
-    stroke: I64
-    by_a: Bools
-    shot: I8
-    height: I8
-    met_height: I8
-    backhand: Bools
-    around_head: Bools
-    flaw: Bools
-    label_area: I8
-    reason: I8
-    winner: I8
-    score: I64
-    clock: I64
-    frame: I64
-    point: dict[str, F64]
+    columns: Mapping[str, Array]
+
+    def __getitem__(self, column: str) -> Array:
+        return self.columns[column]
+
+    def __len__(self) -> int:
+        return len(self.columns["line"])
 
     def take(self, rows: Ints) -> "RawGame":
         """Rows by index."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        taken: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
-        return dataclasses.replace(self, **taken, point={name: xy[rows] for name, xy in self.point.items()})
+        return dataclasses.replace(self, columns={name: values[rows] for name, values in self.columns.items()})
 
 
 def list_matches(root: Path, problems: list[Problem] | None = None) -> list[ListedMatch]:
@@ -198,23 +159,30 @@ def list_matches(root: Path, problems: list[Problem] | None = None) -> list[List
     if not sources:
         expected = ", ".join(f"{folder}/match.csv" for folder in upstream.SOURCES.values())
         raise DataError(root, f"no match data here: expected {expected}; download it with `{command('data', 'download')}`")
-    found: list[Problem] = []
+    found: list[Problem] = [] if problems is None else problems
     matches: dict[str, ListedMatch] = {}
     for source in sources:
-        for match in _list_source(root / upstream.SOURCES[source], source, found):
-            other = matches.get(match.name)
-            if other is None or (match.present and not other.present):
-                matches[match.name] = match
-    if problems is not None:
-        problems.extend(found)
-    elif found:
+        for name, match in _list_source(root / upstream.SOURCES[source], source, found).items():
+            if name not in matches or (match.present and not matches[name].present):
+                matches[name] = match
+    if problems is None and found:
         raise DataError.of(found)
     return list(matches.values())
 
 
-def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[ListedMatch]:
-    homographies = _homographies(folder / "homography.csv", problems)
-    sheet = StrictCsv(folder / "match.csv", _MATCH_COLUMNS)
+def _list_source(folder: Path, source: str, problems: list[Problem]) -> dict[str, ListedMatch]:
+    plane = read_csv(folder / "homography.csv", _HOMOGRAPHY_COLUMNS)
+    homographies = dict[str, F64]()
+    for i, (name, text) in enumerate(zip(plane.text("video"), plane.text("homography_matrix"), strict=True)):
+        try:
+            matrix = np.array(json.loads(text), dtype=np.float64)
+        except (ValueError, TypeError, OverflowError, RecursionError):
+            matrix = np.empty(0)
+        if matrix.shape == (3, 3) and np.isfinite(matrix).all():
+            homographies[name] = matrix
+        else:
+            plane.mark(i, f"homography_matrix {text!r} of match {name!r} is not a 3 x 3 matrix")
+    sheet = read_csv(folder / "match.csv", _MATCH_COLUMNS)
     numbers = sheet.integers("id", 1, _MAX_NUMBER, missing=0)
     n_games = sheet.integers("set", 1, 9, missing=0)
     matches: dict[str, ListedMatch] = {}
@@ -228,93 +196,97 @@ def _list_source(folder: Path, source: str, problems: list[Problem]) -> list[Lis
         if len(kinds) != 1:
             sheet.mark(i, f"players {players} have an unknown or different disciplines; see shuttle_marl/data/upstream")
         if not sheet.unreadable[i]:
-            matches[name] = ListedMatch(
-                name=name,
-                source=source,
-                number=int(numbers[i]),
-                players=players,
-                discipline=kinds.pop(),
-                folder=folder / name,
-                n_games=int(n_games[i]),
-                homography=homographies[name],
-            )
-    problems.extend(sheet.problems)
-    return list(matches.values())
+            about: dict[str, Any] = {"discipline": kinds.pop(), "folder": folder / name, "homography": homographies[name]}
+            about |= {"number": int(numbers[i]), "n_games": int(n_games[i])}
+            matches[name] = ListedMatch(name=name, source=source, players=players, **about)
+    problems += [*plane.problems, *sheet.problems]
+    return matches
 
 
-def _homographies(path: Path, problems: list[Problem]) -> dict[str, F64]:
-    sheet = StrictCsv(path, _HOMOGRAPHY_COLUMNS)
-    homographies = {}
-    for i, (name, text) in enumerate(zip(sheet.text("video"), sheet.text("homography_matrix"), strict=True)):
-        try:
-            matrix = np.array(json.loads(text), dtype=np.float64)
-        except (ValueError, TypeError, OverflowError, RecursionError):
-            matrix = np.empty(0)
-        if matrix.shape == (3, 3) and np.isfinite(matrix).all():
-            homographies[name] = matrix
-        else:
-            sheet.mark(i, f"homography_matrix {text!r} of match {name!r} is not a 3 x 3 matrix")
-    problems.extend(sheet.problems)
-    return homographies
-
-
-def read_game(match: ListedMatch, path: Path, problems: list[Problem] | None = None) -> RawGame:
-    """Read the file of one game.
-
-    Args:
-        path: the file, one of ``match.games()``.
-        problems: list to which invalid values are added instead of raising.
+def read_game(match: ListedMatch, path: Path) -> RawGame:
+    """Read the file of one game, one of ``match.games()``.
 
     Raises:
-        DataError: the file cannot be decoded, lacks a column or rows; or, unless ``problems`` is given or the file is a
-            published one, contains an invalid value.
+        DataError: the file cannot be decoded, or lacks a column or rows.
     """
-    sheet = StrictCsv(path, _COLUMNS)
+    sheet = read_csv(path, _COLUMNS)
     point = {name: _project(sheet, name, match.homography) for name in POINTS}
     striker, receiver = point["player_location"][:, 1], point["opponent_location"][:, 1]
     broken = bool((striker * receiver > 0).mean() > BAD_HOMOGRAPHY)
     if not broken:
         _check_points(sheet, point)
-    raw = RawGame(
+    columns = {
+        **point,
+        "line": sheet.line,
+        "rally": sheet.integers("rally", 1, _MAX_NUMBER, missing=0),
+        "stroke": sheet.integers("ball_round", 1, _MAX_NUMBER, missing=0),
+        "by_a": _choices(sheet, "player", {"A": 0, "B": 1}) == 0,
+        "shot": _choices(sheet, "type", _chinese("shot", SHOTS)),
+        "height": _height(sheet, "hit_height"),
+        "met_height": _height(sheet, "landing_height"),
+        "backhand": _optional(sheet, "backhand", 1) == 1,
+        "around_head": _optional(sheet, "aroundhead", 1) == 1,
+        "flaw": _optional(sheet, "flaw", 1) == 1,
+        "label_area": _optional(sheet, "landing_area", 16),
+        "reason": _choices(sheet, "lose_reason", _chinese("ending", ("", *REASONS[1:]))),
+        "winner": _choices(sheet, "getpoint_player", {"A": 0, "B": 1, "": -1}),
+        "score": np.stack([sheet.integers(f"roundscore_{who}", 0, 30, missing=-1) for who in "AB"], axis=1),
+        "clock": _seconds(sheet, "time"),
+        "frame": sheet.integers("frame_num", 0, _MAX_FRAMES, missing=-1),
+        "unreadable": sheet.unreadable,
+    }
+    return RawGame(
         match=match,
         game=int(path.stem.removeprefix("set")),
         path=path,
+        problems=sorted(sheet.problems, key=lambda problem: problem.line or 0),
+        published=bool(sheet.problems) and upstream.is_published(sheet.content),
         broken_homography=broken,
         empty=sheet.empty,
-        line=sheet.line,
-        rally=sheet.integers("rally", 1, _MAX_NUMBER, missing=0),
-        stroke=sheet.integers("ball_round", 1, _MAX_NUMBER, missing=0),
-        by_a=sheet.choices("player", {"A": 0, "B": 1}) == 0,
-        shot=sheet.choices("type", _SHOT_CODES),
-        height=_height(sheet, "hit_height"),
-        met_height=_height(sheet, "landing_height"),
-        backhand=sheet.codes("backhand", 1) == 1,
-        around_head=sheet.codes("aroundhead", 1) == 1,
-        flaw=sheet.codes("flaw", 1) == 1,
-        label_area=sheet.codes("landing_area", 16),
-        reason=sheet.choices("lose_reason", _REASON_CODES),
-        winner=sheet.choices("getpoint_player", {"A": 0, "B": 1, "": -1}),
-        score=np.stack([sheet.integers(f"roundscore_{who}", 0, 30, missing=-1) for who in "AB"], axis=1),
-        clock=sheet.seconds("time"),
-        frame=sheet.integers("frame_num", 0, _MAX_FRAMES, missing=-1),
-        point=point,
-        unreadable=sheet.unreadable,
+        columns=columns,
     )
-    found = sorted(sheet.problems, key=lambda problem: problem.line or 0)
-    if problems is not None:
-        problems.extend(found)
-    elif found and not upstream.is_published(sheet.content):
-        raise DataError.of(found)
-    return raw
 
 
-def _height(sheet: StrictCsv, column: str) -> I8:
+def _choices(sheet: Sheet, name: str, codes: dict[str, int]) -> I8:
+    """``[n]`` codes of values; unknown ones are a problem and become -1."""
+    known = ", ".join([key or "nothing" for key in codes][:_LISTED]) + (", …" if len(codes) > _LISTED else "")
+    return sheet.codes(name, codes, -1, lambda _: f"expected one of {known}").astype(np.int8)
+
+
+@functools.cache
+def _chinese(kind: str, names: Sequence[str]) -> dict[str, int]:
+    """Codes of the Chinese words of a kind; -1 for what is not known."""
+    known = {word: meaning for word, meaning in table(kind)["zh"].items() if meaning in (*names, "unknown")}
+    return {"": -1} | {word: -1 if meaning == "unknown" else names.index(meaning) for word, meaning in known.items()}
+
+
+def _optional(sheet: Sheet, name: str, high: int) -> I8:
+    """``[n]`` integers from 1 to high, 0 for empty values."""
+    return sheet.integers(name, 1, high, missing=0, empty=True).astype(np.int8)
+
+
+def _height(sheet: Sheet, name: str) -> I8:
     """Heights as 0 below, 1 above the net, -1 missing; the files have 1 above, 2 below (in their README 0)."""
-    codes = sheet.codes(column, 2)
+    codes = _optional(sheet, name, 2)
     return np.where(codes == 0, -1, 2 - codes).astype(np.int8)
 
 
-def _project(sheet: StrictCsv, name: str, homography: F64) -> F64:
+def seconds_of(text: str) -> int | None:
+    """Time of ``h:mm:ss`` [s]; None for other text."""
+    clock = _CLOCK.fullmatch(text)
+    return None if clock is None else 3600 * int(clock[1]) + 60 * int(clock[2]) + int(clock[3])
+
+
+def _seconds(sheet: Sheet, name: str) -> I64:
+    """``[n]`` times [s]; other values are a problem and become -1."""
+    values = [seconds_of(text) for text in sheet.text(name)]
+    for row, text in enumerate(sheet.text(name)):
+        if values[row] is None:
+            sheet.mark(row, f"{name} {shown(text)}; expected h:mm:ss")
+    return np.array([-1 if value is None else value for value in values])
+
+
+def _project(sheet: Sheet, name: str, homography: F64) -> F64:
     """``[n, 2]`` court coordinates [m] of pixels, origin under the middle of the net; NaN missing."""
     x, y = sheet.numbers(f"{name}_x"), sheet.numbers(f"{name}_y")
     image = homography @ np.stack([x, y, np.ones_like(x)])
@@ -323,7 +295,7 @@ def _project(sheet: StrictCsv, name: str, homography: F64) -> F64:
     return metres
 
 
-def _check_points(sheet: StrictCsv, point: dict[str, F64]) -> None:
+def _check_points(sheet: Sheet, point: dict[str, F64]) -> None:
     """Mark points far off the court and set them missing."""
     limits = np.array([3.05, 6.70]) + FAR_OFF
     for name, metres in point.items():

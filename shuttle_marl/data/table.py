@@ -4,7 +4,7 @@ import collections
 import dataclasses
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,9 +20,9 @@ from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.copies import copies
 from shuttle_marl.data.hands import unknown_hands, with_hands
 from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.problems import DataError, Problem
 from shuttle_marl.data.schema import NAMES, OPTIONAL, STROKES, Account, Cleaned, named, unnamed, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
-from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
 _QUOTED: Final = re.compile(r"(?<!\w)'.*'|(?<!\w)\".*\"")
@@ -46,10 +46,10 @@ def read_matches(path: Path | str, columns: Path | str | None = None) -> pa.Tabl
     Raises:
         DataError: missing or unreadable file or folder, or another schema.
     """
-    if columns is not None:
-        return import_matches(Path(path), Path(columns)).strokes
-    cleaned = _cleaned(Path(path))
-    return read_parquet(Path(path)) if cleaned is None else cleaned.strokes
+    path = Path(path)
+    if columns is not None or _is_no_table(path):
+        return import_matches(path, None if columns is None else Path(columns)).strokes
+    return clean_matches(path).strokes if path.is_dir() else _conforming(path, _content(path))
 
 
 def load_account(path: Path | str) -> Account:
@@ -63,17 +63,12 @@ def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
     Raises:
         DataError: as :func:`read_matches`; or the file has no account.
     """
-    if (cleaned := _cleaned(Path(path))) is not None:
+    path = Path(path)
+    if path.is_dir() or _is_no_table(path):
+        cleaned = clean_matches(path) if path.is_dir() else import_matches(path)
         return cleaned.strokes, cleaned.account
-    strokes, account = _read(Path(path))
+    strokes, account = _read(path)
     return strokes, account or Account.of(strokes)
-
-
-def _cleaned(path: Path) -> Cleaned | None:
-    """The strokes of a file of another program or of a folder with the raw files; None for others."""
-    if _is_no_table(path):
-        return import_matches(path)
-    return clean_matches(path) if path.is_dir() else None
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any], new: bool = False) -> None:
@@ -93,22 +88,8 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
     table_files.write_parquet(path, table, new=new, compression_level=9)
 
 
-def read_parquet(path: Path) -> pa.Table:
-    """Read a stroke table. One that another program wrote, such as pandas, is cast to the schema and must satisfy its rules.
-
-    Raises:
-        DataError: missing file, not Parquet, another schema, or a broken rule.
-        MemoryError: there is less memory than it needs.
-    """
-    return _conforming(path, _content(path))
-
-
 def _read(path: Path) -> tuple[pa.Table, Account | None]:
-    """A stroke table and its account, which those of other programs do not have.
-
-    Raises:
-        DataError: as :func:`read_parquet`; or the file has no account.
-    """
+    """A stroke table and its account, which those of other programs do not have."""
     content = _content(path)
     strokes = _conforming(path, content)
     if _written_elsewhere(content):
@@ -142,7 +123,10 @@ def _written_elsewhere(table: pa.Table) -> bool:
 
 
 def _conforming(path: Path, table: pa.Table) -> pa.Table:
-    """A table of a file in the schema of strokes; columns that it may lack are added."""
+    """A table of a file in the schema of strokes; columns that it may lack are added.
+
+    One that another program wrote, such as pandas, is cast to the schema and must satisfy its rules.
+    """
     elsewhere, metadata, advice = _written_elsewhere(table), table.schema.metadata, _again()
     if elsewhere:
         table = table.select([name for name in table.column_names if not name.startswith(_OF_PANDAS)])
@@ -157,13 +141,12 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
         expected_names = ", ".join(STROKES.names)
         raise DataError(path, f"columns {', '.join(table.column_names)}; expected {expected_names} in this order; {advice}")
     for field in STROKES:
-        if field.name not in names:
-            columns.append(pa.nulls(len(table), field.type))
-            continue
-        column, forms = table[field.name], (table.schema.field(field.name), _STORED.field(field.name), field)
-        told, wanted, codes = (f"{each.type}{'' if each.nullable else ' not null'}" for each in forms)
-        if not elsewhere and told not in (wanted, codes):
-            raise DataError(path, f"column {field.name!r} is {told}, expected {wanted}; {advice}")
+        column = table[field.name] if field.name in names else pa.nulls(len(table), field.type)
+        if field.name in names and not elsewhere:
+            forms = table.schema.field(field.name), _STORED.field(field.name), field
+            told, wanted, codes = (f"{each.type}{'' if each.nullable else ' not null'}" for each in forms)
+            if told not in (wanted, codes):
+                raise DataError(path, f"column {field.name!r} is {told}, expected {wanted}; {advice}")
         try:
             columns.append(unnamed(field.name, column) if field.name in NAMES else column.cast(field.type))
         except pa.ArrowException as error:
@@ -229,10 +212,10 @@ class Report:
         account: account of the strokes, None if they cannot be read.
     """
 
-    problems: tuple[Problem, ...]
-    notes: tuple[str, ...]
-    splits: dict[Split, tuple[int, int]]
-    account: Account | None
+    problems: Sequence[Problem] = ()
+    notes: Sequence[str] = ()
+    splits: Mapping[Split, tuple[int, int]] = dataclasses.field(default_factory=dict)
+    account: Account | None = None
 
 
 def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None = None) -> Report:
@@ -240,14 +223,14 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
     try:
         if columns is not None or _is_no_table(path):
             cleaned = import_matches(path, columns)
-            return Report(problems=(), notes=cleaned.warnings, splits={}, account=cleaned.account)
+            return Report(notes=cleaned.warnings, account=cleaned.account)
         if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
             advice = f"`{command('data', 'download')}` downloads them; import your own with `{command('data', 'import')}`"
             nothing = Problem(path, f"contains none of the published data sets ({', '.join(upstream.SOURCES)}); {advice}")
-            return Report(problems=(nothing,), notes=(), splits=_compare(path, ())[0], account=None)
+            return Report(problems=(nothing,), splits=_compare(path, ())[0])
         return _validate_folder(path, splits) if path.is_dir() else _validate_table(path)
     except DataError as error:
-        return Report(problems=error.problems, notes=(), splits={}, account=None)
+        return Report(problems=error.problems)
 
 
 def _is_no_table(path: Path) -> bool:
@@ -263,11 +246,8 @@ def _validate_table(path: Path) -> Report:
     problems = [Problem(path, str(violation)) for violation in violations(strokes)]
     counted = Account.of(strokes)
     account = given or counted
-    for name, expected, count in (
-        ("strokes", account.strokes_kept, counted.strokes),
-        ("rallies", account.rallies_kept, counted.rallies),
-        ("matches", account.matches, counted.matches),
-    ):
+    for name in ("strokes", "rallies", "matches"):
+        expected, count = getattr(account, name if name == "matches" else f"{name}_kept"), getattr(counted, name)
         # All strokes of a match may have been dropped.
         if expected < count or (expected > count and name != "matches"):
             problems.append(Problem(path, f"the account has {expected} {name}, the table {count}"))
@@ -276,7 +256,7 @@ def _validate_table(path: Path) -> Report:
         notes += ("another program wrote this file, without an account: the counts are those of its rows",)
     if account.strokes_kept + sum(account.dropped.values()) != account.strokes:
         problems.append(Problem(path, "inconsistent account: kept and dropped strokes do not add up to all strokes"))
-    return Report(problems=tuple(problems), notes=notes, splits={}, account=account)
+    return Report(problems=tuple(problems), notes=notes, account=account)
 
 
 def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:
@@ -286,17 +266,16 @@ def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:
     try:
         matches = list_matches(root, problems)
     except DataError as error:
-        return Report(problems=(*problems, *error.problems), notes=(), splits=counts, account=None)
+        return Report(problems=(*problems, *error.problems), splits=counts)
     present = [match for match in matches if match.present]
     for match in present:
         try:
             for path in match.games():
-                found: list[Problem] = []
-                read_game(match, path, found)
-                if found and upstream.is_published(path.read_bytes()):
-                    notes.extend(f"{problem} (in the published file: the row is dropped)" for problem in found)
+                game = read_game(match, path)
+                if game.published:
+                    notes.extend(f"{problem} (in the published file: the row is dropped)" for problem in game.problems)
                 else:
-                    problems.extend(found)
+                    problems.extend(game.problems)
         except DataError as error:
             problems.extend(error.problems)
     listed = {match.name for match in matches}
@@ -309,25 +288,22 @@ def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:
 
 def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int, int]], list[Problem]]:
     """Compare the files with the manifest: counts of unaltered and listed files by split, and problems."""
-    whole: collections.Counter[Split] = collections.Counter()
-    listed: collections.Counter[Split] = collections.Counter()
+    whole, listed = collections.Counter[Split](), collections.Counter[Split]()
     missing: dict[tuple[Path, Split | None], list[str]] = {}
     problems: list[Problem] = []
     for name, digest in upstream.manifest().items():
-        match = upstream.match_of(name)
+        match, file = upstream.match_of(name), root / name
         split = None if match is None else split_of(match)
-        file = root / name
-        if split is not None:
-            listed[split] += 1
+        listed.update([split] if split else [])
         if not file.is_file():
             missing.setdefault((file.parent, split), []).append(file.name)
         elif (got := upstream.sha256_of(file)) != digest:
             problems.append(Problem(file, f"altered: SHA-256 is {got}, expected {digest}; delete it and download it again"))
-        elif split is not None:
-            whole[split] += 1
+        else:
+            whole.update([split] if split else [])
+    advice = f"download them with `{command('data', 'download')}`"
     for (folder, split), names in missing.items():
         if split is None or split in splits:
             of_split = "" if split is None else f" ({split} split)"
-            advice = f"download them with `{command('data', 'download')}`"
             problems.append(Problem(folder, f"missing {', '.join(names)}{of_split}; {advice}"))
     return {split: (whole[split], listed[split]) for split in SPLITS}, problems

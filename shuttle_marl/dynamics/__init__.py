@@ -7,8 +7,8 @@ from shuttle_marl.base.lazy import lazily
 if TYPE_CHECKING:
     from shuttle_marl.dynamics.fitted import FittedModels, load_models
     from shuttle_marl.dynamics.make import fit_model
-    from shuttle_marl.dynamics.modules import MContact, MHurried, MRecovery, MRet, MSucc
+    from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc
 
-__all__ = ["FittedModels", "MContact", "MHurried", "MRecovery", "MRet", "MSucc", "fit_model", "load_models"]
+__all__ = ["FittedModels", "MContact", "MHurried", "MRet", "MSucc", "fit_model", "load_models"]
 
 __getattr__, __dir__ = lazily(__name__)

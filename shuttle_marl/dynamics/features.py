@@ -197,13 +197,6 @@ class Rows:
         """The codes with areas as a game names them: as a right-handed receiver sees them."""
         return {**self.codes, **{name: mirrored_where(self.codes["hands"] == 1, self.codes[name]) for name in _OF_RECEIVER}}
 
-    @functools.cached_property
-    def cells(self) -> I64:
-        """``[N]`` index of (shot, area, height, technique) of the stroke itself; negative without area."""
-        c = {k: v.astype(np.int64) for k, v in self.codes.items()}
-        index = ((c["shot"] * N_AREAS + c["area"]) * 2 + c["contact"]) * N_TECHNIQUES + c["technique"]
-        return np.where(c["area"] < 0, -1, index)
-
 
 _OF_RECEIVER: Final = ("own_area", "area")
 """Areas that the receiver of the striker's strokes sees."""

@@ -16,12 +16,12 @@ from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.models import HURRIED, RIDGE_COLUMNS, SPECS, Ridge, log_odds, mean_probabilities
-from shuttle_marl.dynamics.modules import MContact, MHurried, MRecovery, MRet, MSucc
-from shuttle_marl.dynamics.network import Ensemble, NetworkSpec, in_chunks
+from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc
+from shuttle_marl.dynamics.network import Ensemble, in_chunks
 from shuttle_marl.dynamics.situations import Situations
 from shuttle_marl.dynamics.trees import Trees
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.shipped import NETWORKS, POSITIONS, load_positions, model_folder, read_model
+from shuttle_marl.game.shipped import NETWORKS, model_folder, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 
@@ -77,7 +77,6 @@ class FittedModels:
         situations: effect of effort and long duels on the log-odds of a fault.
         share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
         opposite: whether striker and receiver have different hands; both are right-handed otherwise.
-        m_recovery: positions of receivers, in a file of their own; None: the model has none.
     """
 
     m_choice: Ensemble
@@ -90,7 +89,6 @@ class FittedModels:
     share: F64
     choices: PlayerChoices
     opposite: bool = False
-    m_recovery: MRecovery | None = None
 
     @property
     def choosers(self) -> dict[str, Ensemble]:
@@ -149,8 +147,7 @@ class FittedModels:
 
     def save(self, folder: Path) -> str:
         """Write ``networks.safetensors``; returns the SHA-256 of its content."""
-        succ, ret, contact = self.m_succ, self.m_ret, self.m_contact
-        outcomes = {"success": succ, "return": ret, "contact": contact}
+        outcomes = {"success": self.m_succ, "return": self.m_ret, "contact": self.m_contact}
         networks = {**self.choosers, **{name: part.network for name, part in outcomes.items()}}
         tensors = {
             f"{name}.{key}": value.half().numpy()
@@ -158,7 +155,7 @@ class FittedModels:
             for key, value in network.state_dict().items()
         }
         tensors |= {
-            "ridge": ret.ridge.weight.numpy(),
+            "ridge": self.m_ret.ridge.weight.numpy(),
             "calibration": self.calibration,
             "share": self.share,
             "effort": self.situations.effort,
@@ -192,9 +189,7 @@ class FittedModels:
         try:
             header, arrays = read_model(folder, NETWORKS)
             described = parsed(header["model"])
-            networks = {name: _network(fields, _part(name, arrays)) for name, fields in described["specs"].items()}
-            if missing := set(SPECS) - set(networks):
-                raise ValueError(f"network {', '.join(sorted(missing))} is missing")
+            networks = {name: _network(name, arrays) for name in SPECS}
             players = tuple(map(str, described["players"]))
             m = len(players)
             styles = (m, SLOTS["incoming_shot"], SLOTS["contact"], N_SHOTS * N_TECHNIQUES)
@@ -215,7 +210,6 @@ class FittedModels:
                     style=checked(arrays["players.style"], np.float64, styles),
                     area=checked(arrays["players.area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
                 ),
-                m_recovery=MRecovery(load_positions(folder)) if (folder / POSITIONS).is_file() else None,
             )
         except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError) as error:
             raise ModelError(f"{path}: no readable model ({error}); fit or install it again") from error
@@ -236,18 +230,17 @@ def _part(name: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArr
     return {key.removeprefix(f"{name}."): array for key, array in arrays.items() if key.startswith(f"{name}.")}
 
 
-def _network(fields: dict[str, Any], weights: dict[str, npt.NDArray[Any]]) -> Ensemble:
-    """A network from its description and its weights.
+def _network(name: str, arrays: dict[str, npt.NDArray[Any]]) -> Ensemble:
+    """A network from its weights, whose shapes tell the numbers of members and of hidden units.
 
     Raises:
-        ValueError, TypeError, KeyError, RuntimeError: they are inconsistent, or a weight is not finite.
+        ValueError, KeyError, RuntimeError: a weight is missing, of another shape, or not finite.
     """
-    crosses = tuple(tuple(cross) for cross in fields.pop("crosses"))
-    spec = NetworkSpec(inputs=tuple(fields.pop("inputs")), crosses=crosses, **fields)
-    # Without memory: the description in a file may have any size, its weights are no larger than the file.
+    weights = _part(name, arrays)
+    _, members, hidden = weights["first"].shape
     with torch.device("meta"):
-        network = Ensemble(spec)
-    state = {name: torch.from_numpy(checked(weight, np.float16, weight.shape)).double() for name, weight in weights.items()}
+        network = Ensemble(dataclasses.replace(SPECS[name], members=members, hidden=hidden))
+    state = {key: torch.from_numpy(checked(weight, np.float16, weight.shape)).double() for key, weight in weights.items()}
     network.load_state_dict(state, assign=True)
     return network.requires_grad_(False).eval()
 

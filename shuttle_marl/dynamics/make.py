@@ -44,7 +44,7 @@ from shuttle_marl.dynamics.play import play_of_people
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
 from shuttle_marl.dynamics.recovery import copied_recovery, save_recovery
 from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
-from shuttle_marl.dynamics.splits import require_enough, resampled, rows_of, train_and_validation
+from shuttle_marl.dynamics.splits import MIN_MATCHES_FOR_REFITS, require_enough, resampled, rows_of, train_and_validation
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game import shipped
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
@@ -53,8 +53,6 @@ from shuttle_marl.game.variants import packed
 
 ENOUGH_STROKES: Final = 20_000
 """Strokes that fill most cells, and show what people play in 1 % of cases; with fewer, both are a warning."""
-MIN_MATCHES_FOR_REFITS: Final = 6
-"""Training matches of refits: most resamples of fewer contain only half of them."""
 _RULE: Final = (
     f"Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot type; "
     f"against one incoming shot type and area. Each cell's rate is shrunk to that of the cell around it with the weight of "

@@ -18,12 +18,9 @@ import torch
 from torch import Tensor, nn
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.dynamics.features import SLOTS
 from shuttle_marl.dynamics.models import GOOD, HURRIED, Ridge
 from shuttle_marl.dynamics.network import Ensemble
 from shuttle_marl.dynamics.trees import Trees
-from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.recovery import PARTS, STEP, Recovery
 
 
 class _Calibrated(nn.Module):
@@ -115,35 +112,3 @@ class MHurried(nn.Module):
             if name in self.known:
                 found[:, height] = torch.sigmoid(self.lines[height, 0] * self.known[name](codes) + self.lines[height, 1])
         return found
-
-
-class MRecovery(nn.Module):
-    """Where people wait for a stroke, and what a position changes (:mod:`shuttle_marl.game.recovery`).
-
-    Args:
-        recovery: the fit.
-    """
-
-    people: Tensor
-    effect: Tensor
-
-    def __init__(self, recovery: Recovery) -> None:
-        super().__init__()
-        self.register_buffer("people", torch.from_numpy(recovery.chosen / np.float64(CHOICE_ONE)))
-        self.register_buffer("effect", torch.from_numpy(recovery.effect * np.float64(STEP)))
-
-    def forward(self, codes: Tensor) -> Tensor:
-        """``[N, 9]`` probabilities of people's positions where the striker is in the context of each stroke.
-
-        Raises:
-            IndexError: a previous stroke is not known.
-        """
-        return self.people[_columns(codes, *PARTS)]
-
-    def shift(self, codes: Tensor) -> Tensor:
-        """``[N, 3, 9]`` by how much each position changes the log-odds of :data:`~shuttle_marl.game.recovery.EFFECTS`."""
-        return self.effect.movedim(0, 2)[_columns(codes, "shot", "area")]
-
-
-def _columns(codes: Tensor, *names: str) -> tuple[Tensor, ...]:
-    return tuple(codes[:, list(SLOTS).index(name)].long() for name in names)

@@ -25,19 +25,10 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I64, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import Tensors, checked, tensor_bytes
-from shuttle_marl.data import read_matches
-from shuttle_marl.dynamics.card import strokes_hash, write_card
-from shuttle_marl.dynamics.compiled import THREADS
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.dynamics.fit import Report, unseen_predictions
-from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.hurried import load_hurry, marked_rows
 from shuttle_marl.dynamics.models import sigmoid
-from shuttle_marl.dynamics.network import EnsembleConfig
 from shuttle_marl.dynamics.skill import Predicted
-from shuttle_marl.dynamics.splits import train_and_validation
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recovery, position_of
@@ -272,34 +263,3 @@ def copied_recovery(folder: Path, prior: Path) -> dict[str, Any] | None:
     replace_file(folder / POSITIONS, content)
     found: dict[str, Any] | None = read_model_card(prior).get("recovery")
     return found
-
-
-@own_settings(THREADS)
-def add_recovery(data: Path, folder: Path, *, report: Report) -> dict[str, Any]:
-    """Fit the positions of receivers to the strokes of an existing model, and add them to its folder.
-
-    Args:
-        data: of the fit.
-
-    Returns:
-        The model card.
-
-    Raises:
-        ShuttleError: the model was fitted to other data, or with a prior, or too few strokes have positions.
-        GameError: the model card cannot be read.
-    """
-    report("reading strokes")
-    card, strokes = read_model_card(folder), read_matches(data)
-    if "prior" in card["chosen"]:
-        raise ShuttleError(f"{folder}: a model that corrects another one has the positions of that; fit it again")
-    if strokes_hash(strokes) != card["data"]["hash"]:
-        raise ShuttleError(f"{data}: not the strokes that the model was fitted to; name those, or fit a model to these")
-    train, _ = train_and_validation(marked_rows(strokes, load_hurry(folder)), card["data"]["validation_share"])
-    report("out-of-fold predictions")
-    predicted = unseen_predictions(FittedModels.load(folder), train, EnsembleConfig().folds)
-    report("positions of receivers")
-    recovery = save_recovery(folder, train, predicted)
-    write_card(folder, {**card, "recovery": recovery})
-    if recovery is None:
-        raise ShuttleError(f"{data}: too few strokes with the position of the receiver; the model has none")
-    return read_model_card(folder)

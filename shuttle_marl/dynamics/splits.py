@@ -13,6 +13,8 @@ from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 
+MIN_MATCHES_FOR_REFITS: Final = 6
+"""Training matches of refits: most resamples of fewer contain only half of them."""
 MIN_STROKES: Final = 1000
 """Training strokes of a fit without prior: some nine for each shot type and area."""
 MIN_STROKES_WITH_PRIOR: Final = 300

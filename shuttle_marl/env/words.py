@@ -1,13 +1,13 @@
 """Rallies for language models: observations are positions in words, actions are sentences that name a stroke.
 
-A position is also what the task ``text-v0`` asks about. ``TextRallyEnv`` is a Gymnasium environment against an opponent,
-``text_env()`` a PettingZoo environment of two players. An action that names no legal stroke loses the rally, as illegal strokes
-do in ``rally_v0``. In the game with recovery, who has struck is asked where to wait, and names one of the ``wait:…``.
+``TextRallyEnv`` is a Gymnasium environment against an opponent, ``text_env()`` a PettingZoo environment of two players. An
+action that names no legal stroke loses the rally, as illegal strokes do in ``rally_v0``. In the game with recovery, who struck is
+asked where to wait, and names one of the ``wait:…``.
 """
 
 import string
 from collections.abc import Sequence
-from typing import Any, Final, TypedDict
+from typing import Any, Final
 
 import gymnasium
 from gymnasium import spaces
@@ -25,21 +25,6 @@ OVER: Final = "The rally is over."
 WAIT: Final = "Your opponent strikes."
 CHOOSES: Final = "Your opponent chooses where to wait."
 WORDS: Final = spaces.Text(1 << 16, charset=string.printable)
-
-
-class Position(TypedDict):
-    """A position: number, description, names of the legal strokes, and the numbers of the state."""
-
-    id: int
-    text: str
-    legal: list[str]
-    observation: list[int]
-
-
-def position(game: Game, state: int, number: int = 0) -> Position:
-    """A state as a position."""
-    legal = [game.catalogue.names[stroke] for stroke in game.legal_strokes(state)]
-    return {"id": number, "text": described(game, state), "legal": legal, "observation": game.observation(state).tolist()}
 
 
 def described(game: Game, state: int, *, receiver: bool = False) -> str:
@@ -82,11 +67,6 @@ WAITING: Final = (
     "does not see it. Places are named wait:DEPTH-SIDE, in your own half: front is at the net, forehand your forehand side. "
     "Choose the one that wins the rally most often. Answer with its name and nothing else."
 )
-
-
-def prompt(place: Position) -> str:
-    """A position as a question to a chat model."""
-    return f"{RULES}\n\n{place['text']}\n\nLegal strokes: {', '.join(place['legal'])}\n"
 
 
 def read_answer(text: str, legal: Sequence[str]) -> str | None:
@@ -133,7 +113,8 @@ class TextRallyEnv(gymnasium.Env[str, str]):
 
 def words(game: Game, state: int) -> str:
     """A state as a question, with the legal strokes."""
-    return prompt(position(game, state))
+    legal = [game.catalogue.names[stroke] for stroke in game.legal_strokes(state)]
+    return f"{RULES}\n\n{described(game, state)}\n\nLegal strokes: {', '.join(legal)}\n"
 
 
 def words_to_mover(raw: ShuttleEnv) -> str:

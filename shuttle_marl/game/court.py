@@ -63,7 +63,7 @@ Hands = tuple[str, str]
 """Hands of seats 0 and 1."""
 N_AREAS: Final = len(AREAS)
 AREA_WORDS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand").replace("-", " ") for area in AREAS)
-"""The areas in words for people, as a right-handed receiver sees them; ``short_areas`` of :mod:`shuttle_marl.pages.languages`."""
+"""The areas in words for people, as a right-handed receiver sees them; ``short_areas`` of the catalogues of languages."""
 AreaT = TypeVar("AreaT", int, Ints)
 N_SIDES: Final = 3
 """Right, centre and left of a half, numbers 0 to 2."""

@@ -1,18 +1,16 @@
 """Learning curves of training runs."""
 
 import dataclasses
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, TypeGuard
+from typing import Any, Final
 
 from markupsafe import Markup
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.files import MAX_LINES, problem, read_file
 from shuttle_marl.league.entrants import LeagueError
-from shuttle_marl.pages import charts
+from shuttle_marl.reports import charts
 
 FIGURES: Final = {
     "exploitability": "exploitability",
@@ -20,6 +18,7 @@ FIGURES: Final = {
     "rally_win": "rallies won",
 }
 """Names of the figures that are drawn, by their keys in the file."""
+_NUMBER: Final = (int, float)
 _LOGARITHMIC: Final = ("exploitability",)
 
 
@@ -32,37 +31,28 @@ class Curve:
 
     def points(self, figure: str, by: str) -> list[tuple[float, float]]:
         """Points of a figure over ``seconds`` or ``strokes``; rows without one of the two are left out."""
-        spots = [(row.get(by), row.get(figure)) for row in self.rows]
-        return [(float(x), float(y)) for x, y in spots if _finite(x) and _finite(y)]
+        return [
+            (row[by], row[figure])
+            for row in self.rows
+            if isinstance(row.get(by), _NUMBER) and isinstance(row.get(figure), _NUMBER)
+        ]
 
     def last(self, figure: str) -> float:
         """The last value of a figure; NaN without one."""
-        found = [row[figure] for row in self.rows if _finite(row.get(figure))]
+        found = [row[figure] for row in self.rows if isinstance(row.get(figure), _NUMBER)]
         return float(found[-1]) if found else math.nan
-
-
-def _finite(value: object) -> TypeGuard[float]:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def read_curve(folder: Path, name: str) -> Curve:
     """Read the evaluations of a training run.
 
     Raises:
-        LeagueError: they are missing or damaged.
+        LeagueError: they are damaged.
     """
-    path = folder / runs.METRICS
     try:
-        # The last line may be incomplete.
-        lines = read_file(path, MAX_LINES).decode("utf-8").split("\n")[:-1]
-        rows = [json.loads(line) for line in lines]
-    except OSError as error:
-        raise LeagueError(f"{path}: cannot be read ({problem(error)})") from error
-    except (ValueError, RecursionError) as error:
-        raise LeagueError(f"{path}: is damaged ({error or 'nested too deeply'})") from error
-    if not all(isinstance(row, dict) for row in rows):
-        raise LeagueError(f"{path}: is damaged (a line is not a JSON object)")
-    return Curve(name=name, rows=rows)
+        return Curve(name=name, rows=runs.Journal(folder / runs.METRICS).read())
+    except runs.RunError as error:
+        raise LeagueError(str(error)) from error
 
 
 def learning_charts(runs: Sequence[Curve]) -> list[tuple[str, Markup]]:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -12,7 +12,6 @@ import tyro
 from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.base.bounds import Count, CountOrZero, Seed, Within, check_bounds
 from shuttle_marl.base.errors import ShuttleError, suggesting
-from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import HistoryError, Policy, PolicyError, reads_score
 from shuttle_marl.game.scoring import RulesName
@@ -130,8 +129,6 @@ class LeagueConfig:
             raise LeagueError("--extend adds to a round robin or a gauntlet; not available with --overwrite or --format swiss")
         if len(self.pool) == 1 and not self.extend:
             raise LeagueError(f"--pool {self.pool[0]}: a tournament needs two entrants or more")
-        if self.resume and self.overwrite:
-            raise LeagueError("--resume continues a run and --overwrite replaces it; give one of them")
 
     def fixed(self) -> dict[str, Any]:
         """All options that affect the results, as JSON."""
@@ -226,21 +223,10 @@ def seat_tables(game: Game, entrants: Sequence[Entrant]) -> list[TabulatedPolicy
 
 
 class Strikers:
-    """Chooses the strokes of a batch in which any of the entrants may strike.
-
-    The tables of all entrants are stacked, so a stroke takes one row look-up and one comparison.
-    """
+    """Chooses the strokes and positions of a batch in which any of the entrants may decide."""
 
     def __init__(self, game: Game, entrants: Sequence[Entrant]) -> None:
-        self._game, self._entrants = game, entrants
-        self._sampled = [i for i, entrant in enumerate(entrants) if entrant.table is None and not entrant.failure]
-        tables = [np.empty((0, 0), dtype=np.uint16) if table is None else table.padded for table in seat_tables(game, entrants)]
-        self._second = len(entrants) if game.people is not None else 0
-        width = max(table.shape[1] for table in tables)
-        self._rows = np.full((sum(map(len, tables)), width), CHOICE_ONE, dtype=np.uint16)
-        self._first_row = np.cumsum([0, *map(len, tables)])[:-1].astype(np.int32)
-        for first, table in zip(self._first_row, tables, strict=True):
-            self._rows[first : first + len(table), : table.shape[1]] = table
+        self._game, self._entrants, self._tables = game, entrants, seat_tables(game, entrants)
 
     def choose(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32, *_: I32) -> Intp:
         """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.matches.Choose`.
@@ -248,17 +234,7 @@ class Strikers:
         Raises:
             ForfeitError: a policy that reads the score raised, or returned no distribution.
         """
-        sampled = [i for i in self._sampled if (entrant == i).any()]
-        if not sampled:
-            return self._read(entrant + self._second * striker, state, draw)
-        k = np.empty(len(state), dtype=np.intp)
-        rest = np.flatnonzero(~np.isin(entrant, sampled))
-        k[rest] = self._read(entrant[rest] + self._second * striker[rest], state[rest], draw[rest])
-        for i in sampled:
-            for seat, tables in enumerate(dict.fromkeys(self._game.seats)):
-                at = np.flatnonzero((entrant == i) & ((striker == seat) if self._second else True))
-                k[at] = self._ask(i, tables, state[at], draw[at], striker[at], score[:, at])
-        return k
+        return self._decide(TabulatedPolicy.choose, ask, entrant, state, draw, striker, score)
 
     def wait(self, entrant: I32, state: I32, draw: I32, receiver: I32, score: I32, *_: I32) -> Intp:
         """Position of each receiver, of the game with recovery; see :data:`shuttle_marl.kernel.matches.Wait`.
@@ -266,26 +242,27 @@ class Strikers:
         Raises:
             ForfeitError: a policy that reads the score raised, or returned no distribution.
         """
-        positions, tables = np.empty(len(state), dtype=np.intp), seat_tables(self._game, self._entrants)
-        row = entrant + self._second * receiver
-        for i in np.unique(row).tolist():
-            at, entered, table = np.flatnonzero(row == i), self._entrants[i % len(self._entrants)], tables[i]
+        return self._decide(TabulatedPolicy.choose_position, ask_position, entrant, state, draw, receiver, score)
+
+    def _decide(
+        self,
+        by_table: Callable[[TabulatedPolicy, I32, I32], Intp],
+        by_policy: Callable[..., Intp],
+        entrant: I32,
+        state: I32,
+        draw: I32,
+        seat: I32,
+        score: I32,
+    ) -> Intp:
+        found, n = np.empty(len(state), dtype=np.intp), len(self._entrants)
+        number = entrant if self._game.people is None else entrant + n * seat
+        for i in np.unique(number).tolist():
+            at, table, entered = np.flatnonzero(number == i), self._tables[i], self._entrants[i % n]
             if table is not None:
-                positions[at] = table.choose_position(state[at], draw[at])
+                found[at] = by_table(table, state[at], draw[at])
                 continue
             try:
-                seat = self._game.seats[i // len(self._entrants)]
-                positions[at] = ask_position(entered.policy, seat, state[at], draw[at], receiver[at], score[:, at])
+                found[at] = by_policy(entered.policy, self._game.seats[i // n], state[at], draw[at], seat[at], score[:, at])
             except PolicyError as error:
                 raise ForfeitError(entered.name, str(error)) from error
-        return positions
-
-    def _read(self, entrant: I32, state: I32, draw: I32) -> Intp:
-        return chosen(self._rows.take(self._first_row[entrant] + state, axis=0), draw)
-
-    def _ask(self, i: int, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
-        entrant = self._entrants[i]
-        try:
-            return ask(entrant.policy, game, state, draw, striker, score)
-        except PolicyError as error:
-            raise ForfeitError(entrant.name, str(error)) from error
+        return found

@@ -17,7 +17,7 @@ from shuttle_marl.league.entrants import Format, LeagueConfig
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.style import PEOPLE, Style
 from shuttle_marl.league.tournament import PairResult
-from shuttle_marl.pages import Cell, Column, Table, interval, name, number, percent, table
+from shuttle_marl.reports.html import Cell, Column, Table, interval, name, number, percent, table
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.regret import Holes

@@ -85,18 +85,15 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
             if entrant.failure:
                 _say_forfeit(console, entrant.failure)
         with contextlib.nullcontext() if config.ray is None else open_cluster(config.ray, PACKAGES) as cluster:
+            same = _same(config, game, entrants)
             if extends:
-                add_entrants(config, manifest(config, game, entrants))
-            with open_run(config) as folder:
-                return _Run(config, game, entrants, console, cluster, folder.absolute()).go(folder)
+                add_entrants(config, same)
+            name, called, fixed = f"league-{config.seed}", f"of seed {config.seed}", config.fixed()
+            opened = runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite, called=called)
+            with opened as run:
+                return _Run(config, game, entrants, console, cluster, run).go(same)
     except runs.RunError as error:
         raise LeagueError(str(error)) from error
-
-
-def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
-    """Create or resume the run folder, and lock it, see :func:`shuttle_marl.base.runs.open_run`."""
-    name, called, fixed = f"league-{config.seed}", f"of seed {config.seed}", config.fixed()
-    return runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite, called=called)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -111,8 +108,8 @@ def continued(config: LeagueConfig) -> LeagueConfig:
     """The configuration of a continued run, with the entrants that were added to it, now or before; nothing is written.
 
     Raises:
-        LeagueError: there is no run to extend, or it was started with other flags, or no entrant is new.
-        RunError: its files cannot be read.
+        LeagueError: there is no run to extend, or no entrant is new.
+        RunError: it was started with other flags, or its files cannot be read.
     """
     folder = config.out
     if folder is None or not (config.resume or config.extend) or not (folder / runs.CONFIG).is_file():
@@ -129,27 +126,22 @@ def continued(config: LeagueConfig) -> LeagueConfig:
     if not added:
         raise LeagueError(f"{folder}: all entrants of --pool are already in this run; --resume continues it")
     found = dataclasses.replace(config, pool=(*pool, *added), grown=(*grown, len(pool)), resume=True, extend=False)
-    before = runs.read_json(folder / runs.CONFIG, dict[str, Any])
-    wanted = {**found.fixed(), "pool": before.get("pool"), "grown": before.get("grown")}
-    different = [f"{key}: {before.get(key)!r} then, {value!r} now" for key, value in wanted.items() if before.get(key) != value]
-    if different:
-        raise LeagueError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to add entrants")
+    runs.check_flags(folder, {name: value for name, value in found.fixed().items() if name not in ("pool", "grown")})
     return found
 
 
-def add_entrants(config: LeagueConfig, about: dict[str, Any]) -> None:
+def add_entrants(config: LeagueConfig, same: Mapping[str, Any]) -> None:
     """Write the configuration of :func:`continued` to a run to which entrants are added, once all of them are known to exist.
 
     Args:
-        about: its :func:`manifest`.
+        same: game and policies, which were those of the run before.
 
     Raises:
-        LeagueError: the run was started with another game or other policies.
-        RunError: another process uses the folder, or its files cannot be read.
+        RunError: they were not, another process uses the folder, or its files cannot be read.
     """
     assert config.out is not None
     with runs.locked(config.out):
-        check_same(config.out, about)
+        runs.check_same(config.out, same)
         # If the process is killed between the two writes, the old run only has to be finished again.
         path = config.out / runs.MANIFEST
         before = runs.read_json(path, dict[str, Any]) if path.exists() else {}
@@ -157,74 +149,13 @@ def add_entrants(config: LeagueConfig, about: dict[str, Any]) -> None:
         runs.write_json(config.out / runs.CONFIG, config.fixed())
 
 
-def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> dict[str, Any]:
-    """Manifest of a run that starts now: everything that is needed to reproduce it."""
+def _same(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> dict[str, Any]:
+    """What stays the same in a run: the game and the policies; what has no table is known by its files alone."""
     return {
-        "status": "running",
-        "seed": config.seed,
-        **runs.describe(PACKAGES),
         "game": {"model": config.game, "hash": game.hash, "catalogue": game.catalogue.version},
         "policies": {entrant.name: entrant.hash for entrant in entrants},
-        # What has no table is known by its files alone.
         "sources": {entrant.name: source_hashes(entrant.name) for entrant in entrants if not entrant.hash},
     }
-
-
-def check_same(folder: Path, about: dict[str, Any]) -> None:
-    """Check that a run was started with the same game and policies.
-
-    Raises:
-        LeagueError: it was not.
-        RunError: the manifest cannot be read.
-    """
-    path = folder / runs.MANIFEST
-    if not path.exists():
-        return
-    before = runs.read_json(path, dict[str, Any])
-    for what in ("game", "policies", "sources"):
-        known = before.get(what, {})
-        # Entrants may have been added since then.
-        if not isinstance(known, dict) or {key: about[what].get(key) for key in known} != known:
-            raise LeagueError(f"{folder}: the {what} changed after the run was started; start a new run with another --out")
-
-
-def read_results(
-    folder: Path, schedule: Callable[[Sequence[PairResult]], Sequence[Pairing]], *, finished: bool = False
-) -> list[PairResult]:
-    """Read the finished pairings of a run; an incomplete last line of an unfinished run is removed.
-
-    Args:
-        schedule: the pairings of the tournament that its first results determine.
-        finished: whether the run is finished, so that all pairings are required.
-
-    Raises:
-        RunError: a line is damaged.
-        LeagueError: pairings are missing.
-    """
-    journal = runs.Journal(folder / PAIRINGS)
-    try:
-        results = [msgspec.convert(fields, PairResult) for fields in journal.read(finished=finished)]
-    except msgspec.ValidationError as error:
-        raise LeagueError(f"{folder / PAIRINGS}: is damaged ({error}); play the tournament again with --overwrite") from error
-    expected = [(pairing.number, pairing.names) for pairing in schedule(results)]
-    found = [(result.pairing, result.names) for result in results]
-    if found != expected[: len(found)] or (finished and found != expected):
-        raise LeagueError(
-            f"{folder / PAIRINGS}: pairings are missing, out of order, or of another run; restore it from a backup, or play the "
-            "tournament again with --overwrite"
-        )
-    if not finished:
-        journal.keep(len(results))
-    return results
-
-
-def append_results(folder: Path, results: list[PairResult]) -> None:
-    """Append finished pairings, synchronised to the disk.
-
-    Raises:
-        RunError: the file cannot be written.
-    """
-    runs.Journal(folder / PAIRINGS).append([dataclasses.asdict(result) for result in results])
 
 
 class _Run:
@@ -237,99 +168,131 @@ class _Run:
         entrants: Sequence[Entrant],
         console: Console,
         cluster: Cluster | None,
-        folder: Path,
+        run: runs.Run,
     ) -> None:
         self.config, self.game, self.entrants = config, game, entrants
-        self.console, self.cluster, self.folder = console, cluster, folder
+        self.console, self.cluster, self.run = console, cluster, run
+        self.folder = run.folder.absolute()  # a policy may change the working directory
+        self.journal = runs.Journal(self.folder / PAIRINGS)
         self.results: list[PairResult] = []
+        self.strokes = 0
 
-    def go(self, opened: Path) -> LeagueRun:
-        config, folder = self.config, self.folder
-        about = manifest(config, self.game, self.entrants)
-        check_same(folder, about)
-        finished = runs.is_finished(folder)
-        self.results = read_results(folder, lambda found: [*itertools.chain(*self.stages(found))], finished=finished)
+    def go(self, same: Mapping[str, Any]) -> LeagueRun:
+        config, run, finished = self.config, self.run, self.run.finished
+        runs.check_same(self.folder, same)
+        self.results = self.read_results(finished=finished)
         if finished:
-            _say(self.console, f"{folder}: already finished")
-            return LeagueRun(
-                folder=opened, standings=rank(config.pool, self.results, config.seed, self.exact()), results=self.results
-            )
+            _say(self.console, f"{self.folder}: already finished")
+            standings = rank(config.pool, self.results, config.seed, self.exact())
+            return LeagueRun(folder=run.folder, standings=standings, results=self.results)
         begun = time.monotonic()
-        runs.write_json(folder / runs.MANIFEST, about)
-        strokes, stage = 0, 0
+        run.begin(PACKAGES, same=same, seed=config.seed)
+        stage = 0
         while stage < len(known := self.stages(self.results)):
-            strokes += self.play(known[: stage + 1])
             stage += 1
+            self.play(known[:stage])
         seconds = time.monotonic() - begun
         standings = self.write_reports(known, self.exact())
-        done = {
-            "status": "finished",
-            "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "strokes_played": strokes,
-            "seconds": seconds,
-        }
-        runs.write_json(folder / runs.MANIFEST, {**about, **done})
-        if strokes:
-            _say(self.console, f"{strokes:,} strokes in {seconds:.1f} s, {float(f'{strokes / seconds:.2g}'):,.0f} a second")
-        return LeagueRun(folder=opened, standings=standings, results=self.results)
+        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        run.finish(finished=now, strokes_played=self.strokes, seconds=seconds)
+        if self.strokes:
+            speed = float(f"{self.strokes / seconds:.2g}")
+            _say(self.console, f"{self.strokes:,} strokes in {seconds:.1f} s, {speed:,.0f} a second")
+        return LeagueRun(folder=run.folder, standings=standings, results=self.results)
+
+    def read_results(self, *, finished: bool) -> list[PairResult]:
+        """The finished pairings; an incomplete last line of an unfinished run is removed.
+
+        Raises:
+            RunError: a line is damaged.
+            LeagueError: pairings are missing.
+        """
+        path = self.folder / PAIRINGS
+        try:
+            results = [msgspec.convert(fields, PairResult) for fields in self.journal.read(finished=finished)]
+        except msgspec.ValidationError as error:
+            raise LeagueError(f"{path}: is damaged ({error}); play the tournament again with --overwrite") from error
+        expected = [(pairing.number, pairing.names) for pairing in itertools.chain(*self.stages(results))]
+        found = [(result.pairing, result.names) for result in results]
+        if found != expected[: len(found)] or (finished and found != expected):
+            raise LeagueError(
+                f"{path}: pairings are missing, out of order, or of another run; restore it from a backup, or play the "
+                "tournament again with --overwrite"
+            )
+        if not finished:
+            self.journal.keep(len(results))
+        return results
 
     def stages(self, results: Sequence[PairResult]) -> list[list[Pairing]]:
         config = self.config
         return stages(config.pool, config.format, results, rounds=config.rounds, grown=config.grown)
 
-    def play(self, known: Sequence[Sequence[Pairing]]) -> int:
-        """Play the rest of the last stage in ``known``; returns the number of strokes."""
+    def play(self, known: Sequence[Sequence[Pairing]]) -> None:
+        """Play the rest of the last stage in ``known``."""
         config, results, pairings = self.config, self.results, known[-1]
         done = min(len(results) - pairings[0].number, len(pairings))
         recorder = self.recorder(known)
-        with recorder or contextlib.nullcontext(), _progress(self.console, len(pairings), done) as advance:
-            options = MatchOptions(
-                matches=config.matches,
-                seed=config.seed,
-                batch=config.batch,
-                keep_strokes=recorder is not None,
-                rules=RULES[config.rules],
-                sample=None if recorder is None else recorder.sample,
-                decide=config.decide,
-            )
-            tournament = Tournament(self.game, self.entrants, options, workers=config.workers, cluster=self.cluster)
-            strokes, counting = 0, threading.Lock()
+        options = MatchOptions(
+            matches=config.matches,
+            seed=config.seed,
+            batch=config.batch,
+            keep_strokes=recorder is not None,
+            rules=RULES[config.rules],
+            sample=None if recorder is None else recorder.sample,
+            decide=config.decide,
+        )
+        tournament = Tournament(self.game, self.entrants, options, workers=config.workers, cluster=self.cluster)
+        # The log is on the disk before the results are, so no result lacks its rallies; play continues meanwhile.
+        unsaved: collections.deque[tuple[Future[int] | None, list[PairResult]]] = collections.deque()
+        with recorder or contextlib.nullcontext(), self.progress(len(pairings), done) as advance:
 
-            def count(more: int) -> None:
-                nonlocal strokes
-                with counting:
-                    strokes += more
-                    advance(more, 0)
-
-            def keep(new: list[PairResult]) -> None:
-                append_results(self.folder, new)
-                results.extend(new)
-                advance(0, len(new))
-                for result in new:
-                    if result.forfeit and not any(e.failure for e in self.entrants if e.name in result.forfeit):
-                        _say_forfeit(self.console, f"{' v '.join(result.names)}: {result.reason}")
-
-            # The log is on the disk before the results are, so no result lacks its rallies; play continues meanwhile.
-            unsaved: collections.deque[tuple[Future[int], list[PairResult]]] = collections.deque()
-            for blocks in tournament.play(pairings[done:], count):
-                new = [result for result, _ in blocks]
-                if recorder is None:
-                    keep(new)
-                    continue
-                for _, rallies in blocks:
-                    for part in rallies:
-                        recorder.add(part)
-                    # Batches end where pairings do, so a resumed run writes the same bytes.
-                    recorder.request_flush(sync=False)
-                unsaved.append((recorder.request_flush(), new))
-                while unsaved and unsaved[0][0].done():
+            def keep(*, wait: bool) -> None:
+                while unsaved and (wait or unsaved[0][0] is None or unsaved[0][0].done()):
                     saved, new = unsaved.popleft()
-                    saved.result()
-                    keep(new)
-            for saved, new in unsaved:
-                saved.result()
-                keep(new)
-        return strokes
+                    if saved is not None:
+                        saved.result()
+                    self.journal.append([dataclasses.asdict(result) for result in new])
+                    results.extend(new)
+                    advance(0, len(new))
+                    for result in new:
+                        if result.forfeit and not any(e.failure for e in self.entrants if e.name in result.forfeit):
+                            _say_forfeit(self.console, f"{' v '.join(result.names)}: {result.reason}")
+
+            for blocks in tournament.play(pairings[done:], lambda more: advance(more, 0)):
+                saved = None
+                if recorder is not None:
+                    for _, rallies in blocks:
+                        for part in rallies:
+                            recorder.add(part)
+                        # Batches end where pairings do, so a resumed run writes the same bytes.
+                        recorder.request_flush(sync=False)
+                    saved = recorder.request_flush()
+                unsaved.append((saved, [result for result, _ in blocks]))
+                keep(wait=False)
+            keep(wait=True)
+
+    @contextlib.contextmanager
+    def progress(self, total: int, done: int) -> Iterator[Callable[[int, int], None]]:
+        """Progress bar over pairings, with the speed in strokes a second; threads advance it by strokes and pairings."""
+        columns = (
+            TextColumn("pairings"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[speed]}"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=self.console, transient=True) as bar:
+            task, counting = bar.add_task("", total=total, completed=done, speed=""), threading.Lock()
+            begun, before = time.monotonic(), self.strokes
+
+            def advance(strokes: int, pairings: int) -> None:
+                with counting:
+                    self.strokes += strokes
+                    speed = (self.strokes - before) / 1e6 / max(1e-9, time.monotonic() - begun)
+                bar.update(task, advance=pairings, speed=f"{speed:.1f} M strokes/s")
+
+            yield advance
 
     def recorder(self, known: Sequence[Sequence[Pairing]]) -> RallyRecorder | None:
         """The recorder of the last stage in ``known``; None if nothing remains to be recorded."""
@@ -439,27 +402,3 @@ def _say(console: Console, text: str, label: str = "") -> None:
 
 def _say_forfeit(console: Console, reason: str) -> None:
     _say(console, reason, "forfeit: ")
-
-
-@contextlib.contextmanager
-def _progress(console: Console, total: int, done: int) -> Iterator[Callable[[int, int], None]]:
-    """Progress bar over pairings, with the speed in strokes a second."""
-    columns = (
-        TextColumn("pairings"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[speed]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=total, completed=done, speed="")
-        begun, strokes = time.monotonic(), 0
-
-        def advance(more: int, finished: int) -> None:
-            nonlocal strokes
-            strokes += more
-            speed = f"{strokes / 1e6 / max(1e-9, time.monotonic() - begun):.1f} M strokes/s"
-            bar.update(task, advance=finished, speed=speed)
-
-        yield advance

@@ -59,7 +59,6 @@ class HistoryPolicy:
             KeyError, ValueError: an array is missing or invalid.
         """
         shapes: dict[str, tuple[int, ...]] = {name: (size, _WIDTH) for name, size in STAGES.items()}
-        arrays = {name: np.zeros(shape, np.float16) for name, shape in shapes.items()} | arrays  # models of 0.3.0 have no stages
         shapes |= {name: (LAGS - FIRST_LAG, size + 1, _WIDTH) for name, size in ATTRIBUTES.items()}
         shifts = {name: checked(arrays[name], np.float16, shape).astype(np.float64) for name, shape in shapes.items()}
         return cls(base=base, shifts=shifts)

@@ -6,6 +6,7 @@ A batch is one Arrow stream, which is the only message of a chunk. ``docs/rally_
 import functools
 import io
 import itertools
+import mmap
 import struct
 import zlib
 from collections.abc import Iterator
@@ -18,7 +19,6 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
-from mcap.writer import CompressionType
 
 from shuttle_marl.base.arrays import Array
 from shuttle_marl.game.rally.record import OPTIONAL, PER_STROKE, Rallies, stroke_dtype
@@ -37,6 +37,7 @@ MAX_STROKES: Final = 1 << 22
 """Limit of the strokes of a batch."""
 _MAX_RECORDS: Final = 8
 """Limit of the records in a chunk: the message, and the channel and its schema in the first chunk."""
+_ZSTD: Final = "zstd"
 _ROW: Final = (
     ("pairing", pa.uint32()),
     ("match", pa.uint32()),
@@ -52,17 +53,7 @@ _ROW: Final = (
     ("games_1", pa.uint8()),
 )
 _SCORE: Final = ("points_0", "points_1", "games_0", "games_1")
-UNDECODABLE: Final = (
-    struct.error,
-    McapError,
-    pa.ArrowException,
-    zstandard.ZstdError,
-    ValueError,
-    LookupError,
-    OverflowError,
-    MemoryError,
-    RuntimeError,
-)
+UNDECODABLE: Final = (struct.error, McapError, pa.ArrowException, zstandard.ZstdError, ValueError, LookupError, OverflowError)
 """Errors that the decoders raise for input that they do not expect."""
 
 
@@ -136,11 +127,15 @@ def from_arrow(batch: pa.RecordBatch) -> Rallies:
 def encode(first: int, rallies: Rallies, n_strokes: int) -> memoryview:
     """Message of a batch whose first rally has number ``first``."""
     batch = to_arrow(rallies, n_strokes)
-    batch = batch.replace_schema_metadata({"version": str(VERSION), "first_rally": str(first)})
+    return memoryview(arrow_stream(batch.replace_schema_metadata({"version": str(VERSION), "first_rally": str(first)})))
+
+
+def arrow_stream(batch: pa.RecordBatch) -> pa.Buffer:
+    """A batch as an Arrow stream."""
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as writer:
         writer.write_batch(batch)
-    return memoryview(sink.getvalue())
+    return sink.getvalue()
 
 
 def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
@@ -150,17 +145,7 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
         DamagedLogError: the message is not a batch of rallies.
         pa.ArrowException: the message is not an Arrow stream.
     """
-    try:
-        _check_body(message.data)
-        with pa.ipc.open_stream(message.data) as reader:
-            batches = list(reader)
-    except OSError as error:  # of Arrow, about the bytes: no file is involved
-        raise DamagedLogError(f"a batch that is no Arrow stream ({error})") from error
-    if len(batches) != 1 or batches[0].num_rows > MAX_RALLIES:
-        found = " and ".join(f"{each.num_rows} rallies" for each in batches) or "none"
-        raise DamagedLogError(f"batches in a message: {found}; expected 1 of at most {MAX_RALLIES} rallies")
-    batch = batches[0]
-    batch.validate(full=True)
+    batch = read_arrow(message.data)
     metadata = batch.schema.metadata or {}
     if (
         not batch.schema.equals(arrow_schema(len(header.strokes), header.columns))
@@ -168,8 +153,8 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
     ):
         raise DamagedLogError(f"a batch with other columns than version {VERSION} has")
     first = int(metadata.get(b"first_rally", b"-1"))
-    if first < 0 or first * RALLY_TIME != message.log_time or not batch.num_rows:
-        raise DamagedLogError("a batch without a place in the log")
+    if first < 0 or first * RALLY_TIME != message.log_time or not 0 < batch.num_rows <= MAX_RALLIES:
+        raise DamagedLogError(f"a batch of {batch.num_rows} rallies from rally {first} on, at {message.log_time} ns")
     rallies = from_arrow(batch)
     if len(rallies.stroke) > MAX_STROKES:
         raise DamagedLogError(f"{len(rallies.stroke)} strokes in a batch, expected at most {MAX_STROKES}")
@@ -177,25 +162,33 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
     return first, rallies
 
 
-def _check_body(data: bytes) -> None:
-    """Refuse an Arrow stream with compressed buffers, which would expand to more than the chunk that holds it.
+def read_arrow(data: bytes) -> pa.RecordBatch:
+    """The only batch of an Arrow stream.
 
     Arrow decompresses without a limit and does not report the compression, so the field ``compression`` of the metadata is read
     from the FlatBuffers table ``RecordBatch`` (https://github.com/apache/arrow/blob/main/format/Message.fbs).
 
     Raises:
-        DamagedLogError: a buffer is compressed.
+        DamagedLogError: none or several batches, or a compressed one, which would expand to more than its chunk holds.
+        pa.ArrowException: not an Arrow stream.
         struct.error: the metadata is damaged.
     """
-    for message in pa.ipc.MessageReader.open_stream(data):
-        if message.type != "record batch":
-            continue
-        metadata = message.metadata.to_pybytes()
-        root = struct.unpack_from("<I", metadata)[0]
-        header = _field(metadata, root, 2)
-        batch = header and header + struct.unpack_from("<I", metadata, header)[0]
-        if batch and _field(metadata, batch, 3):
-            raise DamagedLogError("a batch whose columns are compressed again")
+    try:
+        for message in pa.ipc.MessageReader.open_stream(data):
+            if message.type == "record batch":
+                metadata = message.metadata.to_pybytes()
+                header = _field(metadata, struct.unpack_from("<I", metadata)[0], 2)
+                batch = header and header + struct.unpack_from("<I", metadata, header)[0]
+                if batch and _field(metadata, batch, 3):
+                    raise DamagedLogError("a batch whose columns are compressed again")
+        with pa.ipc.open_stream(data) as reader:
+            batches = list(reader)
+    except OSError as error:  # of Arrow, about the bytes: no file is involved
+        raise DamagedLogError(f"a batch that is no Arrow stream ({error})") from error
+    if len(batches) != 1:
+        raise DamagedLogError(f"{len(batches)} batches in an Arrow stream, expected 1")
+    batches[0].validate(full=True)
+    return batches[0]
 
 
 def _field(metadata: bytes, table: int, number: int) -> int:
@@ -228,11 +221,6 @@ def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
         raise DamagedLogError("a server who is hurried")
 
 
-COMPRESSION: Final = CompressionType.ZSTD
-"""Compression of the chunks of a log."""
-_ZSTD: Final = "zstd"
-
-
 def message_of_chunk(body: bytes) -> Message:
     """The one message of a chunk.
 
@@ -245,36 +233,46 @@ def message_of_chunk(body: bytes) -> Message:
     # Decompression allocates the size in the frame; an unchecked size would let a damaged file use all memory.
     if zstandard.get_frame_parameters(chunk.data).content_size != chunk.uncompressed_size:
         raise DamagedLogError("the sizes in a chunk disagree")
-    data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+    data = zstandard.decompress(chunk.data)
     if zlib.crc32(data) != chunk.uncompressed_crc:
         raise DamagedLogError("the checksum of a chunk does not match")
     found = [*itertools.islice(records(data), _MAX_RECORDS + 1)]
-    if len(found) > _MAX_RECORDS:
-        raise DamagedLogError(f"more than {_MAX_RECORDS} records in a chunk")
     messages = [Message.read(stream(inner), len(inner)) for opcode, inner in found if opcode == Opcode.MESSAGE]
-    if len(messages) != 1:
-        raise DamagedLogError(f"{len(messages)} messages in a chunk, expected 1")
+    if len(found) > _MAX_RECORDS or len(messages) != 1:
+        raise DamagedLogError(f"{len(messages)} messages in the first {len(found)} records of a chunk, expected 1")
     return messages[0]
+
+
+def records(data: bytes | mmap.mmap, at: int = 0) -> Iterator[tuple[int, bytes]]:
+    """Opcode and body of each record from a position on.
+
+    The readers of the official library stop at the first record that they cannot decode, and trust the sizes in it; here a record
+    is decoded on its own, by ``mcap.records``.
+
+    Raises:
+        DamagedLogError: the last record is truncated.
+    """
+    while at < len(data):
+        opcode, length = FRAME.unpack(data[at : at + FRAME.size].ljust(FRAME.size, b"\xff"))
+        at += FRAME.size
+        if not opcode or length > len(data) - at:  # a power failure can leave zeros
+            raise DamagedLogError("a record is cut off")
+        yield opcode, data[at : at + length]
+        at += length
+
+
+def record(data: bytes | mmap.mmap, at: int, kind: Opcode) -> bytes:
+    """Body of the record at a position.
+
+    Raises:
+        DamagedLogError: another kind of record, or a truncated one.
+    """
+    opcode, body = next(records(data, at), (0, b""))
+    if opcode != kind:
+        raise DamagedLogError(f"no {kind.name} record at byte {at}")
+    return body
 
 
 def stream(body: bytes) -> ReadDataStream:
     """Body of a record, for the decoders of ``mcap.records``."""
     return ReadDataStream(io.BytesIO(body))
-
-
-def records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Opcode and body of the records in ``data``.
-
-    Raises:
-        DamagedLogError: the last record is truncated.
-    """
-    at = 0
-    while at < len(data):
-        if at + FRAME.size > len(data):
-            raise DamagedLogError("a record is cut off")
-        opcode, length = FRAME.unpack_from(data, at)
-        at += FRAME.size
-        if length > len(data) - at:
-            raise DamagedLogError("a record is cut off")
-        yield opcode, data[at : at + length]
-        at += length

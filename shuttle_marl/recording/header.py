@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import re
-from typing import Final, Literal, get_args
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
@@ -124,9 +124,7 @@ class Sampling:
 
     def of(self, header: "LogHeader", rallies: Rallies) -> Rallies:
         """Rallies of the sample."""
-        if self.every == 1 or not len(rallies):
-            return rallies
-        return rallies.select(self.keeps(header, rallies.pairing, rallies.match))
+        return rallies if self.every == 1 else rallies.select(self.keeps(header, rallies.pairing, rallies.match))
 
     def keeps(self, header: "LogHeader", pairing: Ints, match: Ints) -> Bools:
         """``[R]`` whether matches are in the sample, by the number of their pairing and their number in it."""
@@ -186,14 +184,11 @@ class LogHeader:
         return Looks() if game is None else looks_of(game, names)
 
     def __post_init__(self) -> None:
-        if self.draws not in get_args(Draws):
-            raise RecordingError(f"draws {self.draws!r}: expected {', '.join(get_args(Draws))}")
-        if not all(len(name) <= MAX_NAME for name in (*self.strokes, *(p.name for p in self.policies))):
-            raise RecordingError(f"strokes and policies: expected names of up to {MAX_NAME} characters")
+        players = () if self.pair is None else self.pair.players
+        if not all(len(name) <= MAX_NAME for name in (*self.strokes, *(p.name for p in self.policies), *players)):
+            raise RecordingError(f"strokes, policies and players: expected names of up to {MAX_NAME} characters")
         if self.columns != tuple(name for name in OPTIONAL if name in self.columns):
             raise RecordingError(f"columns {self.columns}: expected some of {OPTIONAL}, in that order")
-        if self.pair is not None and not all(len(name) <= MAX_NAME for name in self.pair.players):
-            raise RecordingError(f"players: expected names of up to {MAX_NAME} characters")
         for name, least, limit in (("matches_per_draw", 1, 1 << 32), ("part", 0, 1 << 31), ("first_rally", 0, 1 << 62)):
             if not least <= getattr(self, name) < limit:
                 raise RecordingError(f"{name} {getattr(self, name)}: expected a number from {least} up to {limit}")

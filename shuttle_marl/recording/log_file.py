@@ -1,33 +1,36 @@
 """One file of a rally log: its name, its MCAP records, and how it is read.
 
 The files are ``NAME.mcap``, and when that is full ``NAME.1.mcap``, ``NAME.2.mcap``, … Nothing is trusted before its checksum was
-verified. The records (https://mcap.dev/spec) are decoded by the official ``mcap`` library; framing is done here, because its
-readers fail on truncated files and trust every length that they read.
+verified. The records (https://mcap.dev/spec) are those of the official ``mcap`` library.
 """
 
 import contextlib
+import mmap
 import os
 import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, DataEnd, Footer, Header, Metadata
+from mcap.records import Attachment, AttachmentIndex, Footer, Header, Metadata
 
 from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import open_file, problem
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, decode, message_of_chunk, records, stream
+from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, decode, message_of_chunk, read_arrow, record, records, stream
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, OtherFileError, RecordingError
 
 PROFILE: Final = "shuttle_marl"
 MAGIC: Final = b"\x89MCAP0\r\n"
-FOOTER_LENGTH: Final = 20
+_DATA_END: Final = FRAME.pack(Opcode.DATA_END, 4)
+_FOOTER: Final = FRAME.pack(Opcode.FOOTER, 20)
+_END: Final = len(_FOOTER) + 20 + len(MAGIC)
+"""Length of the footer, and of the magic bytes behind it."""
 TOPIC: Final = "/rallies"
 METADATA: Final = "shuttle_marl.rally_log"
 """Name of the MCAP metadata record with the header."""
@@ -41,7 +44,6 @@ INDEX_SCHEMA: Final = pa.schema(
 """Columns of the attachment ``rally_index``, one row per batch: number of its first rally, numbers of its rallies and strokes,
 offset of its chunk [bytes], and the least and greatest 2^32 x pairing + match in it."""
 SUFFIX: Final = ".mcap"
-_BLOCK: Final = 1 << 20
 _UNFINISHED: Final = ".part"
 _SET_ASIDE: Final = ".part.old"
 
@@ -92,9 +94,6 @@ def damage(path: Path) -> Iterator[None]:
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
-    except MemoryError as error:  # a damaged length may ask for any memory
-        reason = f"there is not enough memory to read it, unless it is damaged ({error})"
-        raise RecordingError(f"{path}: {reason}; use a machine with more memory, or {advice(path)}") from error
     except UNDECODABLE as error:
         raise DamagedLogError(f"{path}: damaged: {type(error).__name__}: {error}; {advice(path)}") from error
 
@@ -104,45 +103,20 @@ def advice(path: Path) -> str:
     return f"save its undamaged batches with `{command('recording', 'recover', str(path))}`"
 
 
-def read_record(file: BinaryIO, offset: int, size: int, expected: Opcode) -> bytes:
-    """Body of the record at ``offset`` of a file of ``size`` bytes.
+def content_of(path: Path) -> mmap.mmap:
+    """Content of a file, which is read where it is used.
 
     Raises:
-        DamagedLogError: another kind of record, or a truncated one.
+        OSError: it cannot be opened, or is not a regular file.
+        OtherFileError: it is empty.
     """
-    if not 0 <= offset <= size - FRAME.size:
-        raise DamagedLogError(f"no {expected.name} record at byte {offset}")
-    file.seek(offset)
-    opcode, length = FRAME.unpack(file.read(FRAME.size))
-    if opcode != expected or length > size - offset - FRAME.size:
-        raise DamagedLogError(f"no whole {expected.name} record at byte {offset}")
-    return file.read(length)
+    with open_file(path) as file:
+        if not os.fstat(file.fileno()).st_size:
+            raise OtherFileError("no rally log: it is empty")
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def read_summary(file: BinaryIO, size: int) -> tuple[int, list[tuple[int, bytes]]]:
-    """Offset and records of the summary section, with a verified checksum.
-
-    Raises:
-        DamagedLogError: the file was not finished, or its end is damaged.
-    """
-    tail = FRAME.size + FOOTER_LENGTH + len(MAGIC)
-    if size < len(MAGIC) + tail:
-        raise DamagedLogError("too short for a rally log")
-    file.seek(size - tail)
-    end = file.read(tail)
-    if not end.endswith(MAGIC) or FRAME.unpack_from(end) != (Opcode.FOOTER, FOOTER_LENGTH):
-        raise DamagedLogError("it was not closed")
-    footer = Footer.read(stream(end[FRAME.size :]))
-    if not len(MAGIC) <= footer.summary_start <= size - tail:
-        raise DamagedLogError("it has no summary")
-    file.seek(footer.summary_start)
-    summary = file.read(size - tail - footer.summary_start)
-    if zlib.crc32(end[: FRAME.size + FOOTER_LENGTH - 4], zlib.crc32(summary)) != footer.summary_crc:
-        raise DamagedLogError("the checksum of its summary does not match")
-    return footer.summary_start, list(records(summary))
-
-
-def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
+def read_header(data: mmap.mmap) -> tuple[LogHeader, int]:
     """Header of a rally log, finished or not, and the offset of the next record.
 
     Raises:
@@ -150,19 +124,18 @@ def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
         RecordingError: a rally log of another version.
         DamagedLogError: the header is truncated or damaged.
     """
-    file.seek(0)
-    if file.read(len(MAGIC)) != MAGIC:
+    if data[: len(MAGIC)] != MAGIC:
         raise OtherFileError("no rally log: it does not start as an MCAP file does")
-    start = read_record(file, len(MAGIC), size, Opcode.HEADER)
+    start = record(data, len(MAGIC), Opcode.HEADER)
     profile = Header.read(stream(start)).profile
     if profile != PROFILE:
         raise OtherFileError(f"no rally log: an MCAP file of profile {profile!r}, expected {PROFILE!r}")
     at = len(MAGIC) + FRAME.size + len(start)
-    body = read_record(file, at, size, Opcode.METADATA)
-    metadata = Metadata.read(stream(body))
+    about = record(data, at, Opcode.METADATA)
+    metadata = Metadata.read(stream(about))
     if metadata.name != METADATA:
         raise DamagedLogError("the header is missing")
-    return LogHeader.from_metadata(metadata.metadata), at + FRAME.size + len(body)
+    return LogHeader.from_metadata(metadata.metadata), at + FRAME.size + len(about)
 
 
 class LogFile:
@@ -186,12 +159,11 @@ class LogFile:
             DamagedLogError: the file is truncated or damaged.
         """
         self.path = path
-        with damage(path), contextlib.ExitStack() as opened:
-            self._file = opened.enter_context(open_file(path))
-            self.size = os.fstat(self._file.fileno()).st_size
-            self.header, _ = read_header(self._file, self.size)
+        with damage(path):
+            self._data = content_of(path)
+            self.size, self.close = len(self._data), self._data.close
+            self.header, _ = read_header(self._data)
             self._read_index()
-            self.close = opened.pop_all().close
 
     @property
     def end(self) -> int:
@@ -205,8 +177,7 @@ class LogFile:
             DamagedLogError: the batch does not match its checksum or the index.
         """
         with damage(self.path):
-            body = read_record(self._file, int(self._offset[i]), self.size, Opcode.CHUNK)
-            first, rallies = decode(message_of_chunk(body), self.header)
+            first, rallies = decode(message_of_chunk(record(self._data, int(self._offset[i]), Opcode.CHUNK)), self.header)
             if (first, len(rallies), len(rallies.stroke)) != (self.first_rally[i], self.rallies[i], self.strokes[i]):
                 raise DamagedLogError(f"batch {i} is not what the index says")
             return first, rallies
@@ -218,30 +189,30 @@ class LogFile:
             DamagedLogError: it does not match.
         """
         with damage(self.path):
-            # The record DataEnd, with the checksum as its body, ends where the summary starts.
-            crc, remaining = 0, self._summary - FRAME.size - 4
-            self._file.seek(0)
-            while remaining > 0 and (block := self._file.read(min(_BLOCK, remaining))):
-                crc, remaining = zlib.crc32(block, crc), remaining - len(block)
-            if FRAME.unpack(self._file.read(FRAME.size)) != (Opcode.DATA_END, 4):
-                raise DamagedLogError("its data does not end where the summary says")
-            if DataEnd.read(stream(self._file.read(4))).data_section_crc != crc:
+            end = self._summary - len(_DATA_END) - 4
+            checksum = zlib.crc32(memoryview(self._data)[:end])
+            if self._data[end : self._summary] != _DATA_END + checksum.to_bytes(4, "little"):
                 raise DamagedLogError("the checksum of its data does not match")
 
     def _read_index(self) -> None:
-        self._summary, summary = read_summary(self._file, self.size)
-        attachments = [AttachmentIndex.read(stream(body)) for opcode, body in summary if opcode == Opcode.ATTACHMENT_INDEX]
-        places = [attachment.offset for attachment in attachments if attachment.name == INDEX_NAME]
+        end = self._data[-_END:]
+        if not (end.startswith(_FOOTER) and end.endswith(MAGIC)):
+            raise DamagedLogError("it was not closed")
+        footer = Footer.read(stream(end[len(_FOOTER) :]))
+        self._summary = footer.summary_start
+        summary = self._data[self._summary : -len(MAGIC)]
+        if zlib.crc32(summary[:-4]) != footer.summary_crc:
+            raise DamagedLogError("the checksum of its summary does not match")
+        found = [AttachmentIndex.read(stream(body)) for opcode, body in records(summary) if opcode == Opcode.ATTACHMENT_INDEX]
+        places = [attachment.offset for attachment in found if attachment.name == INDEX_NAME]
         if len(places) != 1:
             raise DamagedLogError("the index of its rallies is missing")
-        body = read_record(self._file, places[0], self.size, Opcode.ATTACHMENT)
+        body = record(self._data, places[0], Opcode.ATTACHMENT)
         if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
             raise DamagedLogError("the checksum of its index does not match")
-        with pa.ipc.open_stream(Attachment.read(stream(body)).data) as reader:
-            if reader.schema != INDEX_SCHEMA:
-                raise DamagedLogError("its index has other columns than this version has")
-            index = reader.read_all()
-        index.validate(full=True)
+        index = read_arrow(Attachment.read(stream(body)).data)
+        if index.schema != INDEX_SCHEMA:
+            raise DamagedLogError("its index has other columns than this version has")
         columns = {name: index.column(name).to_numpy() for name in index.schema.names}
         counts = [columns[name] for name in ("first_rally", "rallies", "strokes", "offset")]
         if any((column > np.iinfo(np.int64).max >> 1).any() for column in counts):

@@ -9,8 +9,10 @@ import abc
 import contextlib
 import dataclasses
 import functools
-import threading
+import os
+import time
 import weakref
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -20,15 +22,16 @@ from typing import Any, Final, Self, TypeVar
 import numpy as np
 
 from shuttle_marl.base.errors import OptionError
+from shuttle_marl.base.files import problem
 from shuttle_marl.env.aec import AGENTS, PlayedRally, ShuttleEnv
 from shuttle_marl.game.draws import pairing_key
 from shuttle_marl.game.rally.record import Rallies, columns_of, stroke_dtype
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW
 from shuttle_marl.game.tables import Game
-from shuttle_marl.recording.chunks import encode
+from shuttle_marl.recording.chunks import MAX_CHUNK, MAX_RALLIES, MAX_STROKES, encode
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
-from shuttle_marl.recording.log_file import existing_parts, part_path
+from shuttle_marl.recording.log_file import advice, existing_parts, part_path, unfinished
 
 Env = TypeVar("Env")
 T = TypeVar("T")
@@ -109,7 +112,7 @@ class RallyLogWriter(LogContext):
     @property
     def rallies(self) -> int:
         """Number of rallies that were handed to the operating system and survive any end of this process."""
-        return self._file.rallies
+        return self._log.rallies
 
     def append(self, rallies: Rallies) -> None:
         """Add rallies; full batches are written when this returns, the remaining rallies are buffered.
@@ -144,8 +147,9 @@ class RallyLogWriter(LogContext):
             rest = Rallies.concatenate(self._waiting)
             self._waiting = []
             self._write(rest)
-        if sync:
-            self._file.sync()
+        if sync and not self._file.closed:
+            with self._guarded():
+                self._sync()
         return self.rallies
 
     def write_message(self, first: int, data: bytes | memoryview, rallies: Rallies) -> None:
@@ -158,11 +162,18 @@ class RallyLogWriter(LogContext):
         Raises:
             RecordingError: the disk is full or fails; earlier batches are complete.
         """
-        # A full file is closed only when there are rallies for the next one, so that no part is empty.
-        if self._file.size >= self._max_bytes and self._file.rallies > self._file.header.first_rally:
-            self._file.close()
-            self._open(dataclasses.replace(self.header, part=self._file.header.part + 1, first_rally=self._file.rallies))
-        self._file.write(first, data, rallies)
+        if self._file.closed:
+            raise RecordingError(f"{self.path}: is closed; nothing more can be recorded in it")
+        if len(data) > MAX_CHUNK or len(rallies) > MAX_RALLIES or len(rallies.stroke) > MAX_STROKES:
+            raise RecordingError(f"{self.path}: a batch of {len(rallies)} rallies is too large; choose fewer rallies per batch")
+        with self._guarded():
+            # A full file is closed only when there are rallies for the next one, so that no part is empty.
+            if self._log.size >= self._max_bytes and self.rallies > self._log.header.first_rally:
+                self._finish()
+                self._open(dataclasses.replace(self.header, part=self._log.header.part + 1, first_rally=self.rallies))
+            self._log.write(first, data, rallies)
+            if time.monotonic() - self._synced > self._fsync_seconds:
+                self._sync()
 
     def close(self) -> None:
         """Write the buffered rallies and the index, and move the log into place.
@@ -171,14 +182,58 @@ class RallyLogWriter(LogContext):
             RecordingError: the disk is full or fails; ``FILE.part`` holds every batch.
         """
         self.flush(sync=False)
-        self._file.close()
+        if not self._file.closed:
+            with self._guarded():
+                self._finish()
 
     def abort(self) -> None:
         """Stop writing and leave ``FILE.part`` behind, for :func:`shuttle_marl.recording.recover` or a resumed run."""
-        self._file.abort()
+        with contextlib.suppress(OSError):  # it writes what an earlier error left in its buffer
+            self._file.close()
 
     def _open(self, header: LogHeader) -> None:
-        self._file = LogFileWriter(part_path(self.path, header.part), header, fsync_seconds=self._fsync_seconds)
+        path = part_path(self.path, header.part)
+        part = unfinished(path)
+        try:
+            if path.exists():
+                raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
+            if part.exists():
+                raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = part.open("xb")
+        except (OSError, ValueError) as error:  # ValueError: an invalid file name
+            raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
+        try:
+            self._log = LogFileWriter(self._file, header)
+        except OSError as error:
+            self.abort()
+            part.unlink()
+            raise RecordingError(f"{part}: cannot be written ({error.strerror}); nothing was recorded") from error
+        self._synced = time.monotonic()
+
+    def _sync(self) -> None:
+        os.fsync(self._file.fileno())
+        self._synced = time.monotonic()
+
+    def _finish(self) -> None:
+        self._log.finish()
+        self._sync()
+        self._file.close()
+        path = part_path(self.path, self._log.header.part)
+        os.replace(unfinished(path), path)
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """After an error leave ``FILE.part`` behind with its complete batches, and say so."""
+        try:
+            yield
+        except OSError as error:
+            self.abort()
+            part = unfinished(part_path(self.path, self._log.header.part))
+            raise RecordingError(
+                f"{part}: cannot be written ({error.strerror}); the {self.rallies} rallies before it are complete: "
+                f"free disk space and resume, or {advice(part)}"
+            ) from error
 
     def _write(self, rallies: Rallies) -> None:
         self.write_message(self.rallies, encode(self.rallies, rallies, len(self.header.strokes)), rallies)
@@ -202,11 +257,10 @@ class RallyRecorder(LogContext):
             waiting_strokes: strokes in the queue from which :meth:`add` blocks.
         """
         self.path = log.path
-        self.sampling = Sampling.parse(log.header.record)
-        self.sample: Callable[[Rallies], Rallies] = functools.partial(self.sampling.of, log.header)
+        self.sample: Callable[[Rallies], Rallies] = functools.partial(Sampling.parse(log.header.record).of, log.header)
         self._log, self._limit = log, waiting_strokes
+        self._queue: deque[tuple[int, Future[None]]] = deque()
         self._waiting = 0
-        self._changed = threading.Condition()
         self._error: BaseException | None = None
         self._thread = ThreadPoolExecutor(1, f"recording {log.path.name}")
 
@@ -236,11 +290,13 @@ class RallyRecorder(LogContext):
         """
         chosen = self.sample(rallies)
         if len(chosen):
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting <= self._limit or self._error is not None)
-                self._waiting += len(chosen.stroke)
             self._raise()
-            self._thread.submit(self._guarded, self._append, chosen)
+            while self._queue and (self._queue[0][1].done() or self._waiting > self._limit):
+                strokes, appended = self._queue.popleft()
+                self._waiting -= strokes
+                appended.result()
+            self._queue.append((len(chosen.stroke), self._thread.submit(self._guarded, self._log.append, chosen)))
+            self._waiting += len(chosen.stroke)
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
         """Request a flush of all rallies added so far, and return at once.
@@ -288,16 +344,8 @@ class RallyRecorder(LogContext):
         try:
             return work(*arguments)
         except BaseException as error:
-            with self._changed:
-                self._error = error
-                self._changed.notify_all()
+            self._error = error
             raise
-
-    def _append(self, rallies: Rallies) -> None:
-        self._log.append(rallies)
-        with self._changed:
-            self._waiting -= len(rallies.stroke)
-            self._changed.notify_all()
 
 
 @contextlib.contextmanager

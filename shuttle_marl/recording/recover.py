@@ -1,30 +1,35 @@
 """Recover truncated or damaged rally logs, and resume unfinished ones.
 
-Chunks are found by their first bytes and accepted if their checksums match, so batches after a damaged section are found too.
+A batch is accepted if its checksum matches, so batches after a damaged one are found too, as long as lengths of records are not
+damaged.
 """
 
 import contextlib
 import dataclasses
 import errno
-import mmap
 import os
-import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from mcap.opcode import Opcode
 
-from shuttle_marl.base.files import open_file, problem
+from shuttle_marl.base.files import FileWriteError, problem, replacing
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.recording.chunks import COMPRESSION, FRAME, UNDECODABLE, decode, message_of_chunk
+from shuttle_marl.recording.chunks import UNDECODABLE, decode, message_of_chunk, records
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError
-from shuttle_marl.recording.log_file import SUFFIX, damage, existing_parts, part_path, read_header, set_aside, unfinished
+from shuttle_marl.recording.log_file import (
+    SUFFIX,
+    content_of,
+    damage,
+    existing_parts,
+    part_path,
+    read_header,
+    set_aside,
+    unfinished,
+)
 from shuttle_marl.recording.recorder import RallyLogWriter
-
-_BEFORE_COMPRESSION: Final = FRAME.size + 8 + 8 + 8 + 4
-"""Bytes of a chunk record before the name of its compression: frame, two times, size and checksum."""
 
 
 def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]]:
@@ -33,32 +38,26 @@ def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]
     Raises:
         RecordingError: the file cannot be read or is not a rally log, or its header is damaged.
     """
-    with damage(path), open_file(path) as file:
-        header, start = read_header(file, path.stat().st_size)
-    return header, _whole_batches(path, header, start)
+    with damage(path):
+        data = content_of(path)
+        header, start = read_header(data)
+    return header, _whole_batches(records(data, start), header)
 
 
-def _whole_batches(path: Path, header: LogHeader, start: int) -> Iterator[tuple[int, bytes, Rallies]]:
-    done, name = header.first_rally, COMPRESSION.name.lower().encode()
-    packed = struct.pack("<I", len(name)) + name
-    with open_file(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        at = start
-        while (found := data.find(packed, at)) >= 0:
-            at = found + 1
+def _whole_batches(found: Iterator[tuple[int, bytes]], header: LogHeader) -> Iterator[tuple[int, bytes, Rallies]]:
+    done = header.first_rally
+    with contextlib.suppress(DamagedLogError):  # the last record is cut off
+        for opcode, body in found:
+            if opcode != Opcode.CHUNK:
+                continue
             try:
-                chunk = found - _BEFORE_COMPRESSION
-                opcode, length = FRAME.unpack_from(data, chunk)
-                end = chunk + FRAME.size + length
-                if chunk < start or opcode != Opcode.CHUNK or end > len(data):
-                    continue
-                message = message_of_chunk(data[chunk + FRAME.size : end])
+                message = message_of_chunk(body)
                 first, rallies = decode(message, header)
             except (DamagedLogError, *UNDECODABLE):
                 continue
             if first >= done:
                 yield first, message.data, rallies
                 done = first + len(rallies)
-            at = end
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -90,53 +89,25 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
     if target is None:
         target = source.with_suffix("") if source.suffix == ".part" else source.with_name(f"{source.stem}.recovered.mcap")
     header, batches = salvage(source)
-    # Written under another name, because ``target.part`` may be the source.
-    making = target.with_name(target.name + ".recovering")
-    with _writing(source, target):
+    rallies = strokes = lost = 0
+    try:
         if target.exists():
             raise FileExistsError(errno.EEXIST, "exists already")
-        try:
-            _delete_files(making)  # left by a killed recovery
-            found = _copy(header, batches, making)
-            if found.rallies:
-                making.replace(target)
-        finally:
-            with contextlib.suppress(OSError):
-                _delete_files(making)
-    if not found.rallies:
-        raise RecordingError(f"{source}: nothing could be recovered: all its batches of rallies are damaged")
-    return dataclasses.replace(found, path=target)
-
-
-def _copy(header: LogHeader, batches: Iterator[tuple[int, bytes, Rallies]], target: Path) -> Recovery:
-    rallies = strokes = lost = 0
-    writer = LogFileWriter(target, header, fsync_seconds=60)
-    try:
-        for first, data, batch in batches:
-            lost += first - writer.rallies
-            writer.write(first, data, batch)
-            rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
-        writer.close()
-    finally:
-        writer.abort()
-    return Recovery(path=target, rallies=rallies, strokes=strokes, lost=lost)
-
-
-@contextlib.contextmanager
-def _writing(source: Path, target: Path) -> Iterator[None]:
-    """Raise errors that say why the recovered file cannot be written."""
-    try:
-        yield
-    except (OSError, ValueError, RecordingError) as error:
-        why = problem(error.__cause__ or error)
+        with replacing(target, new=True) as file:
+            log = LogFileWriter(file, header)
+            for first, data, batch in batches:
+                lost += first - log.rallies
+                log.write(first, data, batch)
+                rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
+            if not rallies:
+                raise RecordingError(f"{source}: nothing could be recovered: all its batches of rallies are damaged")
+            log.finish()
+    except (OSError, FileWriteError) as error:
         raise RecordingError(
-            f"{target}: cannot be written ({why}); {source} is unchanged: free disk space, or choose another file"
+            f"{target}: cannot be written ({problem(error.__cause__ or error)}); {source} is unchanged: "
+            "free disk space, or choose another file"
         ) from error
-
-
-def _delete_files(part: Path) -> None:
-    for file in (unfinished(part), part, set_aside(part)):
-        file.unlink(missing_ok=True)
+    return Recovery(path=target, rallies=rallies, strokes=strokes, lost=lost)
 
 
 def recoverable_files(folder: Path) -> list[Path]:
@@ -238,8 +209,8 @@ def _last_part(path: Path, rallies: int) -> int | None:
     for number in existing_parts(path):
         for file in _files(part_path(path, number)):
             # A file without a header, of a process that was killed as it started the file, has no rallies.
-            with contextlib.suppress(RecordingError), open_file(file) as opened:
-                if read_header(opened, file.stat().st_size)[0].first_rally < rallies:
+            with contextlib.suppress(RecordingError):
+                if read_header(content_of(file))[0].first_rally < rallies:
                     last = number
     if last is None:
         raise RecordingError(f"{unfinished(path).name}: is missing, with the {rallies} rallies that were played; start again")
@@ -263,8 +234,7 @@ def _delete(path: Path, first: int, header: LogHeader) -> None:
     """
     for number in reversed([number for number in existing_parts(path) if number >= first]):
         part = part_path(path, number)
-        if part.exists():
-            with open_file(part) as opened:
-                if read_header(opened, part.stat().st_size)[0] != header:
-                    raise RecordingError(f"{part.name} is the log of another run; delete it or choose another name")
-        _delete_files(part)
+        if part.exists() and read_header(content_of(part))[0] != header:
+            raise RecordingError(f"{part.name} is the log of another run; delete it or choose another name")
+        for file in (unfinished(part), part, set_aside(part)):
+            file.unlink(missing_ok=True)

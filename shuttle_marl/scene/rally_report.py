@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.analysis import LogPlayers, RallyAnalysis, analyse_rally
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.court import AREA_WORDS, Hands
@@ -19,6 +18,7 @@ from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.reports import LogPlayers, RallyAnalysis, analyse_rally
 from shuttle_marl.scene import SceneError
 from shuttle_marl.staging import Motion
 

@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -13,13 +13,11 @@ from foxglove.channels import FrameTransformsChannel, LogChannel, SceneUpdateCha
 from foxglove.messages import (
     Color,
     CubePrimitive,
-    FrameTransform,
     FrameTransforms,
     LinePrimitive,
     LinePrimitiveLineType,
     Log,
     LogLevel,
-    ModelPrimitive,
     Point3,
     Pose,
     Quaternion,
@@ -34,7 +32,6 @@ from foxglove.messages import (
 
 from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.scene.mesh import Mesh, glb
 from shuttle_marl.scene.rally_report import SECOND
 
 COURT: Final = "/scene/court"
@@ -42,7 +39,6 @@ PLAYERS: Final = "/scene/players"
 SHUTTLE: Final = "/scene/shuttle"
 STROKE_MARKS: Final = "/scene/stroke"
 TF: Final = "/tf"
-TF_STATIC: Final = "/tf_static"
 LOG: Final = "/log"
 SCORE: Final = "/rally/score"
 STROKE: Final = "/rally/stroke"
@@ -57,15 +53,11 @@ SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, *BOARDS)
 """Topics of the 3D panel."""
 
 WORLD: Final = "court"
-"""Frame of reference of the court."""
-PLAY: Final = "play"
-"""Frame of reference of the players, which cameras follow: the court, turned by half a turn while they are at exchanged ends."""
+"""Frame of reference of the court, on which all others are placed."""
 SHUTTLE_FRAME: Final = "shuttle"
 """Moves and turns with the shuttle; the cork points along z."""
-SHUTTLE_PLACE: Final = "shuttle_place"
-"""Moves with the shuttle without turning."""
-SHADOWS: Final = ("shadow_0", "shadow_1", "shadow_shuttle")
-"""Frames of reference on the floor below the hips of seats 0 and 1, and below the shuttle."""
+SHUTTLE_FLOOR: Final = "shuttle_floor"
+"""On the floor below the shuttle."""
 
 
 def bone_frame(seat: int, bone: str) -> str:
@@ -73,24 +65,13 @@ def bone_frame(seat: int, bone: str) -> str:
     return f"{seat}/{bone}"
 
 
-def joint_frame(seat: int, bone: int) -> str:
-    """Name of the frame of reference in which a bone turns, fixed to the bone's parent."""
-    return f"{seat}.{bone}"
-
-
-def name_frame(seat: int) -> str:
-    """Name of the frame of reference over the head of a player, which does not turn."""
-    return f"{seat}/name"
-
-
 def place_frame(seat: int) -> str:
-    """Name of the frame of reference that moves with the hips of a player without turning."""
+    """Name of the frame of reference on the floor below the hips of a player, which looks over the net and does not turn."""
     return f"player_{seat}"
 
 
 Vector = Floats | tuple[float, float, float]
 _UPRIGHT: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-_HERE: Final = Vector3(x=0.0, y=0.0, z=0.0)
 
 
 def _object(title: str, **properties: dict[str, Any]) -> dict[str, Any]:
@@ -155,7 +136,6 @@ class Channels:
     def __init__(self, context: Context) -> None:
         self._channels: dict[str, Any] = {topic: SceneUpdateChannel(topic, context=context) for topic in SCENES}
         self._channels[TF] = FrameTransformsChannel(TF, context=context)
-        self._channels[TF_STATIC] = FrameTransformsChannel(TF_STATIC, context=context)
         self._channels[LOG] = LogChannel(LOG, context=context)
         self._channels |= {topic: Channel(topic, schema=schema, context=context) for topic, schema in SCHEMAS.items()}
 
@@ -190,15 +170,6 @@ def at(v: Vector) -> Pose:
     return Pose(position=vector(v), orientation=_UPRIGHT)
 
 
-def transform(when: Timestamp, child: str, parent: str, value: Sequence[float]) -> FrameTransform:
-    """Transform from a child to its parent: ``value`` is a translation [m] or a quaternion (x, y, z, w)."""
-    if len(value) == 3:
-        place, turn = vector((value[0], value[1], value[2])), _UPRIGHT
-    else:
-        place, turn = _HERE, Quaternion(x=value[0], y=value[1], z=value[2], w=value[3])
-    return FrameTransform(timestamp=when, parent_frame_id=parent, child_frame_id=child, translation=place, rotation=turn)
-
-
 def box(centre: Vector, size: Vector, shade: Color) -> CubePrimitive:
     """An axis-aligned box [m]."""
     return CubePrimitive(pose=at(centre), size=vector(size), color=shade)
@@ -220,18 +191,6 @@ def strip(path: F64, colours: list[Color], thickness: float) -> LinePrimitive:
 def label(text: str, place: Vector, pixels: float, shade: Color) -> TextPrimitive:
     """Text that faces the viewer, ``pixels`` high on the screen at any distance."""
     return TextPrimitive(pose=at(place), billboard=True, font_size=pixels, scale_invariant=True, color=shade, text=text)
-
-
-def model(meshes: list[Mesh]) -> ModelPrimitive:
-    """Meshes as one glTF model."""
-    return ModelPrimitive(
-        pose=at((0, 0, 0)),
-        scale=vector((1, 1, 1)),
-        color=colour(1, 1, 1),
-        override_color=False,
-        media_type="model/gltf-binary",
-        data=glb(meshes),
-    )
 
 
 def entities_on(topic: str, time: int, entities: list[SceneEntity]) -> Timed:

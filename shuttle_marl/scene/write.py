@@ -13,8 +13,6 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from foxglove.messages import Color, CylinderPrimitive, SceneEntity, Vector3
 
 from shuttle_marl import __version__
-from shuttle_marl.analysis import LogPlayers
-from shuttle_marl.analysis.rally import Resolve
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.court import Hands
 from shuttle_marl.game.layout import LONGEST_DUEL
@@ -23,12 +21,13 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.reader import RallyLog, rally_rows
+from shuttle_marl.reports import LogPlayers
+from shuttle_marl.reports.rally import Resolve
 from shuttle_marl.scene import SceneError, topics
 from shuttle_marl.scene.board import boards
-from shuttle_marl.scene.models import court
-from shuttle_marl.scene.models import players as player_models
-from shuttle_marl.scene.motion import joint_message, motion_messages
+from shuttle_marl.scene.motion import motion_messages
 from shuttle_marl.scene.rally_report import SECOND, RallyReport, StagedRally, report_rally
+from shuttle_marl.scene.shapes import court, players
 from shuttle_marl.scene.topics import WORLD, Timed, at, box, colour, entities_on, log_line, numbers_on, stamp, strip
 from shuttle_marl.staging import ENDS, stage
 
@@ -305,14 +304,14 @@ def write_scene(
     """
     if not 25 <= fps <= MOST_FPS:
         raise SceneError(f"{fps} frames per second: expected 25 to {MOST_FPS}; viewers warn about more")
-    players = LogPlayers(log, game, resolve)
+    policies = LogPlayers(log, game, resolve)
     context, buffer = Context(), io.BytesIO()
     options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=_CHUNK, compression_threads=0)
     writer = open_mcap(buffer, context=context, writer_options=options)
     channels, start = topics.Channels(context), EPOCH
     shown: tuple[object, ...] = ()
     for i, number in enumerate(progress(numbers)):
-        report = report_rally(log, int(number), game, players, hands)
+        report = report_rally(log, int(number), game, policies, hands)
         motion = stage(report.played, seed=report.key, athletes=athletes or report.athletes, fps=fps)
         staged = StagedRally(report=report, motion=motion, start=start)
         if not i:
@@ -320,9 +319,7 @@ def write_scene(
         looks = report.names, motion.hands, motion.skeletons
         if shown != looks:
             shown = looks
-            channels.write(
-                [joint_message(start, motion), entities_on(topics.PLAYERS, start, player_models(start, motion, report.names))]
-            )
+            channels.write([entities_on(topics.PLAYERS, start, players(start, motion, report.names))])
         channels.write([*motion_messages(staged), *commentary(staged)])
         start = staged.end + CUT
     for path in LAYOUTS:
@@ -343,7 +340,7 @@ def write_scene(
     }
     writer.write_metadata(METADATA, facts)
     writer.close()
-    return buffer.getvalue(), players.unknown
+    return buffer.getvalue(), policies.unknown
 
 
 def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:

@@ -34,7 +34,6 @@ def stage(
     athletes: tuple[str, str] = ("male", "male"),
     fps: int = 50,
     lead_in: float = LEAD_IN,
-    importance: float = 0.5,
 ) -> Motion:
     """Stage a rally, whose players hold the racket in their own hand. The same arguments give the same motion.
 
@@ -46,15 +45,17 @@ def stage(
         athletes: ``male`` or ``female``, of seats 0 and 1.
         fps: frames per second, 25 to 1000; every contact falls on a frame.
         lead_in: time before the serve, or duration of the waiting [s].
-        importance: of the point, 0 to 1: strength of the reactions to the end of the rally.
 
     Raises:
         RallyError: the strokes do not form a rally.
         StagingError: an invalid option.
     """
-    _check(fps, lead_in, importance)
+    if not 25 <= fps <= 1000:
+        raise StagingError(f"{fps} frames a second: expected 25 to 1000")
+    if not 1.0 <= lead_in <= 3600:
+        raise StagingError(f"{lead_in} s before the serve: expected 1 to 3600")
     players = players_of(rally, (load_skeleton(athletes[0]), load_skeleton(athletes[1])))
-    return _staged(rally.checked(), players, None, seed, fps, lead_in, importance)
+    return _staged(rally.checked(), players, None, seed, fps, lead_in)
 
 
 def continue_motion(
@@ -65,7 +66,6 @@ def continue_motion(
     from_stroke: int | None = None,
     at: int | None = None,
     lead_in: float = LEAD_IN,
-    importance: float = 0.5,
 ) -> Motion:
     """Stage more strokes of an open rally, or another continuation of a finished one.
 
@@ -79,7 +79,6 @@ def continue_motion(
         from_stroke: number of the first new stroke; by default the number of strokes of ``motion``.
         at: last frame of the waiting, only before the serve; by default the last frame of ``motion``.
         lead_in: time before the serve, or duration of further waiting [s].
-        importance: see :func:`stage`.
 
     Raises:
         RallyError: the strokes do not form a rally.
@@ -88,7 +87,7 @@ def continue_motion(
     rally = rally.checked()
     branch = _branch(rally, motion, from_stroke, at)
     players = players_of(rally, motion.skeletons)
-    return _staged(rally, players, branch, seed, motion.fps, lead_in, importance)
+    return _staged(rally, players, branch, seed, motion.fps, lead_in)
 
 
 def players_of(rally: Rally, skeletons: tuple[Skeleton, Skeleton]) -> tuple[Athlete, Athlete]:
@@ -107,7 +106,6 @@ def _staged(
     seed: int,
     fps: int,
     lead_in: float,
-    importance: float,
 ) -> Motion:
     """The motion; frames up to the branch are copied."""
     trajectory = TrajectoryBuilder(rally, players, seed, fps).build(lead_in, branch)
@@ -115,9 +113,9 @@ def _staged(
         frames = round((trajectory.end_time[-1] + (0.0 if rally.open else _TAIL)) * fps) + 1
     else:
         frames = (branch.frame if branch else 0) + round(lead_in * fps) + 1
-    # Index and strength of the reaction of each player to the end of the rally.
+    # Index of the reaction of each player to the end of the rally.
     bits = draws.draw(draws.extend(draws.stream(seed), len(rally)), np.array([_MOOD, _MOOD + 1]))
-    moods = [(int(b >> np.uint64(63)), 0.35 + 0.65 * importance) for b in bits]
+    moods = (bits >> np.uint64(63)).astype(int).tolist()
     rhythm = branch.player(0).rhythm if branch else seed
     added = [habits(trajectory, seat, rhythm, frames, fps) for seat in (0, 1)]
     for _ in range(_RETRIES):
@@ -178,15 +176,6 @@ def _staged(
     return motion
 
 
-def _check(fps: int, lead_in: float, importance: float) -> None:
-    if not 25 <= fps <= 1000:
-        raise StagingError(f"{fps} frames a second: expected 25 to 1000")
-    if not 1.0 <= lead_in <= 3600:
-        raise StagingError(f"{lead_in} s before the serve: expected 1 to 3600")
-    if not 0 <= importance <= 1:
-        raise StagingError(f"importance {importance}: expected 0 to 1")
-
-
 def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | None) -> Branch:
     if motion.players is None:
         raise StagingError("an unpacked motion cannot be continued: pass the one that stage() returned")
@@ -213,7 +202,7 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
 
 
 def _prepared(
-    trajectory: Trajectory, athlete: Athlete, added: Habits, mood: tuple[int, float], fps: int, branch: Branch | None
+    trajectory: Trajectory, athlete: Athlete, added: Habits, mood: int, fps: int, branch: Branch | None
 ) -> tuple[Prepared, F64]:
     """Feet and key poses of one player, and ``[n, 3]`` shift of the hips at each stroke [m].
 

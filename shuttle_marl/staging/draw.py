@@ -39,7 +39,7 @@ from shuttle_marl.staging.motions import (
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind, own_frame
 
 FILE: Final = Path(__file__).parent / "measured.json"
-"""Timing and places measured in the training matches, by ``experiments/fit_staging.py``; its ``provenance`` names them."""
+"""Timing and places measured in the training matches, see ``docs/truth_record.md``; its ``provenance`` names them."""
 DISTANCES: Final = tuple(float(d) for d in range(14))
 """Edges of the classes of length of a stroke [m]."""
 QUARTILES: Final = (0.25, 0.5, 0.75)
@@ -127,7 +127,7 @@ def quantile(knots: F64, u: float) -> float:
 
 @functools.cache
 def load_measured(path: Path = FILE) -> Measured:
-    """The shipped table, or one that ``experiments/fit_staging.py`` wrote."""
+    """The shipped table, or another one."""
     raw = json.loads(path.read_text(encoding="utf-8"))
     serves = SHOTS[:N_SERVES]
     by_length = raw["flight_time_by_length"]

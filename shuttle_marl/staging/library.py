@@ -9,7 +9,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.staging import motions
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
-from shuttle_marl.staging.poses import CONTACT, LOSES, READY, REST, STROKES, WAIT, WINS, Key
+from shuttle_marl.staging.poses import CONTACT, POSES, STROKES, Key
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
     FLIP,
@@ -129,13 +129,14 @@ class Athlete:
 @functools.cache
 def library_of(skeleton: Skeleton) -> Library:
     """Key poses of an athlete, scaled to their size."""
-    keys = [*(key for motion in range(len(motions.MOTIONS)) for key in STROKES[motion].keys), READY, WAIT, REST, *WINS, *LOSES]
+    others = (POSES.ready, POSES.wait, POSES.rest, *POSES.wins, *POSES.loses)
+    keys = [*(key for stroke in STROKES for key in stroke.keys), *others]
     aim = np.zeros((len(keys), 3))
     hit = np.zeros(len(keys), dtype=bool)
     hit[CONTACT : 6 * len(motions.MOTIONS) : 6] = True
     # Contacts are written in the stroke frame, key poses in the facing frame.
-    back = turned(np.array([-np.radians(STROKES[motion].keys[CONTACT].hips[1]) for motion in range(len(motions.MOTIONS))]))
-    aim[hit] = apply(back, np.array([STROKES[motion].aim for motion in range(len(motions.MOTIONS))]))
+    back = turned(np.array([-np.radians(stroke.keys[CONTACT].hips[1]) for stroke in STROKES]))
+    aim[hit] = apply(back, np.array([stroke.aim for stroke in STROKES]))
     poses, reached = _solve(skeleton, keys, aim, hit)
     n = len(motions.MOTIONS) * 6
     return Library(

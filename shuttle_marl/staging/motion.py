@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Sequence
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -80,17 +81,12 @@ def read_head(content: bytes) -> tuple[dict[str, Any], memoryview]:
     inflate = zlib.decompressobj()
     try:
         data = inflate.decompress(content[5:], _LARGEST)
-    except zlib.error as error:
+        if not inflate.eof:
+            raise StagingError("a packed motion is cut off, or too long to be one; take another copy")
+        size = int.from_bytes(data[:4], "little")
+        head = msgspec.json.decode(data[4 : 4 + size], type=dict[str, Any])
+    except (zlib.error, msgspec.MsgspecError) as error:
         raise StagingError(f"a packed motion is damaged: {error}; take another copy") from error
-    if not inflate.eof:
-        raise StagingError("a packed motion is cut off, or too long to be one; take another copy")
-    size = int.from_bytes(data[:4], "little")
-    try:
-        head = json.loads(data[4 : 4 + size])
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise StagingError("a packed motion is damaged: its head is no JSON; take another copy") from error
-    if not isinstance(head, dict):
-        raise StagingError("a packed motion is damaged: its head is no object; take another copy")
     return head, memoryview(data)[4 + size :]
 
 

@@ -39,11 +39,6 @@ def _about(terms: tuple[F64, F64, F64], angle: F64 | float) -> F64:
     return out
 
 
-def exponential(v: F64) -> F64:
-    """``[..., 3, 3]`` rotation by the rotation vectors ``[..., 3]`` [rad]."""
-    return _shaped(Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix(), v.shape[:-1])
-
-
 def turned(angle: F64 | float) -> F64:
     """``[..., 3, 3]`` rotation about the vertical, anticlockwise seen from above [rad]."""
     return _about(_TURN, angle)
@@ -105,11 +100,7 @@ def _quaternions(rotation: F64) -> F64:
 
 def matrix(q: Floats) -> F64:
     """``[..., 3, 3]`` matrices of quaternions (x, y, z, w) of any length but 0."""
-    return _shaped(Rotation.from_quat(q.reshape(-1, 4)).as_matrix(), q.shape[:-1])
-
-
-def _shaped(found: F64, leading: tuple[int, ...]) -> F64:
-    return found.reshape(*leading, *found.shape[1:])
+    return Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(*q.shape[:-1], 3, 3)
 
 
 _TURN, _BOW, _LEAN = _terms(0.0, 0.0, 1.0), _terms(-1.0, 0.0, 0.0), _terms(0.0, 1.0, 0.0)

@@ -35,6 +35,8 @@ _BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
 _HURRIED: Final = 0.7
 """Times before the contact of a hurried player, as a fraction of those of others."""
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
+_REACTION: Final = 0.675
+"""Strength of the reactions to the end of the rally, from 0 to 1."""
 _SPLIT_HOP: Final = 0.035
 _WAY_TO_SPLIT: Final = 0.25
 """Distance of the hips from the feet below which a split step begins without a step [m]."""
@@ -226,7 +228,7 @@ class TimelineBuilder:
     Args:
         hips: ``[F, 2]`` path of the hips over the floor, mirrored for a left-hander [m].
         higher: ``[n]`` additional height of the hips at each stroke [m].
-        mood: index of the reaction to the end of the rally, and its strength from 0 to 1.
+        mood: index of the reaction to the end of the rally.
     """
 
     def __init__(
@@ -236,7 +238,7 @@ class TimelineBuilder:
         hips: F64,
         higher: F64,
         fps: int,
-        mood: tuple[int, float],
+        mood: int,
         past: Past | None = None,
     ) -> None:
         self.trajectory, self.hips, self.higher, self.fps = trajectory, hips, higher, fps
@@ -488,16 +490,15 @@ class TimelineBuilder:
 
     def _finish(self, over: int) -> None:
         """Reactions of winner and loser after the rally, then both lower the racket."""
-        fps, (which, much) = self.fps, self.mood
-        rally = self.trajectory.rally
+        fps, rally = self.fps, self.trajectory.rally
         last = max(over, int(self.clock[-1]) + round(0.4 * fps))
         turn = self._facing(last)
         if rally.striker[-1] != self.seat and self.trajectory.end[-1] != RETURN:
             self._key(over - round(0.05 * fps), self._ready(over, 0.02))
         won = (rally.ending == WINNER) == (rally.striker[-1] == self.seat)
-        shown = (self.library.wins if won else self.library.loses)[which]
+        shown = (self.library.wins if won else self.library.loses)[self.mood]
         rest = self.library.rest.copy()
-        felt = rest + much * (shown - rest)
+        felt = rest + _REACTION * (shown - rest)
         for pose in (rest, felt):
             pose[HIPS_YAW] += turn
         # Joy is immediate and passes; disappointment comes slowly and stays.

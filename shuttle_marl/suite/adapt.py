@@ -1,4 +1,4 @@
-"""The task ``adapt``: play an unknown opponent for 500 rallies, and adapt; with recovery and, as the entrance, without."""
+"""The task ``adapt``: play an unknown opponent for 500 rallies, and adapt."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping
@@ -14,7 +14,6 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.frontier import POINTS, exploitabilities, gains
 from shuttle_marl.suite.method import Method, called, made
-from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, Opponent, families, known, luck, opponent
 from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
 
@@ -25,7 +24,6 @@ HORIZONS: Final = (20, 100, 500)
 RISK_FROM: Final = 20
 """Rally from which the exploitability of the policies is averaged."""
 _OPPONENTS: Final = 3
-_CONTROLS: Final = 1
 _TOLERANCE: Final = 1e-4
 """Error bound of values, far below the differences between methods."""
 
@@ -56,11 +54,9 @@ class AdaptSetting(Setting):
 
     Attributes:
         known: known opponents by name; the opponent may be none of them.
-        budget: strokes that a method without tables may play against known opponents before the first rally.
     """
 
     known: Mapping[str, TabulatedPolicy]
-    budget: int = 10**6
 
 
 class Adapt(Task):
@@ -78,14 +74,13 @@ class Adapt(Task):
     recovery = True
     hidden: ClassVar[tuple[str, ...]] = ("position of the receiver", "opponent")
     roles = tuple(map(str, CHANGES))
-    splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "round")
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Opponents of each family, and controls, which do not count in the score."""
         numbers = dict.fromkeys(families(arena.game)[: 2 if arena.quick else None], 1 if arena.quick else _OPPONENTS)
         if not arena.quick:
-            numbers[CONTROL] = _CONTROLS
+            numbers[CONTROL] = 1
         return [
             Case(
                 name=f"{family}/{number}", stratum=family, counts=family != CONTROL, options={"family": family, "number": number}
@@ -104,7 +99,7 @@ class Adapt(Task):
         for start, last in _blocks(against):
             if start in CHANGES:
                 tables[start] = table_of(called(self.name, agent.policy_for_next_rally), arena.game, self.name)
-            key = luck(arena.split, arena.beacon, seed, *words, start)
+            key = luck(arena.split, arena.seed, seed, *words, start)
             for rally in observed(arena.game, _met(against, tables, start), last - start, key):
                 called(self.name, agent.observe_rally, rally)
         return Outcome(policies={str(start): table for start, table in tables.items()})
@@ -135,13 +130,6 @@ class Adapt(Task):
             **{f"regret_{horizon}": float(regret[:horizon].mean()) for horizon in HORIZONS},
             "exploitability": float(np.average(risk, weights=[ends[start] - start for start in at_risk])),
         }
-
-
-class AdaptEntrance(Adapt):
-    """Adapt to an unknown opponent in the game without recovery, in which positions are not hidden: ``adapt-v0`` in less time."""
-
-    name = "adapt-entrance-v0"
-    recovery, entrance, hidden = False, True, ("opponent",)
 
 
 def _opponent(arena: Arena, case: Case) -> Opponent:

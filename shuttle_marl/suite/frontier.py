@@ -7,7 +7,7 @@ see :func:`shuttle_marl.exact.optimal.restricted_value`.
 """
 
 from collections.abc import Sequence
-from typing import Final, TypedDict
+from typing import Final
 
 import numpy as np
 
@@ -24,21 +24,6 @@ STEPS: Final = (0.0, 0.25, 0.5, WEIGHT, 0.9, 1.0)
 """Restrictions of the points of a frontier."""
 _DIGITS: Final = 5
 """Decimal places of a frontier, which are exact; + 0.0 makes 0.0 of -0.0."""
-
-
-class Point(TypedDict):
-    """The restricted response for ``p``, in points of rallies.
-
-    Attributes:
-        score: rallies won against the opponent, above those that perfect play wins.
-        exploitability: see :func:`exploitabilities`.
-        gain: see :func:`gains`.
-    """
-
-    p: float
-    score: float
-    exploitability: float
-    gain: float
 
 
 def exploitabilities(policies: Sequence[TabulatedPolicy], *, tolerance: float) -> list[float]:
@@ -70,8 +55,13 @@ def gains(
     return worth - zero, most - zero
 
 
-def frontier(arena: Arena, opponent: TabulatedPolicy, *, tolerance: float) -> list[Point]:
-    """The points of an opponent for :data:`STEPS`."""
+def frontier(arena: Arena, opponent: TabulatedPolicy, *, tolerance: float) -> list[dict[str, float]]:
+    """The restricted response to an opponent for each of :data:`STEPS`, in points of rallies.
+
+    Returns:
+        ``p``; ``score``: rallies won against the opponent, above those that perfect play wins; ``exploitability``, see
+        :func:`exploitabilities`; and ``gain``, see :func:`gains`.
+    """
     players = [restricted_response(opponent, p, tolerance=tolerance).policy for p in STEPS]
     perfect, *won = (odds.rally for odds in pair_odds([(each, opponent) for each in (arena.policy("minimax"), *players)]))
     risks = exploitabilities(players, tolerance=tolerance)

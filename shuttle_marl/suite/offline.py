@@ -10,19 +10,20 @@ import msgspec
 import numpy as np
 from scipy.stats import spearmanr
 
-from shuttle_marl.analysis import tabular
 from shuttle_marl.base.files import Fraction, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import cached_table
 from shuttle_marl.policy.mixtures import mixture
 from shuttle_marl.recording import logs
 from shuttle_marl.recording.logs import Log, blank, play_log
+from shuttle_marl.suite import tabular
 from shuttle_marl.suite.frontier import POINTS, exploitabilities
 from shuttle_marl.suite.method import Method, called, find, made
-from shuttle_marl.suite.options import Split, SuiteError
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import luck
 from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
 
@@ -49,17 +50,15 @@ _FRESH: Final = 1000
 """Added to the seed of a fresh log."""
 
 
-class LogSetting(Setting):
-    """Setting of ``offline`` and ``evaluate``, the argument of a method; probabilities of its game are meaningless."""
-
-
 class LogTask(Task):
-    """A task with logs; the dev split is the game of one discipline, and the others have a game that does not ship."""
+    """A task with logs; the dev split is the game of one discipline, and the others have a game that does not ship.
+
+    Probabilities of the game of a setting are meaningless.
+    """
 
     access = "samples"
     hidden: ClassVar[tuple[str, ...]] = ("probabilities of the game", "opponent")
     variants: ClassVar[Mapping[str, str]] = {"dev": "women"}
-    splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "round")
     drawn: ClassVar[Mapping[str, float]] = {"test": _SIGMA, "round": _SIGMA}
 
     def behaviours(self, arena: Arena) -> tuple[str, ...]:
@@ -68,7 +67,7 @@ class LogTask(Task):
 
 
 def _of_split(name: str, arena: Arena) -> str:
-    return name.replace("PLAYER", arena.players[0])
+    return name.replace("PLAYER", baselines.players(arena.game)[arena.split == "dev"])
 
 
 def behaviour(arena: Arena, name: str) -> TabulatedPolicy:
@@ -83,7 +82,7 @@ def behaviour(arena: Arena, name: str) -> TabulatedPolicy:
 @functools.lru_cache(maxsize=2)
 def generate(arena: Arena, name: str, strokes: int, seed: int) -> Log:
     """The log of a behaviour policy against :data:`OPPONENT`; arguments of :func:`shuttle_marl.recording.logs.play_log`."""
-    key = luck(arena.split, arena.beacon, seed, arena.split == "dev", strokes)
+    key = luck(arena.split, arena.seed, seed, arena.split == "dev", strokes)
     return play_log((behaviour(arena, name), arena.policy(OPPONENT)), strokes, key)
 
 
@@ -103,7 +102,7 @@ class Offline(LogTask):
     name = "offline-v0"
     metric = "score"
     zero = "play as strong as the opponent"
-    protocol = "method(setting: LogSetting) -> object with fit(log) -> player; log is a Log, or Transitions if track is 'own'"
+    protocol = "method(setting: Setting) -> object with fit(log) -> player; log is a Log, or Transitions if track is 'own'"
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Each behaviour policy with each number of strokes."""
@@ -118,7 +117,7 @@ class Offline(LogTask):
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:
         """Fit the method to the log."""
         log = log_of_unit(arena, case, seed)
-        player = fitted(method, log, LogSetting(game=log.game, model=arena.model, seed=seed, folder=folder), self.name)
+        player = fitted(method, log, Setting(game=log.game, model=arena.model, seed=seed, folder=folder), self.name)
         return Outcome(policies={"player": in_game(player, arena.game)})
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
@@ -133,7 +132,7 @@ class Offline(LogTask):
         return {"score": POINTS * (won.rally - 0.5), "best": POINTS * (best.rally - 0.5), "exploitability": risk}
 
 
-def fitted(method: Method, log: Log, setting: LogSetting, name: str) -> TabulatedPolicy:
+def fitted(method: Method, log: Log, setting: Setting, name: str) -> TabulatedPolicy:
     """The table of the player that a method fits to a log.
 
     Raises:
@@ -164,7 +163,7 @@ class Evaluate(LogTask):
     metric = "error"
     higher_is_better = False
     optimum = 0.0
-    protocol = "method(setting: LogSetting) -> object with estimate(log, policies) -> one number from 0 to 1 for each policy"
+    protocol = "method(setting: Setting) -> object with estimate(log, policies) -> one number from 0 to 1 for each policy"
     zero = "the exact values"
 
     def all_cases(self, arena: Arena) -> list[Case]:
@@ -183,15 +182,11 @@ class Evaluate(LogTask):
         """Ask the method for its estimates."""
         log = log_of_unit(arena, case, seed)
         policies = targets(arena, case, seed)
-        setting = LogSetting(game=log.game, model=arena.model, seed=seed, folder=folder)
+        setting = Setting(game=log.game, model=arena.model, seed=seed, folder=folder)
         estimator = made(method, setting, self.name, "estimate")
         # Names would tell what a policy is.
         tables = [in_game(policy, log.game) for policy in policies.values()]
-        found = called(self.name, estimator.estimate, log, tables)
-        try:
-            values = np.asarray(found, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise SuiteError(f"the method of {self.name}: the estimates are no list of numbers ({error})") from error
+        values = called(self.name, lambda: np.asarray(estimator.estimate(log, tables), dtype=np.float64))
         return Outcome(answers={"estimates": np.clip(values, 0, 1).tolist()})
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
@@ -232,7 +227,7 @@ def targets(arena: Arena, case: Case, seed: int) -> dict[str, TabulatedPolicy]:
 @functools.lru_cache(maxsize=2)
 def _targets(arena: Arena, behaviour_name: str, strokes: int, seed: int) -> dict[str, TabulatedPolicy]:
     log = generate(arena, behaviour_name, strokes, seed)
-    setting = LogSetting(game=blank(arena.game), model=arena.model, seed=seed, folder=Path())
+    setting = Setting(game=blank(arena.game), model=arena.model, seed=seed, folder=Path())
     found = {name: behaviour(arena, _of_split(name, arena)) for name in NAMED}
     for name in TRAINED:
         train = functools.partial(lambda name: fitted(find(Offline.name, name), log, setting, name), name)

@@ -2,18 +2,16 @@
 
 Players are divided into three parts: clones of the first are known, the others belong to the dev and to the other populations.
 Each opponent is drawn from the seed of its split, its family and its number alone. The seeds of dev and test are public, so that
-everyone can recompute scores, and so can be enumerated; that of a round is the randomness of a beacon (:mod:`.run`).
+everyone can recompute scores, and so can be enumerated; whoever makes a round keeps its seed secret.
 """
 
 import dataclasses
 import functools
 import hashlib
-import re
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.analysis.tabular import normalised
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import positions_of
@@ -24,7 +22,8 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, f
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import best_response_policy
 from shuttle_marl.policy.mixtures import mixture
-from shuttle_marl.suite.options import Split, SuiteError
+from shuttle_marl.suite.options import Split
+from shuttle_marl.suite.tabular import normalised
 from shuttle_marl.suite.task import Arena
 
 FAMILIES: Final = ("synthetic", "waiting", "human", "counter", "mixture", "switcher", "learner")
@@ -40,17 +39,6 @@ _TOLERANCE: Final = 1e-6
 def families(game: Game) -> tuple[str, ...]:
     """Families of opponents that a game has."""
     return tuple(name for name in FAMILIES if game.recovery is not None or name != "waiting")
-
-
-def checked_beacon(randomness: str | None) -> str:
-    """The seed of a round.
-
-    Raises:
-        SuiteError: it is missing, or is not 64 hexadecimal digits.
-    """
-    if randomness is None or re.fullmatch("[0-9a-f]{64}", randomness) is None:
-        raise SuiteError("a round needs its 64 hexadecimal digits of randomness; see `suite round`")
-    return randomness
 
 
 class Opponent(NamedTuple):
@@ -80,17 +68,16 @@ def known(arena: Arena) -> dict[str, TabulatedPolicy]:
     for kind, feature in _features(arena.game).items():
         for size in _TILTS:
             found[f"{kind}{size:+g}"] = tilted(arena, size * feature)
-    if arena.game.recovery is not None:
-        place = np.arange(9)
-        for kind, side in {"front": 1.0 - place // 3, "forehand": 1.0 - place % 3}.items():
-            for size in _TILTS:
-                found[f"{kind}{size:+g}"] = waiting(found["bc"], np.broadcast_to(size * side, (14, 9)))
+    place = np.arange(9)
+    for kind, side in {"front": 1.0 - place // 3, "forehand": 1.0 - place % 3}.items():
+        for size in _TILTS:
+            found[f"{kind}{size:+g}"] = waiting(found["bc"], np.broadcast_to(size * side, (14, 9)))
     return found
 
 
 def opponent(arena: Arena, family: str, number: int) -> Opponent:
     """An opponent of the split."""
-    rng = _rng(arena, family, number)
+    rng = rng_of("adapt-v0", arena.split, arena.seed, f"{family} {number}")
     if family == "learner":
         # Numbers from 1000 on are of no other opponent.
         return Opponent((_policy(arena, "mixture", 1500 + number),), learns=float(rng.uniform(0.3, 0.7)))
@@ -103,7 +90,7 @@ def opponent(arena: Arena, family: str, number: int) -> Opponent:
 
 @functools.lru_cache(maxsize=16)
 def _policy(arena: Arena, family: str, number: int) -> TabulatedPolicy:
-    rng = _rng(arena, family, number)
+    rng = rng_of("adapt-v0", arena.split, arena.seed, f"{family} {number}")
     players = _players(arena, 1 if arena.split == "dev" else 2)
     if family == "synthetic":
         return tilted(arena, _shift(arena, rng))
@@ -127,21 +114,17 @@ def _players(arena: Arena, part: int) -> list[str]:
     return found[part::3] or found
 
 
-def _rng(arena: Arena, family: str, number: int) -> np.random.Generator:
-    return rng_of("adapt-v0", arena.split, arena.beacon, f"{family} {number}")
-
-
-def rng_of(name: str, split: Split, beacon: str | None, words: str) -> np.random.Generator:
-    """Random numbers of a split: those of a round follow from the beacon."""
-    seed = beacon if split == "round" else f"{name} {split}"
-    digest = hashlib.sha256(f"{seed} {words}".encode()).digest()
+def rng_of(name: str, split: Split, seed: str | None, words: str) -> np.random.Generator:
+    """Random numbers of a split: those of a round follow from its seed."""
+    drawn_from = seed if split == "round" else f"{name} {split}"
+    digest = hashlib.sha256(f"{drawn_from} {words}".encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:16], "big"))
 
 
-def luck(split: Split, beacon: str | None, *numbers: int) -> int:
-    """Seed of rallies: who knows the draws learns far more from a rally, so in a round nobody knows them before the beacon."""
+def luck(split: Split, seed: str | None, *numbers: int) -> int:
+    """Seed of rallies: who knows the draws learns far more from a rally, so those of a round follow from its seed."""
     if split == "round":
-        return int(rng_of("luck", split, beacon, repr(numbers)).integers(1 << 63))
+        return int(rng_of("luck", split, seed, repr(numbers)).integers(1 << 63))
     return int(stream(*numbers)[0] >> np.uint64(1))
 
 

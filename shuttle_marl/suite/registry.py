@@ -1,8 +1,8 @@
-"""The tasks by name, and files around them: templates of submissions, and data of cases."""
+"""The tasks by name, and files around them: templates of submissions, and logs."""
 
 import functools
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 from shuttle_marl.base.errors import command, did_you_mean, printable
 from shuttle_marl.base.files import replace_file
@@ -10,18 +10,23 @@ from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.game.shipped import drawn_game, is_shipped, resolve_game
 from shuttle_marl.game.tables import RECOVERY
 from shuttle_marl.recording.minari_files import write_minari
-from shuttle_marl.suite.adapt import Adapt, AdaptEntrance
-from shuttle_marl.suite.exploit import Equilibrium, EquilibriumEntrance, Exploit, ExploitEntrance
+from shuttle_marl.suite.adapt import Adapt
+from shuttle_marl.suite.exploit import Equilibrium, Exploit, ExploitEntrance
 from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.offline import OPPONENT, Evaluate, LogTask, Offline, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError
-from shuttle_marl.suite.population import checked_beacon, rng_of
+from shuttle_marl.suite.population import rng_of
 from shuttle_marl.suite.store import CARD, Card, RunConfig, write_card
 from shuttle_marl.suite.task import Arena, Case, Task
-from shuttle_marl.suite.text import Text, json_lines, positions
 
-_TASKS = (Exploit, Equilibrium, Adapt, Offline, Evaluate, ExploitEntrance, EquilibriumEntrance, AdaptEntrance, Text)
-TASKS: Final[dict[str, Task]] = {task.name: task() for task in _TASKS}
+TASKS: Final[dict[str, Task]] = {task.name: task() for task in (Exploit, Equilibrium, Adapt, Offline, Evaluate, ExploitEntrance)}
+_METHODS: Final = {
+    **dict.fromkeys(("exploit", "equilibrium"), "player:train"),
+    "adapt": "adapter:Adapter",
+    "offline": "offline:Learner",
+    "evaluate": "estimator:Estimator",
+}
+"""Template and its method, by kind of task."""
 
 
 def find_task(name: str) -> Task:
@@ -37,62 +42,46 @@ def find_task(name: str) -> Task:
 
 @functools.lru_cache(maxsize=4)
 def arena_of(
-    task: Task, model: str, split: Split, *, quick: bool = False, budget: int | None = None, beacon: str | None = None
+    task: Task, model: str, split: Split, *, quick: bool = False, budget: int | None = None, seed: str | None = None
 ) -> Arena:
     """The game and the split of a task.
 
     Raises:
-        SuiteError: the task has no such split, or the randomness of the beacon is missing.
+        SuiteError: the seed of a round is missing.
         GameError: the model does not exist.
     """
-    if split not in task.splits:
-        raise SuiteError(f"{task.name} has no split {split!r}; there are: {', '.join(task.splits)}")
-    if split == "round":
-        beacon = checked_beacon(beacon)
+    if split == "round" and not seed:
+        raise SuiteError("--split round: its games are drawn from a seed that no method knows; name it with --seed")
     variant = "-".join(filter(None, (task.variants.get(split), RECOVERY if task.recovery else None)))
     name = f"{model}:{variant}" if variant else model
     game, base = resolve_game(name), resolve_game(name).hash
     if sigma := task.drawn.get(split):
-        game = drawn_game(game, rng_of("drawn game", split, beacon, "game"), sigma)
-    return Arena(game=game, model=name, base=base, split=split, quick=quick, budget=budget, beacon=beacon)
+        game = drawn_game(game, rng_of("drawn game", split, seed, "game"), sigma)
+    return Arena(game=game, model=name, base=base, split=split, quick=quick, budget=budget, seed=seed)
 
 
-def task_of_run(config: RunConfig, model: str | None = None, beacon: str | None = None) -> tuple[Task, Arena, list[Case]]:
+def task_of_run(config: RunConfig, model: str | None = None, seed: str | None = None) -> tuple[Task, Arena, list[Case]]:
     """Task, game and cases of a run whose folder may be a stranger's.
 
     Args:
         model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
             configuration names is never opened.
-        beacon: randomness of the beacon of a round.
+        seed: of a round.
 
     Raises:
         SuiteError: the configuration names a model that is not shipped, or cases of different budgets, which are never pooled.
     """
     task = find_task(config.task)
-    if model is None and not is_shipped(config.game.model):
-        raise SuiteError(f"the run names the model {printable(config.game.model)!r}, which is not shipped; name it with --game")
-    arena = arena_of(task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, beacon=beacon)
+    if model is None and not is_shipped(config.model):
+        raise SuiteError(f"the run names the model {printable(config.model)!r}, which is not shipped; name it with --game")
+    arena = arena_of(task, model or config.model, config.split, quick=config.quick, budget=config.budget, seed=seed)
     cases = task.cases(arena)
     if config.budget is None and len({case.budget for case in cases}) > 1:
         raise SuiteError("the run names no budget; budgets are never pooled")
     return task, arena, cases
 
 
-Language = Literal["python", "perl", "apart"]
-_TEMPLATES: Final = Path(__file__).parent / "templates" / "submission"
-_PYTHON: Final = {
-    "exploit": "player:train",
-    "equilibrium": "player:train",
-    "adapt": "adapter:Adapter",
-    "offline": "offline:Learner",
-    "evaluate": "estimator:Estimator",
-    "text": "text:Player",
-}
-"""Template and method of each kind of task."""
-_PERL: Final = ("exploit", "equilibrium")
-
-
-def new_submission(task: str, out: Path, language: Language = "python") -> str:
+def new_submission(task: str, out: Path, author: str) -> str:
     """Write a template of a method and a card into a folder.
 
     Args:
@@ -102,50 +91,38 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
         The command that runs it, from that folder.
 
     Raises:
-        SuiteError: there is no such task or template, or a file exists.
+        SuiteError: there is no such task, the author has no letters, or a file exists.
     """
-    kind = kind_of(find_task(task).name)
-    if language != "python" and kind not in _PERL:
-        raise SuiteError(f"there is no such template for {task}; there is one for {', '.join(_PERL)}")
-    module, _, attribute = (_PYTHON[kind] if language != "apart" else "apart:train").partition(":")
-    source = "player.pl" if language == "perl" else f"{module}.py"
+    module, _, attribute = _METHODS[kind_of(find_task(task).name)].partition(":")
+    if not any(map(str.isalpha, author)):
+        raise SuiteError(f"--author {author!r}: expected a name with letters")
     # Modules of the user are found by name, so that of the template must be free.
-    target = out / (source if language == "perl" else f"my_{module}.py")
+    target = out / f"my_{module}.py"
     for path in (target, out / CARD):
         if path.exists():
             raise SuiteError(f"{path}: already exists; name another folder")
-    replace_file(target, (_TEMPLATES / source).read_bytes())
-    write_card(out, Card(method=target.stem, tuning_strokes=0))
-    method = "program:perl player.pl" if language == "perl" else f"my_{module}:{attribute}"
-    if language == "apart":
-        return command(
-            "suite", "commit", ".", "--task", task, "--method", method, "--author", "NAME", "--out", "../commitment.json"
-        )
-    return command("suite", "run", task, "--method", method, "--quick")
+    replace_file(target, (Path(__file__).parent / "templates" / "submission" / f"{module}.py").read_bytes())
+    write_card(out, Card(method=target.stem, author=author, tuning_strokes=0))
+    return command("suite", "run", task, "--method", f"{target.stem}:{attribute}", "--quick")
 
 
 def write_data(
     task: str, out: Path, split: Split, model: str, seeds: int | None, *, quick: bool = False, minari: bool = False
 ) -> dict[str, str]:
-    """Write the logs of a task as Parquet files or Minari data sets, or the positions of ``text`` as JSON lines.
+    """Write the logs of a task as Parquet files or Minari data sets.
 
     Returns:
-        SHA-256 of the content of each file by its name.
+        SHA-256 of the content of each log by its name.
 
     Raises:
-        SuiteError: the task has no data.
+        SuiteError: the task has no logs.
     """
     found = find_task(task)
-    arena = arena_of(found, model, split, quick=quick)
-    if isinstance(found, Text):
-        (case,) = found.cases(arena)
-        replace_file(out / "positions.jsonl", json_lines(positions(arena)))
-        return {"positions.jsonl": next(iter(found.given(arena, case, 0)))}
+    if not isinstance(found, LogTask):
+        raise SuiteError(f"{task} has no logs; offline-v0 and evaluate-v0 have")
     if seeds is not None and seeds < 1:
         raise SuiteError(f"--seeds {seeds}: expected 1 or more")
-    if not isinstance(found, LogTask):
-        raise SuiteError(f"{task} has no data; offline-v0, evaluate-v0 and text-v0 have")
-    hashes = {}
+    arena, hashes = arena_of(found, model, split, quick=quick), {}
     for case in found.cases(arena):
         for seed in range(seeds or found.seeds):
             log = log_of_unit(arena, case, seed)

@@ -6,8 +6,7 @@
   checksum;
 - ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
 - ``work/FINGERPRINT-SEED/``: files of the method, which nothing reads;
-- ``results.json``: aggregates, recomputed by ``score``;
-- ``rerun.json``: who reran code of a round, see :class:`Rerun`.
+- ``results.json``: aggregates, which nothing reads.
 """
 
 import dataclasses
@@ -28,19 +27,12 @@ ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
-RERUN: Final = "rerun.json"
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
 """A name in a file of a stranger."""
+Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]
+"""A name with at least one letter."""
 Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 """A score in a file of a stranger; neither infinite nor NaN."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class GameOf:
-    """Game of a run: the model it was loaded from, and the hash of its tables."""
-
-    model: Name
-    hash: Sha256
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -49,7 +41,8 @@ class RunConfig:
 
     Attributes:
         seeds: seeds from 0.
-        commitment: hash of the code that was rerun in a round; None: it was not.
+        model: name or folder of the model of the game.
+        game: hash of its tables.
     """
 
     task: Name
@@ -58,8 +51,8 @@ class RunConfig:
     quick: bool
     budget: StoredCount | None = None
     seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]
-    game: GameOf
-    commitment: Sha256 | None = None
+    model: Name
+    game: Sha256
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -67,12 +60,13 @@ class Card:
     """Content of ``card.json``.
 
     Attributes:
+        author: whose row it is; boards refuse a run without one.
         tuning_strokes: strokes or runs that were used for tuning; None: not stated.
         access: what it reads; None: not stated.
     """
 
     method: Name | None = None
-    authors: Name | Sequence[Name] | None = None
+    author: Author | None = None
     paper: Name | None = None
     tuning_strokes: StoredCount | Name | None = None
     kind: Kind = "method"
@@ -86,7 +80,6 @@ class Entry:
     Attributes:
         fingerprint: of the case, see :meth:`shuttle_marl.suite.task.Task.fingerprint`.
         answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.
-        parts: see :meth:`shuttle_marl.suite.task.Task.parts`.
         seconds: time of the method, without scoring.
     """
 
@@ -97,24 +90,8 @@ class Entry:
     answers: Mapping[str, Any]
     scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
     seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]
-    parts: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=1000)] = dataclasses.field(default_factory=dict)
     strokes: StoredCount | None = None
     curve: Annotated[Sequence[tuple[StoredCount, Figure]], msgspec.Meta(max_length=10_000)] = ()
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Rerun:
-    """Content of ``rerun.json``.
-
-    Attributes:
-        by: who reran the code.
-        boundary: between the code and everything else, such as ``unshare``.
-        round: hash of the file of the round.
-    """
-
-    by: Name
-    boundary: Name
-    round: Sha256
 
 
 def read(path: Path, kind: type[T], advice: str = "", *, sealed: bool = False, limit: int = MAX_JSON) -> T:
@@ -149,7 +126,7 @@ def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, b
 
 def read_entry(path: Path) -> Entry:
     """Read a unit."""
-    return read(path, Entry, sealed=True, limit=1 << 20)
+    return read(path, Entry, "; `suite run --resume` plays missing units", sealed=True, limit=1 << 20)
 
 
 def read_outcome(folder: Path, entry: Entry, game: Game) -> Outcome:
@@ -185,27 +162,19 @@ def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:
     entry = read_entry(path)
     if (entry.case, entry.seed) != (case.name, seed):
         raise SuiteError(f"{path}: is of case {entry.case!r} and seed {entry.seed}; expected {case.name!r} and {seed}")
-    return within_budget(entry, case)
+    return checked(entry, case)
 
 
-def within_budget(entry: Entry, case: Case) -> Entry:
-    """The entry, if it used no more than the budget of its case.
+def checked(entry: Entry, case: Case) -> Entry:
+    """The entry, if it can be read again and used no more than the budget of its case.
 
     Raises:
-        SuiteError: it used more.
+        SuiteError: a number is out of range, there are too many, or it used more.
     """
+    try:
+        entry = msgspec.convert(dataclasses.asdict(entry), Entry)
+    except msgspec.ValidationError as error:
+        raise SuiteError(f"the method returned something that cannot be stored: {error}") from error
     if case.budget and (most := max(entry.strokes or 0, *(used for used, _ in entry.curve), 0)) > case.budget:
         raise SuiteError(f"used {most:,} strokes, more than the budget of {case.budget:,}")
     return entry
-
-
-def checked(entry: Entry) -> Entry:
-    """The entry, if it can be read again.
-
-    Raises:
-        SuiteError: a number is out of range, or there are too many.
-    """
-    try:
-        return msgspec.convert(dataclasses.asdict(entry), Entry)
-    except msgspec.ValidationError as error:
-        raise SuiteError(f"the method returned something that cannot be stored: {error}") from error

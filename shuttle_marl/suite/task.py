@@ -21,7 +21,6 @@ from shuttle_marl.game.observation import observations
 from shuttle_marl.game.policy import GamePolicy, States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy import baselines
 from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.options import Access, Split, SuiteError
@@ -36,7 +35,7 @@ class Case:
 
     Attributes:
         name: unique within the task and the split.
-        stratum: exchangeable cases share it, see :func:`shuttle_marl.suite.results.aggregate`; default: the name.
+        stratum: exchangeable cases share it, see :func:`shuttle_marl.suite.results.aggregate`; empty: it is alone.
         counts: whether its scores count in the aggregates; controls do not.
         budget: number of strokes; 0: the task has no budgets.
         options: what the task needs to set the case up, as JSON.
@@ -47,10 +46,6 @@ class Case:
     counts: bool = True
     budget: int = 0
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if not self.stratum:
-            object.__setattr__(self, "stratum", self.name)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,7 +73,7 @@ class Arena:
         model: name or folder of the model of the game.
         base: hash of the game of the model; that of ``game``, unless the split has a game drawn at random.
         budget: cases of this budget only; None: all.
-        beacon: randomness of the beacon of a round, hexadecimal, for the split round.
+        seed: of the split round.
     """
 
     game: Game
@@ -87,16 +82,11 @@ class Arena:
     split: Split = "dev"
     quick: bool = False
     budget: int | None = None
-    beacon: str | None = None
+    seed: str | None = None
 
     def policy(self, name: str) -> TabulatedPolicy:
         """Table of a policy by name."""
         return named_table(self.game, name)
-
-    @functools.cached_property
-    def players(self) -> tuple[str, ...]:
-        """Imitated players of this split: no player is in both splits."""
-        return tuple(baselines.players(self.game)[self.split == "dev" :: 2])
 
 
 @functools.lru_cache(maxsize=64)
@@ -145,7 +135,6 @@ class Task(abc.ABC):
     """Strokes that a learner may play, which methods declare; each has a board of its own."""
     seeds: ClassVar[int] = 3
     """Default number of seeds."""
-    splits: ClassVar[tuple[Split, ...]] = ("dev", "test")
     variants: ClassVar[Mapping[str, str]] = {}
     """Variant of the model that a split is played on, such as the game of one discipline."""
     drawn: ClassVar[Mapping[str, float]] = {"round": 0.5}
@@ -160,7 +149,7 @@ class Task(abc.ABC):
     @property
     def about(self) -> str:
         """The docstring in one line."""
-        return " ".join((self.__doc__ or "").split())
+        return " ".join((self.__doc__ or "").replace("``", "").split())
 
     def cases(self, arena: Arena) -> list[Case]:
         """Cases of the split, or those of one budget.
@@ -198,10 +187,6 @@ class Task(abc.ABC):
             SuiteError: the outcome lacks something, or holds something illegal.
         """
 
-    def parts(self, arena: Arena, case: Case, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
-        """Parts of a case by name, whose mean is the main score: a sample for its interval. Empty if seeds or cases are."""
-        return {}
-
     @abc.abstractmethod
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
         """Hashes of everything that a unit gives to a method or scores with, except the game."""
@@ -227,17 +212,15 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
     """The table of what a method returned: a policy, the name of one, or an object with ``table`` or ``act``.
 
     Args:
-        player: a policy; a name of the registry, such as ``agent:FOLDER`` or ``program:COMMAND``; an object with an attribute
-            ``table``, which is one of these; or one with ``act(observation, mask)``, which chooses one stroke for an observation.
+        player: a policy; a name of the registry, such as ``agent:FOLDER``; an object with an attribute ``table``, which is one
+            of these; or one with ``act(observation, mask)``, which chooses one stroke for an observation.
 
     Raises:
         PolicyError: the policy raises, reads the score, or is no distribution over the legal strokes.
         SuiteError: it is none of these.
     """
     if isinstance(player, str):
-        found = resolve(player, game)
-        # A program is asked without the score, which is null in all its decisions.
-        player = FunctionPolicy(found.probabilities) if player.startswith("program:") else found
+        player = resolve(player, game)
     if isinstance(player, PairPolicy):
         return tabulated_pairs(dataclasses.replace(player, game=game))
     if hasattr(player, "table"):

@@ -10,8 +10,9 @@ from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
+    from shuttle_marl.training.evaluation import Evaluation, Evaluator
     from shuttle_marl.training.networks import agent_network
-    from shuttle_marl.training.run import Evaluation, Evaluator, TrainingRun, train
+    from shuttle_marl.training.run import TrainingRun, train
     from shuttle_marl.training.study import Study, train_seeds
 
 __all__ = [

@@ -11,6 +11,8 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
+import msgspec
+
 from shuttle_marl.base.bounds import (
     Count,
     CountOrZero,
@@ -41,16 +43,6 @@ _LONGEST: Final = 1e6
 _TOLERATED: Final = 1.2
 _FASTEST: Final = 10**7
 """Upper bound of the strokes per second of training, for runs with a time budget."""
-
-
-def _is_like(value: Any, default: Any) -> bool:
-    """Whether a value of a JSON file may stand where a default stands; numbers and text where that is None."""
-    if isinstance(default, tuple):
-        return isinstance(value, list) and all(isinstance(each, str) for each in value)
-    if default is None:
-        return value is None or isinstance(value, str | int | float)
-    kinds = (int, float) if isinstance(default, float) else type(default)
-    return isinstance(value, kinds) and isinstance(value, bool) == isinstance(default, bool)
 
 
 class TrainingError(ShuttleError):
@@ -164,8 +156,6 @@ class TrainingConfig:
         self.bonuses()
         if self.self_play and (self.bonus or self.fault_cost):
             raise TrainingError("--bonus and --fault-cost: not available in self-play, which is a zero-sum game")
-        if self.resume and self.overwrite:
-            raise TrainingError("--resume continues a run and --overwrite replaces it; give one of them")
 
     @property
     def temperature(self) -> float:
@@ -252,14 +242,13 @@ class TrainingConfig:
             raise TrainingError(f"{path}: no settings ({error})") from error
         if (algorithm := settings.pop("algorithm", cls.algorithm)) != cls.algorithm:
             raise TrainingError(f"{path}: settings of {printable(str(algorithm)):.50}, expected those of {cls.algorithm}")
-        known = {field.name: field.default for field in dataclasses.fields(cls)}
-        for name, value in settings.items():
-            if name not in known:
-                raise TrainingError(f"{path}: no setting {printable(name)!r:.60}{did_you_mean(name, list(known))}")
-            if not _is_like(value, known[name]):
-                raise TrainingError(f"{path}: {name} is {printable(str(value))!r:.60}, expected a value such as {known[name]!r}")
-        lists = {name: tuple(value) for name, value in settings.items() if isinstance(value, list)}
-        return cls(**{**settings, **lists, **changes})
+        known = [field.name for field in dataclasses.fields(cls)]
+        for name in settings.keys() - set(known):
+            raise TrainingError(f"{path}: no setting {printable(name)!r:.60}{did_you_mean(name, known)}")
+        try:
+            return msgspec.convert({**settings, **changes}, cls, dec_hook=lambda kind, value: kind(value))
+        except msgspec.ValidationError as error:
+            raise TrainingError(f"{path}: {error}") from error
 
     def fixed(self) -> dict[str, Any]:
         """Settings that determine the result, as JSON."""

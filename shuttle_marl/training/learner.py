@@ -1,25 +1,17 @@
-"""The training loop: a :class:`RallyCollector` gives the strokes of an iteration, a :class:`Learner` learns from them.
+"""What algorithms share: a :class:`RallyCollector` gives the strokes of an iteration, a :class:`Learner` learns from them.
 
-The network is evaluated once for each visited state, not for each stroke; rallies are then played from the table of its outputs,
-by the kernel (:mod:`shuttle_marl.kernel.sampling`). The sampler also computes the generalised advantages (Schulman et al. 2016,
-arXiv 1506.02438) of every rally, backwards from its last stroke:
+Rallies are played from a table of the network's outputs (:mod:`shuttle_marl.training.distinct`), and the kernel computes the
+generalised advantages (Schulman et al. 2016, arXiv 1506.02438) of every rally, backwards from its last stroke:
 
     delta_t = r_t + gamma V(s_{t+1}) - V(s_t),    A_t = delta_t + gamma lambda A_{t+1}.
 
 In self-play the next state belongs to the opponent, whose value is minus ours: gamma = -1 gives the recursion of a zero-sum game.
-A learner gets its strokes in one of two forms:
-
-- **distinct**: U distinct states with the number of strokes played in each, and R rows of a stroke in one of these states with
-  the sum of its advantages, one row for the positive and one for the negative ones. A weighted loss over them has the gradient
-  of the loss over all strokes (:func:`weighted_sums`), at a fraction of its cost;
-- **transitions** for a replay buffer.
 """
 
 import abc
-import itertools
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -31,14 +23,13 @@ from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
 from shuttle_marl.base.arrays import F32, I32
-from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.training.config import TrainingConfig
-from shuttle_marl.training.networks import DivergedError, decision_observations
+from shuttle_marl.training.networks import DivergedError, decision_masks, decision_observations
 
 
 def fault_penalty(cost: float, aversion: float) -> float:
@@ -67,56 +58,79 @@ SEEDS: Final = 1 << 31
 """Seeds of generators are below this."""
 
 
+class Callback:
+    """What a run does in an iteration beside learning: opponents, the rally log, evaluations, checkpoints. By default nothing."""
+
+    def begin(self, learner: "Learner") -> None:
+        """Called before the rallies of iteration ``learner.iteration``, counted from 0."""
+
+    def collected(self, learner: "Learner") -> None:
+        """Called after the rallies of an iteration, while their strokes are in ``learner.collector.sampler``."""
+
+    def learned(self, learner: "Learner", losses: dict[str, float]) -> None:
+        """Called after the update of an iteration, with figures to log."""
+
+
+IDLE: Final = Callback()
+
+
 class Learner(abc.ABC):
-    """A learning algorithm with its networks.
+    """A learning algorithm with its networks and its collector.
+
+    Args:
+        opponents: opponents of the learner; empty in plain self-play.
 
     Attributes:
-        distinct: whether it learns from distinct states or from transitions, see :mod:`shuttle_marl.training.learner`.
-        iteration: number of the current iteration, counted from 0; set by :class:`Trainer`.
+        distinct: whether it learns from distinct states or from transitions, see :meth:`RallyCollector.collect`.
+        iteration, strokes: numbers of iterations and of own strokes.
     """
 
     distinct: ClassVar[bool] = True
-    iteration: int = 0
+    config: TrainingConfig
     actor: ProbabilisticActor
     modules: Mapping[str, nn.Module]
     optimizers: Mapping[str, Optimizer]
+
+    def __init__(self, config: TrainingConfig, game: Game, opponents: Sequence[TabulatedPolicy] = ()) -> None:
+        self.config = config
+        self.collector = RallyCollector(config, game, opponents, self.predict, distinct=self.distinct)
+        self.iteration, self.strokes = 0, 0
 
     @property
     def eval_actor(self) -> ProbabilisticActor:
         """The policy that is evaluated and saved."""
         return self.actor
 
-    def draw_from(self, generator: torch.Generator) -> None:  # noqa: B027
-        """Draw the random numbers of updates from a generator, instead of PyTorch's own."""
-
     @abc.abstractmethod
     def predict(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """``[U, n]`` logits, ``[U]`` values for ``[U, 7]`` observations; with recovery ``[U, n + 9]`` logits for ``[U, 8]``."""
 
-    def prepare(self, remaining: float) -> None:  # noqa: B027
-        """Prepare the actor for a rollout.
-
-        Args:
-            remaining: fraction of the run that remains, from 1 to 0.
-        """
-
     @abc.abstractmethod
-    def update(self, data: TensorDictBase, remaining: float) -> dict[str, float]:
-        """Learn from the strokes of one iteration.
+    def iterate(self, remaining: float, run: Callback = IDLE) -> None:
+        """Collect the strokes of an iteration, and learn from them.
 
         Args:
             remaining: fraction of the run that remains, from 1 to 0.
-
-        Returns:
-            Figures to log.
+            run: is called in between.
 
         Raises:
-            DivergedError: a term of the loss is not finite.
+            DivergedError: a term of the loss or an output of the network is not finite.
         """
 
+    def collect(self) -> TensorDictBase:
+        """Play the rallies of the next iteration, see :meth:`RallyCollector.collect`."""
+        data = self.collector.collect()
+        self.iteration += 1
+        self.strokes += self.collector.strokes
+        return data
+
     def state_dict(self) -> Tensors:
-        """State for a checkpoint, as tensors by name; random generators are not included."""
-        tensors: Tensors = {}
+        """State for a checkpoint, as tensors by name; random generators are not included.
+
+        Raises:
+            DivergedError: a number is not finite.
+        """
+        tensors = {f"collector.{name}": tensor for name, tensor in self.collector.state_dict().items()}
         for name, module in self.modules.items():
             tensors |= {f"{name}.{part}": tensor.detach().cpu().contiguous() for part, tensor in module.state_dict().items()}
         for name, optimizer in self.optimizers.items():
@@ -124,32 +138,25 @@ class Learner(abc.ABC):
             for number, entries in moments.items():
                 for entry, value in entries.items():
                     tensors[f"{name}.{number}.{entry}"] = torch.as_tensor(value).detach().cpu().clone()
+        if not all(bool(torch.isfinite(tensor).all()) for tensor in tensors.values() if tensor.is_floating_point()):
+            raise DivergedError("a weight is not finite")
         return tensors
 
     def load_state_dict(self, tensors: Tensors) -> None:
         """Restore the output of :meth:`state_dict`.
 
         Raises:
-            KeyError, ValueError, RuntimeError: tensors are missing, or have other shapes or dtypes.
+            KeyError, ValueError, RuntimeError: the state of another kind of learner.
         """
         for name, module in self.modules.items():
-            found, present = with_prefix(name, tensors), module.state_dict()
-            for part, tensor in present.items():
-                if found[part].shape != tensor.shape or found[part].dtype != tensor.dtype:
-                    raise ValueError(f"{name}.{part}: {found[part].dtype} of shape {tuple(found[part].shape)}")
-            # Indices of embeddings follow from the game; those of a damaged file could lead out of the tables.
-            module.load_state_dict(found | {part: tensor for part, tensor in present.items() if part.endswith("attributes")})
+            module.load_state_dict(with_prefix(name, tensors))
         for name, optimizer in self.optimizers.items():
-            parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
-            moments: dict[int, dict[str, torch.Tensor]] = {}
+            moments: dict[int, Tensors] = {}
             for part, tensor in with_prefix(name, tensors).items():
                 number, _, entry = part.partition(".")
                 moments.setdefault(int(number), {})[entry] = tensor
-            for index, entries in moments.items():
-                moments_have_shape = [entries[entry].shape == parameters[index].shape for entry in ("exp_avg", "exp_avg_sq")]
-                if not all(moments_have_shape) or entries["step"].shape != ():
-                    raise ValueError(f"{name}.{index}: moments of other shapes than the weights")
             optimizer.load_state_dict({"state": moments, "param_groups": optimizer.state_dict()["param_groups"]})
+        self.collector.load_state_dict(OrderedDict(with_prefix("collector", tensors)))
 
 
 def with_prefix(prefix: str, tensors: Tensors) -> Tensors:
@@ -157,72 +164,10 @@ def with_prefix(prefix: str, tensors: Tensors) -> Tensors:
     return {name.removeprefix(f"{prefix}."): tensor for name, tensor in tensors.items() if name.startswith(f"{prefix}.")}
 
 
-def check_finite(tensors: Iterable[torch.Tensor]) -> None:
-    """Check that all numbers are finite.
-
-    Raises:
-        DivergedError: a number is not finite.
-    """
-    if not all(bool(torch.isfinite(tensor).all()) for tensor in tensors if tensor.is_floating_point()):
-        raise DivergedError("a weight is not finite")
-
-
 def set_learning_rate(optimizer: Optimizer, initial: float, remaining: float) -> None:
     """Decay the learning rate linearly to 1/50 of its initial value."""
     for group in optimizer.param_groups:
         group["lr"] = initial * max(remaining, 0.02)
-
-
-def normalised(data: TensorDictBase) -> TensorDictBase:
-    """Distinct states with weights, and with advantages that are divided by their standard deviation.
-
-    Args:
-        data: distinct states of N strokes, from :meth:`RallyCollector.collect`.
-
-    Returns:
-        The same with ``weight`` w(s) = N(s) / N, and ``advantage`` divided by N and by the standard deviation, so that weighted
-        sums over states and sums over rows are means over the N strokes.
-    """
-    strokes, deviation = int(data["strokes"]), float(data["deviation"])
-    scale = 1 / (strokes * max(deviation, 1e-6))
-    return data.copy().update({"weight": data["visits"].float() / strokes, "advantage": data["advantage"] * scale})
-
-
-def minibatches(data: TensorDictBase, count: int) -> Iterator[TensorDictBase]:
-    """Minibatches of about as many states each, in the order of the states, which is random.
-
-    Args:
-        data: output of :func:`normalised`.
-        count: number of minibatches; fewer if there are fewer states.
-
-    Yields:
-        Each with weights and advantages multiplied by the number of minibatches, so that means over minibatches are unbiased.
-    """
-    states = len(data["weight"])
-    count = max(1, min(count, states))
-    cuts = [states * part // count for part in range(count + 1)]
-    starts = data["start"].tolist() if count > 1 else [0] * states + [len(data["row"])]
-    for a, b in itertools.pairwise(cuts):
-        rows = slice(starts[a], starts[b])
-        entries = {name: data[name][a:b] for name in ("observation", "action_mask", "value_target")}
-        entries |= {name: data[name][rows] for name in ("action", "action_log_prob")}
-        entries |= {
-            "row": data["row"][rows] - a,
-            "weight": data["weight"][a:b] * count,
-            "advantage": data["advantage"][rows] * count,
-        }
-        yield TensorDict(entries, batch_size=[])
-
-
-def weighted_sums(terms: TensorDictBase, weight: torch.Tensor) -> TensorDictBase:
-    """Reduce the terms of a loss over distinct states to their means over all strokes.
-
-    Args:
-        terms: output of a TorchRL loss with ``reduction="none"``: the objective of each row, other terms of each state.
-        weight: ``[U]`` weight w(s) of each state.
-    """
-    summed = {name: (terms[name].reshape(-1) * weight).sum() for name in ("loss_critic", "loss_entropy")}
-    return terms.copy().update({**summed, "loss_objective": terms["loss_objective"].sum()})
 
 
 class Mean:
@@ -245,26 +190,18 @@ class Mean:
             self._totals[name] += value
 
     def values(self) -> dict[str, float]:
-        """The means by name."""
-        return {name: total / self._count for name, total in self._totals.items()}
+        """The means by name; none without a step."""
+        return {name: total / self._count for name, total in self._totals.items() if self._count}
 
 
 class Observer:
     """Network inputs of states, or with recovery of decisions, as tensors on a device."""
 
     def __init__(self, game: Game, device: str) -> None:
-        self.device = torch.device(device)
-        states = np.arange(game.n_states)
-        masks, row = game.reply_mask.reshape(-1, game.n_strokes), 2 * game.incoming(states) + game.contact(states)
-        if game.recovery is not None:
-            masks = np.pad(masks, ((0, game.n_base_states), (0, N_POSITIONS)))
-            masks[-game.n_base_states :, game.n_strokes :] = game.waiting.mask(np.arange(game.n_base_states))
-            row, states = np.r_[row, len(masks) - game.n_base_states + game.base(states)], np.arange(2 * game.n_states)
-        self._observation = torch.from_numpy(decision_observations(game, states)).to(self.device)
-        self._masks = torch.from_numpy(masks.copy()).to(self.device)
-        self._mask_row = torch.from_numpy(row.astype(np.int64)).to(self.device)
+        self.device, self._game, self._position = torch.device(device), game, None
+        decisions = np.arange(game.n_states if game.recovery is None else 2 * game.n_states)
+        self._observation = torch.from_numpy(decision_observations(game, decisions)).to(self.device)
         self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
-        self._game, self._position = game, None
         if game.recovery is not None:
             self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
 
@@ -274,8 +211,8 @@ class Observer:
 
     def inputs(self, states: torch.Tensor) -> Tensors:
         """``[U, 7]`` observations and ``[U, n]`` masks of ``[U]`` states; with recovery ``[U, 8]``, ``[U, n + 9]``."""
-        states = states.long().to(self.device)
-        return {"observation": self._observation[states], "action_mask": self._masks[self._mask_row[states]]}
+        masks = torch.from_numpy(decision_masks(self._game, states.numpy())).to(self.device)
+        return {"observation": self.observations(states), "action_mask": masks}
 
     def strokes(self, pairs: torch.Tensor) -> torch.Tensor:
         """``[R]`` catalogue indices of ``[R]`` legal pairs; n + p of positions, see :mod:`shuttle_marl.kernel.table_play`."""
@@ -308,7 +245,7 @@ class RallyCollector(BaseCollector):
             cache_iterations=config.cache_iterations,
             shaping=added_rewards(config, game) if config.shapes_rewards else None,
         )
-        self._observer = Observer(game, config.device)
+        self.observer = Observer(game, config.device)
         self.generator = torch.Generator()
         """Random numbers of rollouts and updates; :meth:`set_seed` seeds it."""
         self.iteration = 0
@@ -364,13 +301,13 @@ class RallyCollector(BaseCollector):
             "action_log_prob": taken.log_probability,
             "advantage": taken.advantage[:, None],
         }
-        tensors = {name: torch.from_numpy(column).to(self._observer.device) for name, column in columns.items()}
+        tensors = {name: torch.from_numpy(column).to(self.observer.device) for name, column in columns.items()}
         totals = {"strokes": torch.tensor(taken.strokes), "deviation": torch.tensor(taken.deviation, dtype=torch.float64)}
-        return TensorDict({**self._observer.inputs(torch.from_numpy(taken.state)), **tensors, **totals}, batch_size=[])
+        return TensorDict({**self.observer.inputs(torch.from_numpy(taken.state)), **tensors, **totals}, batch_size=[])
 
     def _outputs(self, states: I32) -> tuple[F32, F32]:
         with torch.inference_mode():
-            logits, value = self._predict(self._observer.observations(torch.from_numpy(states)))
+            logits, value = self._predict(self.observer.observations(torch.from_numpy(states)))
         if not math.isfinite(logits.sum() + value.sum()):  # one pass: NaN and infinity propagate to the sum
             raise DivergedError("an output of the network is not finite")
         return logits.cpu().numpy(), value.cpu().numpy()
@@ -392,63 +329,3 @@ class RallyCollector(BaseCollector):
 
     def shutdown(self, timeout: float | None = None, close_env: bool = True, raise_on_error: bool = True) -> None:
         """Do nothing: rallies are played in this process."""
-
-
-class Trainer:
-    """Alternates rollouts and updates, for training runs and for leagues.
-
-    Args:
-        update_opponents: called before each iteration with its number; may change the opponents of the sampler.
-    """
-
-    def __init__(
-        self, learner: Learner, collector: RallyCollector, update_opponents: Callable[[int], None] | None = None
-    ) -> None:
-        self.learner, self.collector, self._update_opponents = learner, collector, update_opponents
-        learner.draw_from(collector.generator)
-        self.iteration, self.strokes = 0, 0
-        """Iterations, and strokes of the learner."""
-
-    def iterate(self, remaining: float, collected: Callable[[], None] | None = None) -> dict[str, float]:
-        """Collect strokes and learn from them.
-
-        Args:
-            remaining: fraction of the run that remains, from 1 to 0.
-
-        Returns:
-            Figures to log.
-
-        Raises:
-            DivergedError: a weight, a term of the loss or an output of the network is not finite.
-        """
-        self.learner.iteration = self.iteration
-        self.learner.prepare(remaining)
-        if self._update_opponents is not None:
-            self._update_opponents(self.iteration)
-        data = self.collector.collect()
-        self.iteration += 1
-        self.strokes += self.collector.strokes
-        if collected is not None:
-            collected()
-        losses = self.learner.update(data, remaining)
-        check_finite(self.learner.actor.parameters())  # checkpoints check the rest
-        return losses
-
-    def state_dict(self) -> Tensors:
-        """State for a checkpoint, as tensors by name.
-
-        Raises:
-            DivergedError: a number is not finite.
-        """
-        state = self.learner.state_dict() | {f"collector.{name}": part for name, part in self.collector.state_dict().items()}
-        check_finite(state.values())
-        return state
-
-    def load_state_dict(self, state: Tensors) -> None:
-        """Restore the output of :meth:`state_dict`.
-
-        Raises:
-            KeyError, RuntimeError: the state of another kind of learner.
-        """
-        self.learner.load_state_dict(state)
-        self.collector.load_state_dict(OrderedDict((name, state[f"collector.{name}"]) for name in ("known", "iteration")))

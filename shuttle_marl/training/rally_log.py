@@ -26,27 +26,56 @@ _FIGURES: Final = ("log_probability", "value")
 
 
 class RunLog(LogContext):
-    """Log of the rallies of a learner.
+    """Log of the rallies of a learner, or the continuation of one.
 
     Args:
-        header: header of the log; its first policy is the learner, the others are its opponents.
-        figures: rallies of the log whose strokes have the learner's log-probability and value: all, none, sample:N, or auto,
-            the first :data:`FIRST` and one in a hundred.
+        path: the log; nothing is written if ``record`` is none.
+        players: the learner, then the opponents of its sampler in their order.
+        seeds: seed of the sampler in each segment.
+        seed: of the run.
+        record: rallies that are recorded: all, none, or sample:N.
+        figures: rallies of the log whose strokes have the learner's log-probability and value: all, none, sample:N, or auto, the
+            first :data:`FIRST` and one in a hundred; None: a log without these columns.
+        rallies: number of rallies that were recorded before.
+
+    Raises:
+        RecordingError: the log cannot be written, or holds fewer rallies.
     """
 
-    def __init__(self, recorder: RallyRecorder, header: LogHeader, figures: str) -> None:
-        self._recorder, self._header = recorder, header
-        auto = figures == AUTO
-        self._figures, self._first = Sampling(every=100) if auto else Sampling.parse(figures), FIRST * auto
-        self._sampling = Sampling.parse(header.record)
-        self._thread = ThreadPoolExecutor(1, "recording replays")
+    def __init__(
+        self,
+        path: Path,
+        game: Game,
+        players: tuple[Player, ...],
+        seeds: Sequence[int],
+        *,
+        seed: int,
+        record: str,
+        figures: str | None = None,
+        rallies: int = 0,
+    ) -> None:
+        self._sampling, self._first = Sampling.parse(record), FIRST * (figures == AUTO)
+        self._figures = Sampling(every=100) if figures == AUTO else Sampling.parse(figures or "none")
+        self._header = LogHeader(
+            seed=seed,
+            game=game.hash,
+            strokes=game.catalogue.names,
+            policies=players,
+            pairings=tuple(seeds),
+            matches_per_draw=1,
+            rules=SINGLE_RALLY,
+            draws="training",
+            record=record,
+            columns=columns_of(game, "update", *(_FIGURES if figures else ())),
+        )
+        self._recorder = RallyRecorder(resume(path, self._header, rallies)) if self._sampling.every else None
+        self._thread = ThreadPoolExecutor(1, "recording rallies")
         self._pending: Future[Rallies] | None = None
 
     def record(self, sampler: RallySampler, segment: int, update: int) -> None:
         """Record the rallies of the last iteration that began with a serve.
 
-        A thread builds the columns while the learner learns; :meth:`settle` waits for it. If all rallies are recorded, the
-        sampler records the next iteration while it plays; a sample is replayed.
+        A thread builds the columns while the learner learns; :meth:`settle` waits for it.
 
         Args:
             sampler: sampler of the rallies; it must not change until :meth:`settle`.
@@ -56,6 +85,8 @@ class RunLog(LogContext):
         Raises:
             RecordingError: the log cannot be written; earlier rallies are recorded.
         """
+        if self._recorder is None:
+            return
         numbers = sampler.numbers[sampler.served(sampler.numbers)]
         numbers = numbers[self._kept(self._sampling, segment, numbers)]
         if not len(numbers):
@@ -69,6 +100,7 @@ class RunLog(LogContext):
     def settle(self) -> None:
         """Wait for the columns of the last rallies, and pass them to the recorder."""
         if self._pending is not None:
+            assert self._recorder is not None
             pending, self._pending = self._pending, None
             self._recorder.add(pending.result())
 
@@ -89,18 +121,20 @@ class RunLog(LogContext):
     def flush(self) -> int:
         """Write all rallies to disk, and return their number."""
         self.settle()
-        return self._recorder.flush()
+        return 0 if self._recorder is None else self._recorder.flush()
 
     def close(self) -> None:
         """Finish the log and move it to its final name."""
         self.settle()
         self._thread.shutdown()
-        self._recorder.close()
+        if self._recorder is not None:
+            self._recorder.close()
 
     def abort(self) -> None:
         """Leave the log unfinished, for a resumed run."""
         self._thread.shutdown()
-        self._recorder.abort()
+        if self._recorder is not None:
+            self._recorder.abort()
 
 
 def open_log(
@@ -109,63 +143,31 @@ def open_log(
     game: Game,
     opponents: Sequence[TabulatedPolicy],
     seeds: Sequence[int],
+    rallies: int = 0,
     *,
-    rallies: int,
-) -> RunLog | None:
-    """Open the log of a run, or continue it; None if nothing is recorded.
+    record: str | None = None,
+) -> RunLog:
+    """Open the log of a run, or continue it.
 
     Args:
         opponents: opponents in the order of ``config.opponent``.
         rallies: number of recorded rallies at the last checkpoint.
+        record: replaces ``config.record``.
 
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
     """
-    figures = None if config.algorithm == "sac" else config.figures
     if isinstance(config, SelfPlayConfig) and config.self_play:
         others = [Player(name=f"{config.variant}-{k}") for k in range(n_opponents(config))]
-    elif config.self_play:
-        others = []
     else:
-        others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=True)]
-    players = (Player(name=f"{config.algorithm}-{config.seed}"), *others)
-    path, record = folder / runs.RALLIES, config.record
-    return learner_log(path, game, players, seeds, seed=config.seed, record=record, figures=figures, rallies=rallies)
-
-
-def learner_log(
-    path: Path,
-    game: Game,
-    players: tuple[Player, ...],
-    seeds: Sequence[int],
-    *,
-    seed: int,
-    record: str,
-    figures: str | None = None,
-    rallies: int = 0,
-) -> RunLog | None:
-    """Open a log of a learner's rallies, or continue it; None if nothing is recorded.
-
-    Args:
-        players: the learner, then the opponents of its sampler in their order.
-        seeds: seed of the sampler in each segment.
-        figures: as of :class:`RunLog`; None: a log without these columns.
-
-    Raises:
-        RecordingError: the log cannot be written, or holds fewer rallies.
-    """
-    if not Sampling.parse(record).every:
-        return None
-    header = LogHeader(
-        seed=seed,
-        game=game.hash,
-        strokes=game.catalogue.names,
-        policies=players,
-        pairings=tuple(seeds),
-        matches_per_draw=1,
-        rules=SINGLE_RALLY,
-        draws="training",
-        record=record,
-        columns=columns_of(game, "update", *(_FIGURES if figures else ())),
+        others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=False)]
+    return RunLog(
+        folder / runs.RALLIES,
+        game,
+        (Player(name=f"{config.algorithm}-{config.seed}"), *others),
+        seeds,
+        seed=config.seed,
+        record=record or config.record,
+        figures=None if config.algorithm == "sac" else config.figures,
+        rallies=rallies,
     )
-    return RunLog(RallyRecorder(resume(path, header, rallies)), header, figures or "none")

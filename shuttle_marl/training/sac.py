@@ -10,6 +10,7 @@ opponent, whose value is minus ours: gamma = -1.
 
 import copy
 import logging
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -20,8 +21,9 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import DiscreteSACLoss, SoftUpdate, ValueEstimators
 
 from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.training.config import SACConfig
-from shuttle_marl.training.learner import Learner, Mean, Observer, Tensors, set_learning_rate, with_prefix
+from shuttle_marl.training.learner import IDLE, Callback, Learner, Mean, Tensors, set_learning_rate, with_prefix
 from shuttle_marl.training.networks import logit_network, make_actor, make_q_network
 
 _FINAL_ENTROPY: Final = 0.02
@@ -34,10 +36,11 @@ class SAC(Learner):
     """Networks, losses, replay buffer and update of SAC."""
 
     distinct = False
+    config: SACConfig
 
-    def __init__(self, config: SACConfig, game: Game) -> None:
+    def __init__(self, config: SACConfig, game: Game, opponents: Sequence[TabulatedPolicy] = ()) -> None:
+        super().__init__(config, game, opponents)
         logging.getLogger("torchrl").setLevel(logging.WARNING)  # it logs the creation of the buffer
-        self.config = config
         self.actor = make_actor(game, width=config.width, hidden=config.hidden, log_prob=False).to(config.device)
         self.averaged = copy.deepcopy(self.actor).requires_grad_(False)
         self.loss = DiscreteSACLoss(
@@ -63,16 +66,13 @@ class SAC(Learner):
         self.optimizers = {"optimizer": self.optimizer, "temperature": self.alpha_optimizer}
         storage = LazyTensorStorage(config.buffer, compilable=True)  # without the semaphores of one for several processes
         self.buffer = TensorDictReplayBuffer(storage=storage, batch_size=config.minibatch, compilable=True)
+        self.buffer.set_rng(self.collector.generator)
         self.collected = 0
-        self.observer = Observer(game, config.device)
+        self.observer = self.collector.observer
         counts = game.legal_count(np.arange(game.n_states))
         if game.recovery is not None:
             counts = np.r_[counts, game.waiting.choices]
         self.uniform_entropy = float(np.log(counts[counts > 0]).mean())
-
-    def draw_from(self, generator: torch.Generator) -> None:
-        """Draw minibatches from a generator, see :meth:`Learner.draw_from`."""
-        self.buffer.set_rng(generator)
 
     @property
     def eval_actor(self) -> ProbabilisticActor:
@@ -83,31 +83,37 @@ class SAC(Learner):
         """Logits, and zeros as values, which SAC does not use."""
         return logit_network(self.actor)(observation), torch.zeros(len(observation), dtype=torch.float32)
 
-    def update(self, data: TensorDictBase, remaining: float) -> dict[str, float]:
-        """Store the transitions and take ``updates`` gradient steps, see :meth:`Learner.update`."""
+    def iterate(self, remaining: float, run: Callback = IDLE) -> None:
+        """Collect rallies, store their transitions and take ``updates`` gradient steps, see :meth:`Learner.iterate`."""
         config = self.config
+        run.begin(self)
+        data = self.collect()
+        run.collected(self)
         self.buffer.extend(data)
         self.collected += data.numel()
-        if self.collected < config.warm_up:
-            return {}
-        set_learning_rate(self.optimizer, config.learning_rate, remaining)
-        fraction = _FINAL_ENTROPY + (config.target_entropy - _FINAL_ENTROPY) * remaining
-        self.loss.target_entropy.fill_(fraction * self.uniform_entropy)
         mean = Mean("loss_actor", "loss_qvalue", "loss_alpha", "alpha", "entropy")
-        for _ in range(config.updates):
-            terms = self.terms(self.buffer.sample())
-            total = terms["loss_actor"] + terms["loss_qvalue"] + terms["loss_alpha"]
-            self.optimizer.zero_grad()
-            self.alpha_optimizer.zero_grad()
-            total.backward()
-            self.optimizer.step()
-            self.alpha_optimizer.step()
-            self.target_update.step()
-            with torch.no_grad():
-                for average, weight in zip(self.averaged.parameters(), self.actor.parameters(), strict=True):
-                    average.lerp_(weight, 1 - config.averaging)
-            mean.add(terms)
-        return mean.values()
+        if self.collected >= config.warm_up:
+            set_learning_rate(self.optimizer, config.learning_rate, remaining)
+            fraction = _FINAL_ENTROPY + (config.target_entropy - _FINAL_ENTROPY) * remaining
+            self.loss.target_entropy.fill_(fraction * self.uniform_entropy)
+            for _ in range(config.updates):
+                mean.add(self.step(self.buffer.sample()))
+        run.learned(self, mean.values())
+
+    def step(self, drawn: TensorDictBase) -> TensorDictBase:
+        """Take a gradient step on a minibatch; returns the terms of the loss."""
+        terms = self.terms(drawn)
+        loss = terms["loss_actor"] + terms["loss_qvalue"] + terms["loss_alpha"]
+        self.optimizer.zero_grad()
+        self.alpha_optimizer.zero_grad()
+        loss.backward()
+        self.optimizer.step()
+        self.alpha_optimizer.step()
+        self.target_update.step()
+        with torch.no_grad():
+            for average, weight in zip(self.averaged.parameters(), self.actor.parameters(), strict=True):
+                average.lerp_(weight, 1 - self.config.averaging)
+        return terms
 
     def terms(self, drawn: TensorDictBase) -> TensorDictBase:
         """Terms of the loss, computed once for each distinct state, stroke and next state.

@@ -27,9 +27,8 @@ from torch.nn import functional
 from shuttle_marl import exact
 from shuttle_marl.base.arrays import F32
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
-from shuttle_marl.training.config import SelfPlayConfig
+from shuttle_marl.training.config import SelfPlayConfig, TrainingConfig
 from shuttle_marl.training.learner import Learner, Tensors, with_prefix
 from shuttle_marl.training.networks import ILLEGAL, tabulated, weights_of
 
@@ -42,14 +41,15 @@ _TOLERANCE: Final = 1e-4
 
 
 class SelfPlayOpponents:
-    """Opponents and initial states of the variants best-response, restarts and pool.
+    """Opponents and initial states of the variants best-response, restarts and pool; nothing changes in others.
 
     Args:
-        sampler: plays its rallies, with :func:`n_opponents` opponents.
+        learner: plays rallies with :func:`n_opponents` opponents.
     """
 
-    def __init__(self, config: SelfPlayConfig, game: Game, learner: Learner, sampler: RallySampler) -> None:
-        self._config, self._game, self._learner, self._sampler = config, game, learner, sampler
+    def __init__(self, config: TrainingConfig, game: Game, learner: Learner) -> None:
+        self._config = config if isinstance(config, SelfPlayConfig) else SelfPlayConfig()
+        self._game, self._learner, self._sampler = game, learner, learner.collector.sampler
         self._pool: list[dict[str, F32]] = []
         self.set_seed(0)
 
@@ -100,9 +100,9 @@ class SelfPlayOpponents:
             self._join(slot, {name: part.numpy() for name, part in with_prefix(str(slot), pool).items()})
 
 
-def n_opponents(config: SelfPlayConfig) -> int:
+def n_opponents(config: TrainingConfig) -> int:
     """Maximum number of opponents of a variant of self-play."""
-    return {"best-response": 1, "pool": config.pool_size}.get(config.variant, 0)
+    return {"best-response": 1, "pool": config.pool_size}.get(config.variant, 0) if isinstance(config, SelfPlayConfig) else 0
 
 
 class ReferencePolicy:
@@ -123,6 +123,10 @@ class ReferencePolicy:
         with torch.no_grad():
             for reference, current in zip(self.network.parameters(), self._current.parameters(), strict=True):
                 reference.lerp_(current, step)
+
+    def penalty(self, data: TensorDictBase) -> torch.Tensor:
+        """Term of the loss: the weighted mean of the divergence over states."""
+        return self._config.magnet_coef * (data["weight"] * self.divergence(data)).sum()
 
     def divergence(self, data: TensorDictBase) -> torch.Tensor:
         """``[U]`` KL divergence of the policy from the reference in the states of ``data``, in nats."""

@@ -13,7 +13,7 @@ from shuttle_marl.base.cluster import check_processes, in_processes
 from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training.config import TrainingConfig, TrainingError
-from shuttle_marl.training.run import AGENT, resumable, train
+from shuttle_marl.training.run import AGENT, train
 
 RESULTS: Final = "results.json"
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
@@ -55,7 +55,9 @@ def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console 
     check_processes(min(jobs, seeds))
     fixed = {**config.fixed(), "seeds": seeds}
     name = f"{config.algorithm}-{seeds}-seeds"
-    with runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite) as folder:
+    with runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite) as run:
+        run.begin(_PACKAGES, same={})
+        folder = run.folder
         numbers = range(config.seed, config.seed + seeds)
         configs = [
             dataclasses.replace(config, seed=seed, out=folder / f"seed-{seed}", resume=False, overwrite=False) for seed in numbers
@@ -64,15 +66,13 @@ def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console 
         def finished() -> str:
             return f"{sum(runs.is_finished(folder / f'seed-{seed}') for seed in numbers)} of {seeds} runs are finished"
 
-        with resumable(folder, finished):
+        with run.resumable(finished):
             train_all(configs, jobs, console or Console(quiet=True))
         evaluations = {seed: read_card(folder / f"seed-{seed}" / AGENT)["evaluation"] for seed in numbers}
         study = Study(folder=folder, evaluations=evaluations, figures=_figures(list(evaluations.values())))
-        about = runs.describe(_PACKAGES)
-        runs.write_json(
-            folder / RESULTS, {**about, "figures": study.figures, "seeds": {str(s): e for s, e in evaluations.items()}}
-        )
-        runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
+        found = {"figures": study.figures, "seeds": {str(seed): each for seed, each in evaluations.items()}}
+        runs.write_json(folder / RESULTS, {**runs.describe(_PACKAGES), **found})
+        run.finish()
     return study
 
 

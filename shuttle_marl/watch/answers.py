@@ -17,9 +17,6 @@ from msgspec.structs import replace
 from scipy.special import logsumexp
 
 from shuttle_marl import __version__, staging
-from shuttle_marl.analysis.decisions import Rating, rated
-from shuttle_marl.analysis.marks import MARKS
-from shuttle_marl.analysis.rally import Players, match_win_after
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people
@@ -27,6 +24,8 @@ from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy import history, registry
 from shuttle_marl.policy.baselines import imitation
+from shuttle_marl.reports.rally import Players, match_win_after
+from shuttle_marl.reports.rating import MARKS, Rating
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.facts import hall_facts, rally_facts, rounded
 from shuttle_marl.watch.first_rally import FirstRally
@@ -294,7 +293,7 @@ class Answers:
     @staticmethod
     def _rating(asked: messages.RatingRequest) -> messages.RatingReply:
         before = Rating(points=asked.points, deviation=asked.deviation, volatility=asked.volatility)
-        after = rated(before, asked.scores)
+        after = before.after(asked.scores)
         return messages.RatingReply(after.points, after.deviation, after.volatility, after.interval)
 
     def _styles(self, query: messages.Query) -> messages.Styles:

@@ -24,7 +24,7 @@ except ImportError:  # Windows
 
 SOURCE: Final = Path(__file__).parent / "page"
 """Folder of the source."""
-_LANGUAGES: Final = Path(__file__).parents[1] / "pages" / "languages"
+_LANGUAGES: Final = Path(__file__).parents[1] / "reports" / "languages"
 """Folder of the texts, which the source imports."""
 BUILT: Final = Path(__file__).parent / "built"
 """Folder of the built page."""

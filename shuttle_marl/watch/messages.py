@@ -110,7 +110,7 @@ class RatingRequest(Request, kw_only=True, tag="rating", frozen=True):
     """The rating of a person after a match.
 
     Attributes:
-        points, deviation, volatility: before it, as in :class:`shuttle_marl.analysis.decisions.Rating`.
+        points, deviation, volatility: before it, as in :class:`shuttle_marl.reports.rating.Rating`.
         scores: quality of each judged decision of the match.
     """
 
@@ -499,7 +499,7 @@ class Question(Struct):
     Attributes:
         right, wrong: the right answer and wrong ones, the stroke played first.
         share: share of elite players who choose the right shot type.
-        theme: situation, one of :data:`shuttle_marl.analysis.decisions.THEMES`, or ``serve``.
+        theme: situation, one of :data:`shuttle_marl.reports.rating.THEMES`, or ``serve``.
         usual: how usual the right shot type is as an answer, 0: the least.
     """
 
@@ -536,7 +536,7 @@ class StrokeValue(Struct, kw_only=True):
     """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
 
     ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
-    (:mod:`shuttle_marl.analysis.marks`). ``change`` and ``quality`` (:mod:`shuttle_marl.analysis.decisions`) are None where too
+    (:mod:`shuttle_marl.reports.rating`). ``change`` and ``quality`` (:mod:`shuttle_marl.reports.rating`) are None where too
     few real strokes stand behind it. ``support`` is the number of real strokes behind the rarer of both; None: unknown.
     ``places`` are the positions of the receiver, None: they have no choice; ``open`` is the open side, None: there is none, or
     the position is not known; ``wait`` is how usual the answer is to the question where to wait, None: it is not asked.

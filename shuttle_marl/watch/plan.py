@@ -13,7 +13,7 @@ from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.watch import WatchError
 
 DUEL: Final = 7
-"""Points that win a duel: with enough decisions that the better decider is ahead in nine of ten (``experiments.play``)."""
+"""Points that win a duel: with enough decisions that the better decider is ahead in nine of ten."""
 LADDER: Final = ("defensive", "bc:kento-momota", "bc", "bc:viktor-axelsen", "safe", "attacking", "human:0.05", "minimax")
 """Opponents of duels, each stronger than the one before: a defender, a left-hander, a net player and an attacker among them."""
 MAX_CHANGES: Final = 200

@@ -1,7 +1,6 @@
 """Recorded rallies: of a rally log, and of annotated matches."""
 
 import abc
-import dataclasses
 import datetime
 import itertools
 import threading
@@ -10,23 +9,23 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
-from shuttle_marl.analysis.rally import LogPlayers, Players, legal_states
-from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.data import read_matches
+from shuttle_marl.data.matches import WholeRally, event, nearest_stroke, whole_rallies
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.hurried import hurry_of, marked_rows
-from shuttle_marl.game.court import HANDS, seen_by, steps_between
+from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people, looks_of
 from shuttle_marl.game.recovery import position_of
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
-from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.reports.rally import LogPlayers, Players, legal_states
 from shuttle_marl.scene.rally_report import staging_key
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import CourtRally
@@ -34,8 +33,6 @@ from shuttle_marl.watch.messages import RecordedMatch
 from shuttle_marl.watch.policies import OnceCache
 
 _MAX_MATCHES: Final = 16
-_FAR: Final = 1000
-"""Distance of a stroke of another shot type; larger than any of area and technique."""
 
 
 class People(NamedTuple):
@@ -137,27 +134,6 @@ class LogRallies(Recorded):
         return int(found.pairing[0]), int(found.match[0])
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class _Annotated:
-    players: tuple[str, str]
-    score: Score
-    rows: I64
-
-
-def nearest_stroke(game: Game, state: int, shot: int, technique: int, area: int | None, receiver: str = "right") -> int:
-    """The legal stroke nearest to an annotated one: by shot type, then technique, then area.
-
-    Args:
-        area: as the receiver sees it; None: not known.
-        receiver: hand of the receiver.
-    """
-    legal, catalogue = game.legal_strokes(state), game.catalogue
-    distance = _FAR * (catalogue.shot[legal] != shot) + 10.0 * (catalogue.technique[legal] != technique)
-    if area is not None:
-        distance = distance + steps_between(catalogue.area[legal].astype(int), seen_by(receiver, area))
-    return int(legal[int(distance.argmin())])
-
-
 class RealRallies(Recorded):
     """The rallies of annotated matches, as strokes of the game.
 
@@ -176,47 +152,28 @@ class RealRallies(Recorded):
 
     def __init__(self, path: Path, game: Game, strokes: pa.Table | None = None) -> None:
         table = read_matches(path) if strokes is None else strokes
-        self._game = game
-        self._columns = {name: table[name].combine_chunks().to_numpy(zero_copy_only=False) for name in table.column_names}
-        rows = marked_rows(table, hurry_of(game.seats[0]))
-        self._columns["hurried"] = rows.hurried > 0
-        self._columns["waited"] = np.where(np.isfinite(rows.waiting).all(axis=1), position_of(*rows.waiting.T), -1)
-        hand = self._columns["hand"]
-        self._hands = {str(self._columns["player"][row]): HANDS[int(hand[row])] for row in np.flatnonzero(~np.isnan(hand))}
-        self._rallies = list(self._found())
+        self._game, self._rallies = game, list(whole_rallies(table))
         if not self._rallies:
             raise WatchError(f"{printable(str(path))}: holds no whole rally")
+        rows = marked_rows(table, hurry_of(game.seats[0]))
+        self._hurried = rows.hurried > 0
+        self._waited = np.where(np.isfinite(rows.waiting).all(axis=1), position_of(*rows.waiting.T), -1)
+        names = ("height", "shot", "technique", "area", "discipline")
+        self._columns = {name: table[name].to_numpy(zero_copy_only=False) for name in names}
+        known = table.filter(pc.is_valid(table["hand"]))
+        self._hands = {name: HANDS[hand] for name, hand in zip(*(known[n].to_pylist() for n in ("player", "hand")), strict=True)}
         self.title, self.count = printable(path.name), len(self._rallies)
-        names = [self.match(number) for number in range(self.count)]
-        firsts = [number for number in range(self.count) if number == 0 or names[number] != names[number - 1]]
-        self.matches = [self._described(first, end) for first, end in itertools.pairwise([*firsts, self.count])]
-
-    def _described(self, first: int, end: int) -> RecordedMatch:
-        name, last = self.match(first), self._rallies[end - 1]
-        players, date = last.players, date_of(name)
-        # Every rally but the last one is a point of a score.
-        played = sum(map(sum, last.score.finished)) + sum(last.score.points) + 1
-        return RecordedMatch(
-            first=first,
-            title=printable(_event(name, players)),
-            names=(printable(players[0]), printable(players[1])),
-            date=None if date is None else date.isoformat(),
-            missing=max(0, played - (end - first)),
-        )
+        parts = itertools.groupby(enumerate(self._rallies), key=lambda numbered: numbered[1].match)
+        self.matches = [_described(list(part)) for _, part in parts]
 
     def numbers(self, match: str) -> dict[tuple[int, int], int]:
         """Numbers of the rallies of a match, by their game and number in the data."""
-        column = self._columns
-        starts = [found.rows[0] for found in self._rallies]
-        return {
-            (int(column["game"][row]), int(column["rally"][row])): number
-            for number, row in enumerate(starts)
-            if column["match"][row] == match
-        }
+        return {found.number: number for number, found in enumerate(self._rallies) if found.match == match}
 
     def people(self, number: int) -> People | None:
         """The people who played; see :class:`Recorded`."""
-        return People(self._at(number).players, date_of(self.match(number)))
+        found = self._at(number)
+        return People(found.players, date_of(found.match))
 
     def match(self, number: int) -> str:
         """Name of the match of a rally.
@@ -224,15 +181,9 @@ class RealRallies(Recorded):
         Raises:
             WatchError: the rally does not exist.
         """
-        return str(self._columns["match"][self._at(number).rows[0]])
+        return self._at(number).match
 
-    def _game_of(self, number: int) -> Game:
-        """The tables in which a rally is valued: those of its two people, whose hands may differ, if the model knows them."""
-        people = self.people(number)
-        known = None if people is None else game_of_people(self._game, people.names, people.date)
-        return self._game if known is None else known.seats[0]
-
-    def _at(self, number: int) -> _Annotated:
+    def _at(self, number: int) -> WholeRally:
         if not 0 <= number < self.count:
             raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
         return self._rallies[number]
@@ -240,27 +191,28 @@ class RealRallies(Recorded):
     def rally(self, number: int) -> CourtRally:
         """A rally; see :class:`Recorded`."""
         found, column = self._at(number), self._columns
-        strokes: list[int] = []
-        state, game = ROOT, self._game_of(number)
+        # The tables of the two people, whose hands may differ, if the model knows them.
+        pair = game_of_people(self._game, found.players, date_of(found.match))
+        state, game, strokes = ROOT, self._game if pair is None else pair.seats[0], list[int]()
         first, second = (self._hands.get(player, "right") for player in found.players)
-        waited = column["waited"][found.rows]
-        athlete = "female" if column["discipline"][found.rows[0]] == "WS" else "male"
+        hurried, waited = self._hurried[found.rows], self._waited[found.rows]
         for row in found.rows.tolist():
             if strokes:
                 arrivals = game.arrivals(game.pair(state, np.array(strokes[-1:])))[0]
-                state = int(arrivals[2 * int(column["hurried"][row]) + int(column["height"][row])])
+                state = int(arrivals[2 * int(self._hurried[row]) + int(column["height"][row])])
             shot, technique, area = (column[name][row] for name in ("shot", "technique", "area"))
             receiver = (second, first)[(found.score.server + len(strokes)) % 2]
             strokes.append(
                 nearest_stroke(game, state, int(shot), int(technique), None if np.isnan(area) else int(area), receiver)
             )
+        athlete = "female" if column["discipline"][found.rows[0]] == "WS" else "male"
         return CourtRally.at(
             found.score,
             catalogue=game.catalogue,
             stroke=np.array(strokes, dtype=np.int64),
-            hurried=column["hurried"][found.rows],
+            hurried=hurried,
             waited=None if game.recovery is None or (waited < 0).any() else waited,
-            ending=FAULT if column["outcome"][found.rows[-1]] == Outcome.FAULT else WINNER,
+            ending=FAULT if found.ended == Outcome.FAULT else WINNER,
             number=number,
             names=(printable(found.players[0]), printable(found.players[1])),
             hands=(first, second),
@@ -268,46 +220,17 @@ class RealRallies(Recorded):
             key=int(stream(0, number)[0] >> np.uint64(1)),
         )
 
-    def _found(self) -> list[_Annotated]:
-        """Whole rallies: from a serve to a stroke that ended them, none missing. Seat 0 is who strikes first in a match."""
-        column = self._columns
-        if not len(column["rally"]):
-            return []
-        changes = [column[name][1:] != column[name][:-1] for name in ("match", "game", "rally")]
-        starts = np.flatnonzero(np.r_[True, np.logical_or.reduce(changes)])
-        out: list[_Annotated] = []
-        match, seats = "", ("", "")
-        finished: tuple[tuple[int, int], ...] = ()
-        points, game = (0, 0), 0
-        for first, end in zip(starts, np.r_[starts[1:], len(column["rally"])], strict=True):
-            striker = str(column["player"][first])
-            if column["match"][first] != match:
-                match, seats = str(column["match"][first]), (striker, str(column["opponent"][first]))
-                finished, points, game = (), (0, 0), int(column["game"][first])
-            elif column["game"][first] != game:
-                finished, points, game = (*finished, points), (0, 0), int(column["game"][first])
-            server, rows = seats.index(striker), np.arange(first, end)
-            after = np.array([column["points"][first], column["points_opponent"][first]])
-            known = not np.isnan(after).any()
-            if known:  # otherwise they are those of the rally before
-                points = int(after[server]), int(after[1 - server])
-            ended = int(column["outcome"][end - 1])
-            serves = column["stroke"][first] == 1 and column["shot"][first] < N_SERVES
-            if serves and (np.diff(column["stroke"][rows]) == 1).all() and ended in (Outcome.FAULT, Outcome.WINNER):
-                winner = (server + len(rows) - (ended == Outcome.WINNER)) % 2
-                before = [max(0, points[seat] - (known and seat == winner)) for seat in (0, 1)]
-                games = [sum(ends[seat] > ends[1 - seat] for ends in finished) for seat in (0, 1)]
-                score = Score(points=(before[0], before[1]), games=(games[0], games[1]), finished=finished, server=server)
-                out.append(_Annotated(players=seats, score=score, rows=rows))
-        return out
 
-
-def _event(match: str, players: tuple[str, str]) -> str:
-    """Name of a match without its players: ``KOREA OPEN 2019 Final`` of ``Kento_MOMOTA_CHOU_Tien_Chen_KOREA_OPEN_2019_Final``."""
-    words, names = match.replace("_", " ").split(), tuple(map(_letters, players))
-    ends = [k for k in range(2, len(words)) if _letters("".join(words[:k])) in ("".join(names), "".join(names[::-1]))]
-    return " ".join(words[ends[0] if ends else 0 :])
-
-
-def _letters(text: str) -> str:
-    return "".join(filter(str.isalnum, text.casefold()))
+def _described(rallies: list[tuple[int, WholeRally]]) -> RecordedMatch:
+    """A match, of its numbered rallies."""
+    (first, _), (_, last) = rallies[0], rallies[-1]
+    date = date_of(last.match)
+    # Every rally but the last one is a point of a score.
+    played = sum(map(sum, last.score.finished)) + sum(last.score.points) + 1
+    return RecordedMatch(
+        first=first,
+        title=printable(event(last.match, last.players)),
+        names=(printable(last.players[0]), printable(last.players[1])),
+        date=None if date is None else date.isoformat(),
+        missing=max(0, played - len(rallies)),
+    )

@@ -36,7 +36,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.base.extras import install_hint
 from shuttle_marl.base.files import replacing
-from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
+from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.messages import (

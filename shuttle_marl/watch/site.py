@@ -8,7 +8,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.pages.languages import Language
+from shuttle_marl.reports.languages import Language
 from shuttle_marl.staging import model_file
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers

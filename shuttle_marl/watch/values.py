@@ -5,10 +5,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.analysis.decisions import places_of, quality, theme_of, usual_of
-from shuttle_marl.analysis.marks import Judged, basis_of
-from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
-from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import looks_of
@@ -18,9 +14,13 @@ from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.shipped import RELIABLE, factor_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import position_shares
+from shuttle_marl.reports.rally import Decision, Players, analyse_rally
+from shuttle_marl.reports.rally import decision as analyse_decision
+from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.facts import rounded, stroke_facts
 from shuttle_marl.watch.match import CourtRally, seed_of_line
+from shuttle_marl.watch.openings import Opening, opening
 from shuttle_marl.watch.plan import Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 
@@ -63,9 +63,9 @@ class StrokeValues:
         """The decision of a seat in a state."""
         return analyse_decision(self.game, state, seat, players)
 
-    def judged(self, choice: Decision) -> Judged:
-        """The strokes of a decision by the one basis of all marks, in the same order."""
-        return basis_of(self.game).judged(np.array([choice.state]))
+    def rated(self, choice: Decision) -> Rated:
+        """The strokes of a decision with the ratings that people see, in the same order."""
+        return rater_of(self.game).rated(np.array([choice.state]))
 
     def analysis(self, rally: CourtRally, players: Players) -> messages.Analysis:
         """Values of every stroke of a rally."""
@@ -83,19 +83,19 @@ class StrokeValues:
 
     def _stroke(self, rally: Rally, number: int, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
         win, chosen = choice.value, float(choice.win[rank])
-        judged = self.judged(choice)
-        loss, asked = float(judged.loss[rank]), judged.question(rank)
-        better = int(judged.best[0]) if loss > 0 else rank
+        rated = self.rated(choice)
+        loss, asked = float(rated.loss[rank]), rated.question(rank)
+        better = int(rated.best[0]) if loss > 0 else rank
         question = None
         if asked is not None:
             right, wrong = asked
-            share = rounded(judged.share[right])
+            share = rounded(rated.share[right])
             question = messages.Question(
                 int(choice.stroke[right]),
                 [int(choice.stroke[k]) for k in wrong],
                 share,
                 theme_of(rally, number, above=bool(self.game.contact(choice.state))),
-                usual_of(SHOTS[judged.shot[right]]),
+                usual_of(SHOTS[rated.shot[right]]),
             )
         always = (rank, better, *(() if asked is None else (asked[0], *asked[1])))
         return messages.StrokeValue(
@@ -103,13 +103,13 @@ class StrokeValues:
             chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
             match=rounded(match_win),
             probability=rounded(choice.probability[rank]),
-            change=rounded(judged.change[rank]) if judged.known[rank] else None,
-            quality=rounded(quality(judged)[rank]) if judged.known[rank] else None,
+            change=rounded(rated.change[rank]) if rated.known[rank] else None,
+            quality=rounded(rated.quality[rank]) if rated.known[rank] else None,
             loss=rounded(loss),
-            mark=judged.marks[rank],
+            mark=rated.marks[rank],
             better=int(choice.stroke[better]),
             question=question,
-            options=self.options(rally, choice, judged, always=tuple(dict.fromkeys(always))),
+            options=self.options(rally, choice, rated, always=tuple(dict.fromkeys(always))),
             support=_least(choice.support[[rank, better]]),
             **self._waiting(rally, number, choice, rank),
         )
@@ -138,12 +138,12 @@ class StrokeValues:
         return [rounded(p) for p in position_shares(self.policies.solution.policy[receiver].waiting_table[state])]
 
     def options(
-        self, rally: Rally, choice: Decision, judged: Judged | None = None, *, always: tuple[int, ...] = (), limit: int = SHOWN
+        self, rally: Rally, choice: Decision, rated: Rated | None = None, *, always: tuple[int, ...] = (), limit: int = SHOWN
     ) -> list[messages.Option]:
         """The strokes of a decision, most probable first.
 
         Args:
-            judged: its strokes by the basis of the marks; None: computed.
+            rated: ratings of its strokes; None: computed.
             always: positions that are always listed.
         """
         order = [
@@ -153,7 +153,7 @@ class StrokeValues:
         ]
         order += [k for k in always if k not in order]
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
-        best = (judged or self.judged(choice)).win
+        best = (rated or self.rated(choice)).win
         return [
             messages.Option(**self._valued(rally, choice, k, best), probability=rounded(choice.probability[k]))
             for k in sorted(listed, key=order.index)

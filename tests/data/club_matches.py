@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.data.schema import REASONS
+from shuttle_marl.data.simulated import simulate
 from shuttle_marl.game import court, default_game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game

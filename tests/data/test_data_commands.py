@@ -196,7 +196,7 @@ def test_damaged_parquet(file: Path) -> None:
     content = bytearray(file.read_bytes())
     content[8:1500] = bytes(1492)
     file.write_bytes(content)
-    with pytest.raises(DataError, match=r"strokes\.parquet: no readable Parquet file \(it was changed after it was written"):
+    with pytest.raises(DataError, match=r"strokes\.parquet: cannot be read \(it was changed after it was written"):
         read_matches(file)
 
 

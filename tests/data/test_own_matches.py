@@ -10,7 +10,7 @@ import pytest
 from shuttle_marl.commands import analysis, data, dynamics, report
 from shuttle_marl.commands.data import main
 from shuttle_marl.data import DataError, read_matches
-from shuttle_marl.data.column_map import COLUMNS, TEMPLATE_CSV, template_map
+from shuttle_marl.data.column_map import COLUMNS, template
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS
 from tests.data.test_cases import CASES
@@ -26,8 +26,9 @@ def test_the_template_is_a_file_to_start_from(tmp_path: Path, capsys: pytest.Cap
     assert strokes["reason"].to_pylist() == [
         REASONS.index(word) for word in ["returned"] * 2 + ["landed"] + ["returned"] * 2 + ["out"]
     ]
-    assert set(COLUMNS) <= {line.lstrip("# ").split(" = ")[0] for line in template_map().splitlines()}
-    assert tomllib.loads(template_map())["columns"].keys() == set(TEMPLATE_CSV.splitlines()[0].split(","))
+    header = (tmp_path / "strokes.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    written = tomllib.loads((tmp_path / "columns.toml").read_text(encoding="utf-8"))
+    assert written["columns"] == {name: name for name in COLUMNS if name in header}
     capsys.readouterr()
     for again in (
         ["template", "--out", str(tmp_path)],
@@ -40,15 +41,17 @@ def test_the_template_is_a_file_to_start_from(tmp_path: Path, capsys: pytest.Cap
 
 @pytest.mark.parametrize("mapped", [True, False])
 def test_all_problems_are_listed_once(mapped: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "own.csv").write_text(TEMPLATE_CSV.replace("smash", "smahs").replace("push", "pusch"), encoding="utf-8")
-    (tmp_path / "map.toml").write_text(template_map(), encoding="utf-8")
+    (tmp_path / "own.csv").write_text(
+        template("strokes.csv").replace("smash", "smahs").replace("push", "pusch"), encoding="utf-8"
+    )
+    (tmp_path / "map.toml").write_text(template("columns.toml"), encoding="utf-8")
     flags = [str(tmp_path / "own.csv"), *(["--columns", str(tmp_path / "map.toml")] if mapped else [])]
     with pytest.raises(DataError, match=r"and 1 more; `.*data validate .*own.csv.* lists them all") as caught:
         import_matches(Path(flags[0]), tmp_path / "map.toml" if mapped else None)
     assert (" --columns " in str(caught.value)) == mapped
     assert main(["validate", *flags]) == 1
     assert len(capsys.readouterr().out.splitlines()) == 2
-    (tmp_path / "own.csv").write_text(TEMPLATE_CSV, encoding="utf-8")
+    (tmp_path / "own.csv").write_text(template("strokes.csv"), encoding="utf-8")
     assert main(["validate", *flags]) == 0
 
 

@@ -1,4 +1,4 @@
-"""Damaged files of other programs, scores in every convention, and the words of seven languages."""
+"""Damaged files of other programs, and the words of seven languages."""
 
 import tempfile
 import tomllib
@@ -6,30 +6,17 @@ from collections import defaultdict
 from importlib.resources import files
 from pathlib import Path
 
-import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.data import DataError
 from shuttle_marl.data.column_map import COLUMNS, WORDS
-from shuttle_marl.data.inference import read_score, winners_by_score
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.data.readers.reading import spans_around
 from shuttle_marl.data.schema import violations
 from shuttle_marl.data.words import LANGUAGES, bare, table
 from tests.data.test_cases import CASES
 
 SAMPLES = [path for path in sorted((CASES / "samples_of_each_format").iterdir()) if path.name != "expected.json"]
-
-
-TIMES = st.integers(0, 12)
-
-
-@given(spans=st.lists(st.tuples(TIMES, TIMES), max_size=12), moments=st.lists(TIMES, max_size=12))
-def test_a_stroke_lies_in_the_last_interval_around_it(spans: list[tuple[int, int]], moments: list[int]) -> None:
-    spans.sort()
-    expected = [max((i for i, (a, b) in enumerate(spans, 1) if a <= moment <= b), default=0) for moment in moments]
-    assert spans_around(spans, moments) == expected
 
 
 @settings(max_examples=60, deadline=None)
@@ -52,32 +39,6 @@ def test_damage_is_told_or_accounted_for(sample: Path, at: int, junk: bytes, cut
     assert account.strokes == account.strokes_kept + sum(account.dropped.values())
     assert account.strokes_kept == cleaned.strokes.num_rows
     assert list(violations(cleaned.strokes)) == []
-
-
-@settings(max_examples=100, deadline=None)
-@given(
-    st.lists(st.integers(0, 1), min_size=3, max_size=12).filter(lambda won: len(set(won)) == 2),
-    st.integers(0, 2),
-    st.booleans(),
-    st.integers(0, 1),
-)
-def test_scores_are_read_in_any_convention(won: list[int], order: int, before: bool, server: int) -> None:
-    points, scores, servers, after = [0, 0], [], [], []
-    for winner in won:
-        start = tuple(points)
-        points[winner] += 1
-        shown = start if before else tuple(points)
-        first = (0, 1, server)[order]
-        scores.append((shown[first], shown[1 - first]))
-        servers.append(server)
-        after.append(tuple(points))
-        server = winner
-    fresh, zero = np.arange(len(won)) == 0, np.zeros(len(won), np.int64)
-    found, winners, reading = winners_by_score(scores, fresh, np.array(servers), np.array(won), zero, zero)
-    assert found == after, reading
-    assert winners.tolist() == ([*won[:-1], -1] if before else won)
-    assert read_score("5\u20133") == read_score(" 5 : 3 ") == (5, 3)
-    assert read_score("05-Mar") is None
 
 
 def test_the_table_has_every_meaning_in_every_language_once() -> None:

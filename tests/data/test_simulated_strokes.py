@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow.compute as pc
 import pytest
 
-from shuttle_marl.analysis import strokes_of_log
-from shuttle_marl.analysis.strokes import (
+from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
+from shuttle_marl.data.simulated import (
     BREAK,
     FRAME_RATE,
     INTERVAL,
@@ -21,15 +21,17 @@ from shuttle_marl.analysis.strokes import (
     simulated_rallies,
     stroke_table,
 )
-from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
 from shuttle_marl.data.table import load_account, read_matches, write_parquet
-from shuttle_marl.game import court
+from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks
+from shuttle_marl.game.rally.record import columns_of
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
+from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.replay import check
+from shuttle_marl.reports import strokes_of_log
 from tests import golden
 from tests.reduced import reduced_game
 
@@ -80,7 +82,17 @@ def test_a_log_of_the_rallies_plays_again(tmp_path: Path, small: Game, players: 
         **players,
         "chen-yufei": uniform(small),
     }
-    header, rallies = simulated_rallies(small, players, matches=8, seed=2)
+    rallies, names = simulated_rallies(small, players, matches=8, seed=2), [*players]
+    first = np.unique(rallies.pairing, return_index=True)[1]
+    header = LogHeader(
+        seed=2,
+        game=small.hash,
+        strokes=small.catalogue.names,
+        policies=tuple(Player(name=name, hash="") for name in names),
+        pairings=tuple(draws.pairing_key(*(names[k] for k in pair)) for pair in rallies.policy[first].tolist()),
+        matches_per_draw=1,
+        columns=columns_of(small),
+    )
     with RallyLogWriter(tmp_path / "a.mcap", header) as log:
         log.append(rallies)
     assert check(tmp_path / "a.mcap", small).problems == ()
@@ -274,7 +286,7 @@ def test_servers_of_a_table_stand_where_their_points_tell(small: Game) -> None:
 
 
 def test_a_later_match_alone_begins_at_no_time(small: Game) -> None:
-    _, rallies = simulated_rallies(small, dict.fromkeys("ab", uniform(small)), matches=2, seed=0)
+    rallies = simulated_rallies(small, dict.fromkeys("ab", uniform(small)), matches=2, seed=0)
     for number in (0, 1):
         part = rallies.select(rallies.match == number)
         names, titles = ("a", "b"), [f"match {number}"] * len(part)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from docs.tools.reproduce import ReproduceError, check, measured, part_of, within
+from docs.tools.reproduce import ReproduceError, measured, part_of, within
 from docs.tools.results import RESULTS
 
 
@@ -17,18 +17,7 @@ def test_parts_hold_every_result_once() -> None:
             part_of(wrong)
 
 
-def test_every_quick_result_and_row_has_its_day() -> None:
-    days = [[name for name in within(170, day) if ":" not in name] for day in range(30)]
+def test_every_quick_result_has_its_day() -> None:
+    days = [within(170, day) for day in range(30)]
     assert all(0 < sum(measured()[name]["seconds"] for name in chosen) <= 170 for chosen in days)
     assert {"depth", "depth_recovery"} <= {name for chosen in days for name in chosen}
-
-
-def test_rows_of_earlier_games_are_not_made_again() -> None:
-    named = {name for day in range(30) for name in within(170, day)}
-    assert any(":" in name for name in named) != RESULTS["suite"].earlier
-
-
-def test_a_row_of_a_board_is_made_again() -> None:
-    assert bool(check("suite:equilibrium-entrance-v0:random:1000000")) == RESULTS["suite"].earlier
-    with pytest.raises(ReproduceError, match="no row of other"):
-        check("suite:equilibrium-entrance-v0:other:1000000")

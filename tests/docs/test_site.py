@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import shuttle_marl
-from docs.tools import croissant, figures, hub, notebooks, pictures, reproduce, site, size, structure, tables
+from docs.tools import croissant, figures, hub, notebooks, pictures, reproduce, site, size, tables
 from docs.tools.figures import FIGURES
 from docs.tools.markdown import ROOT
 from shuttle_marl import default_game, load_game, resolve, tabulate
@@ -55,31 +55,17 @@ def test_tutorials_are_notebooks(name: str) -> None:
     assert all((ROOT / "docs/notebooks" / link).resolve().is_file() for link in links if not link.startswith("http"))
 
 
-@pytest.mark.slow
-def test_the_page_names_the_files_that_run() -> None:
-    page = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
-    assert structure.path_table() in page
-
-
-def test_nothing_imports_itself_in_a_loop() -> None:
-    assert size.names()["circles"] == []
-
-
-def test_figures_above_their_limits_are_named() -> None:
-    found = {"code": 1200, "tests": {"setattr": {"count": 3, "places": []}}}
-    assert size.over_limits(found, {"code": 1200, "tests.setattr": 3}) == []
-    assert size.over_limits(found, {"code": 1199, "tests.setattr": 2}) == [
-        "code: 1,200, of at most 1,199",
-        "tests.setattr: 3, of at most 2",
-    ]
+def test_figures_above_their_budgets_are_named() -> None:
+    found = {"code": 1200, "rooms.game": 3}
+    assert size.over_budget(found, {"code": 1200, "rooms.game": 3}) == []
+    assert size.over_budget(found, {"code": 1199}) == ["code: 1,200, of at most 1,199", "rooms.game: no budget"]
 
 
 PAGES = {figure.page: (ROOT / figure.page).read_text(encoding="utf-8") for figure in FIGURES}
 
 
 def test_no_committed_figure_has_drifted() -> None:
-    assert figures.drifted(PAGES) == []
-    assert figures.written(PAGES) == PAGES
+    assert figures.updated(PAGES) == (PAGES, [])
 
 
 def test_no_picture_is_older_than_its_data() -> None:

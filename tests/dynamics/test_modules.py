@@ -13,8 +13,6 @@ from shuttle_marl.dynamics.features import codes_of_pairs
 from shuttle_marl.dynamics.network import attributes
 from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.game import default_game
-from shuttle_marl.game.recovery import STEP
-from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import random_game
 
@@ -34,19 +32,6 @@ def test_m_succ_and_m_ret_are_torch_modules_that_can_be_called() -> None:
         assert torch.allclose(module(codes[:7]), found[:7], rtol=0, atol=1e-12)
     assert models.m_contact(codes).shape == (300,)
     assert models.m_hurried(codes).shape == (300, 2)
-
-
-def test_m_recovery_says_what_the_tables_hold() -> None:
-    """Where people wait in every state, and the effects of positions in every legal stroke."""
-    module, game = load_models().m_recovery, load_game("default:recovery")
-    assert module is not None
-    assert game.recovery is not None
-    codes = attributes(codes_of_pairs(game, np.arange(game.n_base_pairs), opposite=False))
-    people = game.people_positions(np.arange(game.n_base_states))[game.base_pair_state]
-    assert np.abs(module(codes).numpy() - people).max() < 1e-12
-    stroke = game.base_pair_stroke
-    effect = game.recovery.effect[:, game.catalogue.shot[stroke], game.catalogue.area[stroke]]
-    assert np.abs(module.shift(codes).numpy() - effect.swapaxes(0, 1) * STEP).max() < 1e-12
 
 
 def test_a_shift_moves_the_log_odds_of_a_fault() -> None:

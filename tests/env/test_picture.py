@@ -39,7 +39,7 @@ def test_pictures_are_those_that_somebody_looked_at(play, game):
     for number, _ in enumerate(itertools.islice(play(env, 11), 12)):
         plan, picture = plan_of(env.unwrapped.snapshot()), env.render().astype(float)
         found[f"{game} {number}"] = [plan.shuttle, plan.bodies, plan.came_from, plan.waited]
-        found[f"{game} {number}, picture"] = picture.reshape(8, 73, 12, 100, 3).mean(axis=(1, 3, 4))
+        found[f"{game} {number}, picture"] = picture.reshape(8, 70, 12, 75, 3).mean(axis=(1, 3, 4))
     golden.check("drawn_rallies", found, 0.01)
 
 
@@ -53,7 +53,7 @@ def test_lines_of_the_court_are_those_of_the_laws():
         along += [((x, side * y), (0.0, 0.2)) for x in (-6.3, -4.1, 4.1, 6.3) for y in (2.59, 3.05)]
         along += [((side * 3.2, 0.0), (0.0, 0.2))]
         for at, beside in along:
-            (x, y), *floor = (np.rint(px(np.array(at) + k * np.array(beside))).astype(int) for k in (0, -1, 1))
+            (x, y), *floor = (np.rint(px(np.array(at) + k * np.array(beside)) / 2).astype(int) for k in (0, -1, 1))
             assert frame[y, x] > 100 + max(frame[other[1], other[0]] for other in floor), at
 
 

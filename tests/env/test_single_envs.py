@@ -15,7 +15,6 @@ from gymnasium.utils.env_checker import check_env
 
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.errors import ActionError, OptionError
-from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.env.open_spiel import RallyGame
 from shuttle_marl.env.single import SingleEnv, SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
@@ -29,6 +28,13 @@ from tests.exact.exact_games import random_game, random_policy
 GAME = default_game()
 SHORT = Rules(points=5, clear=2, cap=7, games=2)
 IDS = ("shuttle_marl/Rally-v0", "shuttle_marl/Match-v0")
+
+
+def versus(**options: Any) -> Any:
+    """Of :mod:`shuttle_marl.env.batched`, which imports PyTorch."""
+    from shuttle_marl.env.batched import VersusEnv
+
+    return VersusEnv(**options)
 
 
 class ByScore:
@@ -239,10 +245,10 @@ single = functools.partial(gymnasium.make, "shuttle_marl/Rally-v0")
         (rows, {"seat": 7}, KernelError, "seat 7"),
         (functools.partial(MatchVectorEnv, 2), {"reward": "game"}, OptionError, "reward 'game'"),
         (functools.partial(MatchVectorEnv, 2), {"opponent": ByScore()}, PolicyError, "reads the score"),
-        (VersusEnv, {"batch": 4, "opponents": "bcc"}, PolicyError, "no policy 'bcc'; did you mean bc"),
-        (VersusEnv, {"batch": 4, "opponents": ["bc", ByScore()]}, PolicyError, "'ByScore' reads the score"),
-        (VersusEnv, {"batch": 4, "opponents": []}, KernelError, "no policy: expected one or more"),
-        (VersusEnv, {"batch": 4, "threads": 0}, KernelError, "threads 0"),
+        (versus, {"batch": 4, "opponents": "bcc"}, PolicyError, "no policy 'bcc'; did you mean bc"),
+        (versus, {"batch": 4, "opponents": ["bc", ByScore()]}, PolicyError, "'ByScore' reads the score"),
+        (versus, {"batch": 4, "opponents": []}, KernelError, "no policy: expected one or more"),
+        (versus, {"batch": 4, "threads": 0}, KernelError, "threads 0"),
         *((RallyGame, {"params": wrong}, OptionError, "expected") for wrong in ({"server": 2}, {"max_strokes": -1})),
     ],
 )

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.recovery_bracket import Seen
-from experiments.truth.aims import aims
-from experiments.truth.recovery import Judged, by_discipline
+from experiments.truth.recovery import Judged, aims, by_discipline
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import MOVEMENT
 from shuttle_marl.exact import solve

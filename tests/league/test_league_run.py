@@ -13,7 +13,7 @@ import pyarrow.parquet
 import pytest
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.runs import LOCK, RunError
+from shuttle_marl.base.runs import LOCK
 from shuttle_marl.base.table_files import csv_bytes
 from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
@@ -25,8 +25,7 @@ from shuttle_marl.league.entrants import ANCHORS, enter
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
 from shuttle_marl.league.ratings import ratings
 from shuttle_marl.league.report import console_table
-from shuttle_marl.league.run import read_results
-from shuttle_marl.league.tournament import Pairing, forfeited, round_robin
+from shuttle_marl.league.tournament import forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError
 from shuttle_marl.recording.replay import check
 from tests import golden
@@ -45,10 +44,6 @@ SAME = (
     "rallies.mcap",
 )
 """Files that the flags alone decide; the manifest also says when."""
-
-
-def scheduled(_: object) -> list[Pairing]:
-    return round_robin(POOL)
 
 
 @pytest.fixture(scope="module")
@@ -193,7 +188,6 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
     text = path.read_bytes()
     path.write_bytes(text[:-30])
     (tmp_path / "run" / "manifest.json").unlink()
-    assert len(read_results(tmp_path / "run", scheduled)) == 2
     with pytest.raises(LeagueError, match="an unfinished run"):
         run_league(LeagueConfig(**config, record="none"))
     run_league(LeagueConfig(**config, record="none", resume=True))
@@ -202,11 +196,11 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
     for content in (lines[1], lines[0] + lines[0], lines[0] + lines[2], text + lines[2]):
         path.write_bytes(content)
         with pytest.raises(LeagueError, match="missing, out of order, or of another run"):
-            read_results(tmp_path / "run", scheduled)
+            run_league(LeagueConfig(**config, record="none", resume=True))
     for content in (text[:-1], text[:-30], lines[0], b""):
         path.write_bytes(content)
-        with pytest.raises((LeagueError, RunError), match=r"missing|incomplete"):
-            read_results(tmp_path / "run", scheduled, finished=True)
+        with pytest.raises(LeagueError, match=r"missing|incomplete"):
+            run_league(LeagueConfig(**config, record="none", resume=True))
         assert path.read_bytes() == content
 
 
@@ -290,7 +284,6 @@ def test_what_cannot_be_resumed(small: dict[str, Any], tmp_path: Path) -> None:
         ({"seed": -1}, "from 0 up to"),
         ({"pool": ("safe", "random", "safe")}, "names safe twice"),
         ({"pool": ("safe",)}, "needs two entrants"),
-        ({"resume": True, "overwrite": True}, "give one of them"),
         ({"exact": False, "away": True}, "leave out --no-exact"),
         ({"rounds": 3}, "with --format swiss"),
         ({"decide": 0.0}, "Elo points above 0"),

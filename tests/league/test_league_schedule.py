@@ -32,7 +32,7 @@ def schedule(
 ) -> Schedule:
     """Of a league with a population of one letter each; the first letter of a pair wins this share of its rallies."""
     population = [Frozen(name=letter, role="given", round=0, hash=hash_of(letter)) for letter in given]
-    state = LeagueState(game="", population=population, members=members or {}, overhead=overhead)
+    state = LeagueState(population=population, members=members or {}, overhead=overhead)
     solved = {" ".join(map(hash_of, pair)): (share, 1 - share) for pair, share in (won or {}).items()}
     return Schedule(LeagueTrainingConfig(**flags), state, payoffs_of(solved))
 

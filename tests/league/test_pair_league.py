@@ -10,8 +10,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from shuttle_marl.analysis import AnalysisError
-from shuttle_marl.analysis.outlook import Prediction, players_of, predict, ranked, with_results
 from shuttle_marl.exact import evaluate, moved
 from shuttle_marl.game import pairs as pairs_module
 from shuttle_marl.game.pairs import pair_game
@@ -19,11 +17,13 @@ from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league.entrants import LeagueConfig
+from shuttle_marl.league.pairs import Prediction, players_of, predict, ranked, with_results
 from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.replay import check
+from shuttle_marl.reports import AnalysisError
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 
@@ -119,7 +119,7 @@ def test_real_results(monkeypatch: pytest.MonkeyPatch) -> None:
             "winner": [winner for _, _, winner in wins],
         }
     )
-    monkeypatch.setattr("shuttle_marl.analysis.outlook.rally_table", lambda _: rallies)
+    monkeypatch.setattr("shuttle_marl.league.pairs.rally_table", lambda _: rallies)
     first, second, _ = with_results(some_predictions(), rallies)
     assert (first.rallies, first.rallies_won, first.matches, first.matches_won) == (5, 3, 2, 1)
     assert (second.rallies, second.matches) == (0, 0)

@@ -1,5 +1,6 @@
 """Forms of tournaments, and entrants that are added to a finished one."""
 
+import contextlib
 import json
 import random
 import re
@@ -18,7 +19,7 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.entrants import Format
-from shuttle_marl.league.run import append_results, continued
+from shuttle_marl.league.run import continued
 from shuttle_marl.league.tournament import (
     COUNTS,
     Pairing,
@@ -31,7 +32,7 @@ from shuttle_marl.league.tournament import (
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from tests.reduced import reduced_model
-from tests.stops import Killed
+from tests.stops import Killed, stop
 from tests.tournaments import play_league
 
 POOL = ("random", "safe", "attacking", "defensive")
@@ -198,21 +199,13 @@ def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_byt
     play_league(LeagueConfig(**config, out=tmp_path / "whole"))
     names = [*TABLES, "rallies.mcap", "rallies-2.mcap", "report.html"]
     expected = {name: (tmp_path / "whole" / name).read_bytes() for name in names}
-    for stop in range(4):
-        out = tmp_path / str(stop)
-
-        def limited(folder: Path, new: list[PairResult], left: int = stop) -> None:
-            done = folder / "pairings.jsonl"
-            if not left or (done.exists() and len(done.read_bytes().splitlines()) >= left):
-                raise Killed
-            append_results(folder, new)
-
-        with monkeypatch.context() as patch:
-            patch.setattr("shuttle_marl.league.run.append_results", limited)
-            with pytest.raises(Killed):
-                play_league(LeagueConfig(**config, out=out))
+    for when in range(3, 10):
+        out = tmp_path / str(when)
+        with monkeypatch.context() as patch, contextlib.suppress(Killed):
+            stop(patch, when, "fsync")
+            play_league(LeagueConfig(**config, out=out))
         play_league(LeagueConfig(**config, out=out, resume=True))
-        assert {name: (out / name).read_bytes() for name in names} == expected, stop
+        assert {name: (out / name).read_bytes() for name in names} == expected, when
 
 
 def test_an_addition_plays_only_what_is_missing(small_model: str, tmp_path: Path) -> None:
@@ -246,13 +239,10 @@ def test_an_addition_that_was_killed_continues(small_model: str, tmp_path: Path,
         play_league(LeagueConfig(pool=POOL[:2], **config, out=tmp_path / name))
     play_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "whole"))
 
-    def killed(*_: object) -> None:
-        raise Killed
-
-    with monkeypatch.context() as patch:
-        patch.setattr("shuttle_marl.league.run.append_results", killed)
-        with pytest.raises(Killed):
-            play_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "run"))
+    with monkeypatch.context() as patch, contextlib.suppress(Killed):
+        stop(patch, 5, "fsync")
+        play_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "run"))
+    assert not runs.is_finished(tmp_path / "run")
     play_league(LeagueConfig(pool=POOL, resume=True, **config, out=tmp_path / "run"))
     for name in (*TABLES, "rallies-2.mcap"):
         assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
@@ -313,7 +303,7 @@ def test_the_entrants_of_a_continued_run(tmp_path: Path) -> None:
     assert (first.pool, first.grown, first.resume, first.extend) == (("a", "b", "c"), (2,), True, False)
     with pytest.raises(LeagueError, match="all entrants of --pool are already in this run"):
         continued(config("b", extend=True))
-    with pytest.raises(LeagueError, match=r"other flags \(seed: 0 then, 1 now"):
+    with pytest.raises(runs.RunError, match=r"other flags \(seed: 0 then, 1 now"):
         continued(config("c", extend=True, seed=1))
     written(tmp_path, pool=["a", "b", "c", "d"], grown=[2, 3])
     assert continued(config("a", "b")).pool == ("a", "b"), "a new run"

@@ -65,7 +65,7 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     assert [name for name in names if name.startswith("shuttle_marl/watch/page")] == []
     assert {"shuttle_marl/py.typed", "shuttle_marl/models/default/game.safetensors"} <= names
     assert {name.split("/")[0].split("-")[0] for name in names} == {"shuttle_marl"}
-    assert [name for name in names if name.endswith((".csv", ".pyc"))] == []
+    assert [name for name in names if name.endswith((".csv", ".pyc"))] == ["shuttle_marl/data/template/strokes.csv"]
 
 
 def test_source_distribution_holds_tracked_files_and_nothing_else(tmp_path: Path) -> None:

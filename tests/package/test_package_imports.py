@@ -14,7 +14,7 @@ import shuttle_marl
 
 HEAVY = ("torch", "torchrl", "tensordict", "pettingzoo", "lightgbm", "matplotlib", "pygame")
 TABLE_LAYERS = (
-    "game", "kernel", "exact", "data", "policy", "env", "recording", "analysis", "league", "pages", "coach", "staging", "scene",
+    "game", "kernel", "exact", "data", "policy", "env", "recording", "league", "reports", "staging", "scene",
     "suite", "watch",
 )  # fmt: skip
 """Layers that run on tables: they work without PyTorch."""

@@ -9,12 +9,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.decisions import Rating, rated
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.env.batched import RallyEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import States
 from shuttle_marl.policy import registry
+from shuttle_marl.reports.rating import Rating
 from shuttle_marl.watch.server import bind, check_video
 
 REFUSED = (ShuttleError, TypeError, ValueError)
@@ -41,7 +41,7 @@ BOUNDS: dict[str, tuple[Callable[[Any], Any], tuple[Any, ...], tuple[Any, ...]]]
     "deviation": (lambda value: Rating(deviation=value), (0.0, 1000.0), (-0.1, 1000.5)),
     "volatility": (lambda value: Rating(volatility=value), (1e-9, 1.0), (0.0, 1.01)),
     "points of a rating": (lambda value: Rating(points=value), (-1e9, 1e9), (math.nan, math.inf)),
-    "quality": (lambda value: rated(Rating(), [value]), (0.0, 1.0), (-0.01, 1.01)),
+    "quality": (lambda value: Rating().after([value]), (0.0, 1.0), (-0.01, 1.01)),
     "port": (lambda value: bind("127.0.0.1", value).close(), (0,), (-1, 1 << 16)),
 }
 """For each number: what takes it, the least and the greatest that is accepted, and what is refused beside them."""

@@ -23,8 +23,8 @@ ROUNDS = 100
 
 
 def opened(out: Path | None, *, name: str = "league-1", resume: bool = False, overwrite: bool = False) -> Path:
-    with open_run(out, name, FIXED, resume=resume, overwrite=overwrite) as folder:
-        return folder
+    with open_run(out, name, FIXED, resume=resume, overwrite=overwrite) as run:
+        return run.folder
 
 
 def unfinished(folder: Path) -> None:
@@ -97,13 +97,20 @@ def test_two_processes_never_hold_a_folder_at_once(resume: bool, tmp_path: Path)
 
 def test_a_new_run_takes_a_name_of_its_own_while_another_holds_the_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with open_run(None, "race", FIXED, resume=False, overwrite=False) as first:
+    with open_run(None, "race", FIXED, resume=False, overwrite=False) as run:
+        first = run.folder
         assert opened(None, name="race") == Path("runs/race-2")
         with pytest.raises(RunError, match=r"another process \(\d+\) runs there"):
             opened(first, overwrite=True)
         with pytest.raises(RunError, match=r"another process \(\d+\) runs there"):
             opened(first, resume=True)
     assert opened(first, overwrite=True) == first
+
+
+def test_a_run_is_not_resumed_and_replaced(tmp_path: Path) -> None:
+    opened(tmp_path / "run")
+    with pytest.raises(RunError, match="--resume continues a run and --overwrite replaces it; give one of them"):
+        opened(tmp_path / "run", resume=True, overwrite=True)
 
 
 def test_runs_that_cannot_be_created_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from shuttle_marl.analysis.strokes import simulate, simulated_rallies
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.data.simulated import simulate, simulated_rallies
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.choices import fit_history
 from shuttle_marl.dynamics.features import rows_from_strokes
@@ -130,21 +130,11 @@ def test_close_games_end_from_19_points_each() -> None:
         assert np.allclose(styles_of(policy, 20, (*points, 0, 0)), shifted(both), rtol=0, atol=1e-9)
 
 
-def test_files_without_stages_are_read() -> None:
-    arrays = {name: array for name, array in shifts(1.0).items() if name not in STAGES}
-    none = {name: array * (name not in STAGES) for name, array in shifts(1.0).items()}
-    known = dataclasses.replace(some_states(), number=np.full(500, 30, np.int32), score=np.full((500, 4), 20, np.int16))
-    old, new = (HistoryPolicy.of(UNIFORM, each).probabilities(known) for each in (arrays, none))
-    assert (old == new).all()
-
-
 def test_simulated_matches_are_those_of_the_table_without_shifts_and_the_same_each_time_with_them() -> None:
     table = simulate(GAME, dict.fromkeys(NAMES, UNIFORM), matches=2, seed=3)
     assert simulate(GAME, dict.fromkeys(NAMES, player()), matches=2, seed=3) == table
     once, again = (simulate(GAME, {NAMES[0]: player(1.0), NAMES[1]: UNIFORM}, matches=2, seed=3) for _ in range(2))
     assert once == again != table
-    header, _ = simulated_rallies(GAME, {NAMES[0]: player(1.0), NAMES[1]: UNIFORM}, matches=1, seed=3)
-    assert [policy.hash for policy in header.policies] == ["", UNIFORM.hash]
 
 
 class Witness:
@@ -167,7 +157,7 @@ def shown_in(rallies: Iterable[list[int]]) -> list[list[int]]:
 
 def test_simulated_matches_show_the_last_strokes_of_the_rally() -> None:
     witness = Witness()
-    _, rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, witness), matches=1, seed=0)
+    rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, witness), matches=1, seed=0)
     assert witness.seen == shown_in(part.tolist() for part in np.split(rallies.stroke.astype(int), rallies.first_stroke[1:-1]))
 
 
@@ -230,7 +220,7 @@ def test_a_player_with_a_memory_is_recovered_from_matches() -> None:
     networks: dict[str, Any] = {name: Known(name) for name in ("choice", "target")}
     found, scores = fit_history(networks, rows.in_matches(half), others, folds=2)
     assert all(score["cross_entropy"] < score["of_average"] - 0.01 for score in scores.values())
-    _, rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, remembering), matches=20, seed=1)
+    rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, remembering), matches=20, seed=1)
     strokes = rallies.stroke.astype(int)
     shown = shown_in(part.tolist() for part in np.split(strokes, rallies.first_stroke[1:-1]))
     states = States(game=GAME, state=rallies.states(GAME), history=np.array(shown, np.int32)[:, :4])
@@ -254,7 +244,7 @@ class Three:
 def test_points_of_rows_are_those_before_the_rally() -> None:
     players = dict.fromkeys(NAMES, UNIFORM)
     table = simulate(GAME, players, matches=1, seed=3)
-    _, rallies = simulated_rallies(GAME, players, matches=1, seed=3)
+    rallies = simulated_rallies(GAME, players, matches=1, seed=3)
     rally, seat = rallies.row_of_stroke, rallies.striker
     score = np.stack([rallies.score[rally, seat], rallies.score[rally, 1 - seat]], axis=1)
     assert rows_from_strokes(table).points.tolist() == score.tolist()

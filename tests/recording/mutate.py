@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex
+from mcap.reader import make_reader
 
 from shuttle_marl.base.files import seal, unsealed
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter
-from shuttle_marl.recording.chunks import encode, stream
+from shuttle_marl.recording.chunks import encode
 from shuttle_marl.recording.file_writer import LogFileWriter
-from shuttle_marl.recording.log_file import INDEX_NAME, part_path, read_record, read_summary, unfinished
+from shuttle_marl.recording.log_file import part_path, unfinished
 from tests.recording.conftest import a_header, some_rallies
 
 LENGTHS = (0, 1, 2**16, 2**31, 2**32 - 1, 2**32, 2**62, 2**63 - 1, 2**64 - 1)
@@ -108,17 +107,12 @@ class Mutator:
         """A wrong index with a right checksum."""
         content = bytearray(self.contents[0])
         with self.good.open("rb") as file:
-            places = [
-                found.offset
-                for opcode, body in read_summary(file, len(content))[1]
-                if opcode == Opcode.ATTACHMENT_INDEX and (found := AttachmentIndex.read(stream(body))).name == INDEX_NAME
-            ]
-            body = bytearray(read_record(file, places[0], len(content), Opcode.ATTACHMENT))
-        at = int(self.rng.integers(len(body) - 4))
-        value = LENGTHS[self.rng.integers(len(LENGTHS))].to_bytes(8, "little")[: len(body) - 4 - at]
-        body[at : at + len(value)] = value
-        body[-4:] = zlib.crc32(body[:-4]).to_bytes(4, "little")
-        content[places[0] + 9 : places[0] + 9 + len(body)] = body
+            [place] = make_reader(file).get_summary().attachment_indexes
+        begin, end = place.offset + 9, place.offset + place.length
+        at = int(self.rng.integers(begin, end - 4))
+        value = LENGTHS[self.rng.integers(len(LENGTHS))].to_bytes(8, "little")[: end - 4 - at]
+        content[at : at + len(value)] = value
+        content[end - 4 : end] = zlib.crc32(content[begin : end - 4]).to_bytes(4, "little")
         self.path.write_bytes(content)
 
     def head(self) -> None:
@@ -162,9 +156,10 @@ class Mutator:
         self._write(header, encode(0, part, len(header.strokes)), part)
 
     def _write(self, header: LogHeader, message: bytes | memoryview, part: Rallies) -> None:
-        log = LogFileWriter(self.path, header, fsync_seconds=60)
-        log.write(0, message, part)
-        log.close()
+        with self.path.open("wb") as file:
+            log = LogFileWriter(file, header)
+            log.write(0, message, part)
+            log.finish()
 
 
 class StrangeHeader(LogHeader):

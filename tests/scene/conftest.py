@@ -48,30 +48,18 @@ class Reel:
     def placed(self, time: int) -> dict[str, Placed]:
         """Pose of every frame of reference after a seek to a time: from the last message of each topic."""
         told = self._told[max(when for when in self._told if when <= time)]
-        out: dict[str, Placed] = {WORLD: (np.eye(3), np.zeros(3))}
-
-        def of(name: str) -> Placed:
-            if name not in out:
-                (turn, place), (own_turn, own_place) = of(told[name].parent), told[name].at(time)
-                out[name] = (turn @ own_turn, place + turn @ own_place)
-            return out[name]
-
-        for name in told:
-            of(name)
-        return out
+        return {WORLD: (np.eye(3), np.zeros(3))} | {name: one.at(time) for name, one in told.items()}
 
     @functools.cached_property
     def _told(self) -> dict[int, dict[str, "Transforms"]]:
-        """Moving and fixed transforms by the time of their packet."""
-        ((_, fixed),) = self.of(topics.TF_STATIC)
-        return {time: transforms_by_frame([*fixed.transforms, *packet.transforms]) for time, packet in self.of(topics.TF)}
+        """Transforms by the time of their packet."""
+        return {time: transforms_by_frame(packet.transforms) for time, packet in self.of(topics.TF)}
 
 
 @dataclasses.dataclass(frozen=True)
 class Transforms:
-    """A frame of reference: its parent, and quaternions and places in it by time [ns]."""
+    """A frame of reference: quaternions and places on the court by time [ns]."""
 
-    parent: str
     when: list[int]
     turns: npt.NDArray[np.float64]
     places: npt.NDArray[np.float64]
@@ -90,10 +78,10 @@ class Transforms:
 def transforms_by_frame(transforms: list[Any]) -> dict[str, Transforms]:
     by_name: dict[str, list[Any]] = {}
     for transform in transforms:
+        assert transform.parent_frame_id == WORLD
         by_name.setdefault(transform.child_frame_id, []).append(transform)
     return {
         name: Transforms(
-            parent=own[0].parent_frame_id,
             when=[t.timestamp.ToNanoseconds() for t in own],
             turns=np.array([(t.rotation.x, t.rotation.y, t.rotation.z, t.rotation.w) for t in own]),
             places=np.array([(t.translation.x, t.translation.y, t.translation.z) for t in own]),

@@ -12,18 +12,16 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
+from shuttle_marl.reports import LogPlayers
 from shuttle_marl.scene import SceneError, select, topics
 from shuttle_marl.scene.rally_report import report_rally
-from shuttle_marl.scene.topics import bone_frame, joint_frame
 from shuttle_marl.scene.write import write_scene
-from shuttle_marl.staging import BONES
 from tests.scene.conftest import read
 
 
@@ -208,7 +206,7 @@ def test_names_of_a_log_are_printed_without_control_characters_and_markup(
 
 
 def test_players_look_as_who_they_are(log_of: Callable[..., Path], bc_hash: str) -> None:
-    """The average player is as a person of known hand is; models of other hands have joints of their own."""
+    """The average player is as a person of known hand is; a scene shows their bodies."""
     players = Player(name="bc", hash=bc_hash), Player(name="bc:kento-momota"), Player(name="bc:an-se-young")
     game = default_game()
     with RallyLog(log_of(*players, seats=((0, 0), (0, 1), (2, 0)))) as log:
@@ -217,7 +215,6 @@ def test_players_look_as_who_they_are(log_of: Callable[..., Path], bc_hash: str)
         assert looks == [("right", "male"), ("left", "male"), ("right", "female")]
         assert report_rally(log, 0, game, known, ("right", "left")).played.hands == ("right", "left")
         content, _ = write_scene(log, [0, 1, 2], game, fps=25)
-    joints = [message for _, topic, message in read(content) if topic == topics.TF_STATIC]
-    name = joint_frame(1, BONES.index("Racket"))
-    parents = [joint.parent_frame_id for message in joints for joint in message.transforms if joint.child_frame_id == name]
-    assert parents == [bone_frame(1, hand) for hand in ("RightHand", "LeftHand", "RightHand")]
+    shown = [message for _, topic, message in read(content) if topic == topics.PLAYERS]
+    knees = [{entity.frame_id: entity for entity in message.entities}["1/LeftLeg"].spheres[0].size.x for message in shown]
+    assert knees[2] < knees[0] == knees[1], "one entity of players for each look"

@@ -7,6 +7,7 @@ import dataclasses
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
@@ -33,7 +34,7 @@ from shuttle_marl.staging.draw import load_measured
 from shuttle_marl.staging.flight import net_height
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
 from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.rotation import cross, exponential, matrix, unit
+from shuttle_marl.staging.rotation import cross, matrix, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, own_frame
 
@@ -194,7 +195,7 @@ def _shortest(a: F64, b: F64) -> F64:
     """``[F, 3, 3]`` the shortest rotation of ``a`` onto each ``b``."""
     axis = cross(np.broadcast_to(a, b.shape), b)
     angle = np.arctan2(np.linalg.norm(axis, axis=1), b @ a)
-    return exponential(unit(axis) * angle[:, None])
+    return Rotation.from_rotvec(unit(axis) * angle[:, None]).as_matrix()
 
 
 def _inverse(m: F64) -> F64:

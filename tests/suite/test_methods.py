@@ -16,20 +16,18 @@ number_seven = 7
 
 
 @pytest.mark.parametrize(
-    ("task_name", "name", "says"),
+    ("name", "says"),
     [
-        ("exploit-v0", "nothing", "no method 'nothing' of exploit-v0; there are: ppo, a2c"),
-        ("exploit-v0", "", "no method '' of exploit-v0"),
-        ("exploit-v0", "mine:", "no method 'mine:' of exploit-v0"),
-        ("adapt-v0", "program:./x", "no method 'program:./x' of adapt-v0: programs, as program:COMMAND, are possible in"),
-        ("exploit-v0", "bc:3", "method 'bc:3': bc takes no argument"),
-        ("text-v0", "random:", "method 'random:': random takes no argument"),
-        ("exploit-v0", f"{__name__}:number_seven", "is a int; expected a function or a class"),
+        ("nothing", "no method 'nothing' of exploit-v0; there are: ppo, a2c"),
+        ("", "no method '' of exploit-v0"),
+        ("mine:", "no method 'mine:' of exploit-v0"),
+        ("bc:3", "method 'bc:3': bc takes no argument"),
+        (f"{__name__}:number_seven", "is a int; expected a function or a class"),
     ],
 )
-def test_methods_that_are_none(task_name: str, name: str, says: str) -> None:
+def test_methods_that_are_none(name: str, says: str) -> None:
     with pytest.raises(SuiteError, match=says):
-        find(task_name, name)
+        find("exploit-v0", name)
 
 
 @pytest.mark.parametrize(("task", "name"), [(kind, name) for kind, known in BASELINES.items() for name in known])
@@ -39,12 +37,7 @@ def test_every_baseline_is_found(task: str, name: str) -> None:
 
 @pytest.mark.parametrize(
     ("task", "split", "variant"),
-    [
-        ("exploit-v0", "test", ":recovery"),
-        ("exploit-entrance-v0", "test", ""),
-        ("equilibrium-v0", "dev", ":women-recovery"),
-        ("equilibrium-entrance-v0", "dev", ":women"),
-    ],
+    [("exploit-v0", "test", ":recovery"), ("exploit-entrance-v0", "test", ""), ("equilibrium-v0", "dev", ":women-recovery")],
 )
 def test_splits_are_played_in_their_games(task: str, split: Any, variant: str) -> None:
     assert arena_of(find_task(task), reduced_model(), split).model == f"{reduced_model()}{variant}"
@@ -59,30 +52,18 @@ def test_budgets_are_those_of_the_task() -> None:
 
 
 def test_names_of_tasks_and_splits() -> None:
-    assert find_task("text-v0") is TASKS["text-v0"]
+    assert find_task("adapt-v0") is TASKS["adapt-v0"]
     with pytest.raises(SuiteError, match=r"no task 'exploit'.*there are: exploit-v0, equilibrium-v0"):
         find_task("exploit")
-    with pytest.raises(SuiteError, match="text-v0 has no split 'round'; there are: dev, test"):
-        arena_of(find_task("text-v0"), "default", "round")
 
 
-@pytest.mark.parametrize(
-    ("name", "language", "files", "line"),
-    [
-        ("exploit-v0", "python", {"my_player.py", "card.json"}, "run exploit-v0 --method my_player:train --quick"),
-        ("equilibrium-entrance-v0", "perl", {"player.pl", "card.json"}, "--method 'program:perl player.pl' --quick"),
-    ],
-)
-def test_templates_are_new_files(name: str, language: Any, files: set[str], line: str, tmp_path: Path) -> None:
-    assert line in new_submission(name, tmp_path / "mine", language)
-    assert {path.name for path in (tmp_path / "mine").iterdir()} == files
-    for kept in files:
+def test_a_submission_is_new_files_and_has_an_author(tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match="--author ' 1': expected a name with letters"):
+        new_submission("exploit-v0", tmp_path, " 1")
+    assert "run exploit-v0 --method my_player:train --quick" in new_submission("exploit-v0", tmp_path / "mine", "alice")
+    assert {path.name for path in (tmp_path / "mine").iterdir()} == {"my_player.py", "card.json"}
+    for kept in ("my_player.py", "card.json"):
         (tmp_path / kept).mkdir()
         (tmp_path / kept / kept).touch()
         with pytest.raises(SuiteError, match=f"{kept}: already exists; name another folder"):
-            new_submission(name, tmp_path / kept, language)
-
-
-def test_templates_that_there_are_not(tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match="no such template for adapt-v0; there is one for exploit, equilibrium"):
-        new_submission("adapt-v0", tmp_path, "perl")
+            new_submission("exploit-v0", tmp_path / kept, "alice")

@@ -18,15 +18,15 @@ GAME = hand_made((*THREE_STROKES, "clear:back-left:above:forehand"))
 HIDDEN = with_recovery(random_game(2), 2)
 
 
-def test_random_numbers_are_of_a_split_or_of_a_beacon() -> None:
+def test_random_numbers_are_of_a_split_or_of_a_seed() -> None:
     def drawn(*arguments: Any) -> int:
         return int(rng_of(*arguments).integers(1 << 62))
 
     asked: list[Any] = [("adapt-v0", "dev", None, "a 1"), ("adapt-v0", "test", None, "a 1"), ("adapt-v0", "dev", None, "a 2")]
-    asked += [("adapt-v0", "round", beacon * 32, "a 1") for beacon in ("ab", "cd")]
+    asked += [("adapt-v0", "round", seed * 32, "a 1") for seed in ("ab", "cd")]
     assert len({drawn(*each) for each in asked}) == len(asked)
     assert luck("dev", None, 3, 4) == luck("test", "ab" * 32, 3, 4) == int(stream(3, 4)[0]) // 2
-    assert len({luck("round", beacon * 32, *numbers) for beacon in ("ab", "cd") for numbers in ((3, 4), (4, 3))}) == 4
+    assert len({luck("round", seed * 32, *numbers) for seed in ("ab", "cd") for numbers in ((3, 4), (4, 3))}) == 4
 
 
 def test_an_opponent_plays_what_started_last() -> None:

@@ -1,4 +1,4 @@
-"""Optima and the frontier of the restricted Nash objective, and rounds whose games and opponents follow from the beacon."""
+"""Optima and the frontier of the restricted Nash objective, and rounds whose games and opponents follow from a seed."""
 
 import dataclasses
 import json
@@ -55,9 +55,7 @@ OMNISCIENT: dict[str, Any] = {
     "exploit-v0": exploit,
     "exploit-entrance-v0": exploit,
     "equilibrium-v0": equilibrium,
-    "equilibrium-entrance-v0": equilibrium,
     "adapt-v0": adapt,
-    "adapt-entrance-v0": adapt,
     "offline-v0": offline,
     "evaluate-v0": valued,
 }
@@ -73,34 +71,36 @@ def test_who_knows_what_is_hidden_reaches_the_optimum(name: str) -> None:
     assert (arena.game.recovery is not None) == task.recovery == ("position of the receiver" in task.hidden)
 
 
-BEACONS = ("5" * 64, "6" * 64)
+SEEDS = ("5" * 64, "secret")
 
 
-def arena(task: str, split: Split, beacon: str | None = None) -> Arena:
-    return arena_of(TASKS[task], reduced_model(), split, quick=True, beacon=beacon)
+def arena(task: str, split: Split, seed: str | None = None) -> Arena:
+    return arena_of(TASKS[task], reduced_model(), split, quick=True, seed=seed)
 
 
 @pytest.mark.parametrize(
     ("task", "method"),
     [("exploit-entrance-v0", "minimax"), ("offline-v0", "clone"), ("equilibrium-v0", "random"), ("evaluate-v0", "model")],
 )
-def test_a_round_follows_from_the_beacon(task: str, method: str, tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match="needs its 64"):
+def test_a_round_follows_from_its_seed(task: str, method: str, tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match="name it with --seed"):
         arena(task, "round")
-    folder = run(task, method, tmp_path / "run", split="round", beacon=BEACONS[0])
-    assert verified(folder, beacon=BEACONS[0]).refused == []
-    assert verified(folder, beacon=BEACONS[1]).refused
-    row = summary(folder, BEACONS[0])
-    assert row["game"] == arena(task, "round", BEACONS[0]).base
+    folder = run(task, method, tmp_path / "run", split="round", seed=SEEDS[0])
+    assert verified(folder, SEEDS[0]).refused == []
+    assert verified(folder, SEEDS[1]).refused
+    assert summary(folder, SEEDS[0])["game"] == arena(task, "round", SEEDS[0]).base
 
 
 def test_opponents_and_games_of_a_round_are_drawn(tmp_path: Path) -> None:
-    cases = TASKS["exploit-v0"].all_cases(arena("exploit-v0", "round", BEACONS[0]))
-    one, other = (opponent_of(arena("exploit-v0", "round", beacon), cases[0]) for beacon in BEACONS)
+    drawn = [arena("exploit-v0", "round", seed) for seed in SEEDS]
+    case = TASKS["exploit-v0"].all_cases(drawn[0])[0]
+    one, other = (opponent_of(each, case) for each in drawn)
     assert one.hash != other.hash
     assert one.game.hash != other.game.hash
+    assert all(each.game.recovery is not None for each in drawn)
+    golden.check("drawn_game", {"round": golden.weighted_sum(drawn[0].game.threshold.astype(float))})
     with pytest.raises(SuiteError, match="this game is drawn"):
-        run("exploit-v0", "ppo", tmp_path / "run", split="round", beacon=BEACONS[0])
+        run("exploit-v0", "ppo", tmp_path / "run", split="round", seed=SEEDS[0])
 
 
 def test_the_shipped_game_does_not_answer_a_drawn_one() -> None:
@@ -117,9 +117,9 @@ def test_the_shipped_game_does_not_answer_a_drawn_one() -> None:
 
 def test_perfect_play_of_the_shipped_game_is_weak_in_drawn_ones() -> None:
     """A table of answers beside the code is no rank in ``equilibrium`` either."""
-    task = TASKS["equilibrium-entrance-v0"]
+    task = TASKS["equilibrium-v0"]
     shipped = arena_of(task, reduced_model(), "test", budget=10**6).policy("minimax")
-    drawn = arena_of(task, reduced_model(), "round", budget=10**6, beacon=BEACONS[0])
+    drawn = arena_of(task, reduced_model(), "round", budget=10**6, seed=SEEDS[0])
     outcome = Outcome(policies={"player": dataclasses.replace(shipped, game=drawn.game)})
     assert task.score(drawn, task.cases(drawn)[0], 0, outcome)["exploitability"] > 2
 
@@ -184,5 +184,5 @@ def test_neither_perfect_play_nor_a_best_response_is_the_best_player(method: str
 def test_the_command_prints_a_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(("frontier", "exploit-entrance-v0", "--opponent", "safe", "--game", reduced_model(), "--json")) == 0
     assert set(json.loads(capsys.readouterr().out)[0]) == {"p", "score", "exploitability", "gain"}
-    assert main(("frontier", "text-v0", "--opponent", "bc", "--game", reduced_model())) == 1
+    assert main(("frontier", "adapt-v0", "--opponent", "bc", "--game", reduced_model())) == 1
     assert "exploit-v0 has" in capsys.readouterr().err

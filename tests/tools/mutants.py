@@ -48,30 +48,25 @@ from tests.tools import instrumentation
 from tests.tools.mutations import ROOT, Mutant, mutants
 
 Module = Literal[
-    "analysis", "base", "coach", "commands", "data", "dynamics", "env", "exact", "game", "kernel", "league", "pages", "policy",
-    "recording", "scene", "staging", "suite", "training", "watch",
+    "base", "commands", "data", "dynamics", "env", "exact", "game", "kernel", "league", "policy",
+    "recording", "reports", "scene", "staging", "suite", "training", "watch",
 ]  # fmt: skip
 TESTS: Final[dict[str, tuple[str, ...]]] = {
-    "analysis": (
-        *("analysis", "coach", "data/test_simulated_strokes.py", "exact/test_exact_commands.py", "league/test_pair_league.py"),
-        *("suite/test_offline.py", "watch/test_matches.py"),
-    ),
-    "base": ("package", "data", "recording", "policy", "league", "coach", "watch", "training/test_run_faults.py"),
-    "coach": ("coach", "analysis"),
+    "base": ("package", "data", "recording", "policy", "league", "reports", "watch", "training/test_run_faults.py"),
     "commands": (
         "package",
         "data",
         "recording",
-        "coach",
+        "reports",
         "exact/test_exact_commands.py",
         "league",
         "training/test_training_runs.py",
     ),
-    "data": ("data", "analysis", "dynamics"),
-    "dynamics": ("dynamics", "data", "policy", "coach/test_advice.py"),
+    "data": ("data", "reports", "dynamics"),
+    "dynamics": ("dynamics", "data", "policy", "reports/test_advice.py"),
     "env": ("env", "suite", "policy"),
     "kernel": ("kernel", "env", "suite"),
-    "pages": ("coach", "league", "package", "analysis"),
+    "reports": ("reports", "exact/test_exact_commands.py", "league", "package", "watch/test_matches.py"),
     "recording": ("recording", "training/test_training_runs.py", "league"),
     "scene": ("scene", "watch"),
     "staging": ("staging", "scene"),
@@ -94,7 +89,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
 CORE: Final = tuple(
     f"shuttle_marl/{name}"
     for name in (
-        *("game/", "kernel/", "env/", "exact/", "recording/", "data/readers/", "data/strict_csv.py", "data/own.py"),
+        *("game/", "kernel/", "env/", "exact/", "recording/", "data/readers/", "data/sheet.py", "data/own.py"),
         *("league/ratings.py", "league/ranking.py"),
     )
 )

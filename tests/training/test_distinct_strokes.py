@@ -13,7 +13,8 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig
-from shuttle_marl.training.learner import Observer, RallyCollector, minibatches, normalised, weighted_sums
+from shuttle_marl.training.distinct import minibatches, normalised, weighted_sums
+from shuttle_marl.training.learner import Observer, RallyCollector
 from shuttle_marl.training.networks import logit_network, make_actor, make_critic, make_q_network
 from shuttle_marl.training.sac import SAC
 
@@ -97,9 +98,8 @@ def test_the_gradient_over_distinct_states_is_that_over_all_strokes(
 def test_the_gradient_of_sac_is_that_over_all_strokes(opponent: tuple[str, ...]) -> None:
     torch.manual_seed(0)
     config = SACConfig(opponent=opponent, batch=2048, width=8)
-    learner = SAC(config, GAME)
-    collector = RallyCollector(config, GAME, [] if config.self_play else [BC], learner.predict, distinct=False)
-    drawn, observer = collector.collect(), Observer(GAME, "cpu")
+    learner = SAC(config, GAME, [] if config.self_play else [BC])
+    drawn, observer = learner.collect(), Observer(GAME, "cpu")
     ours = learner.loss
     found = learner.terms(drawn)
     names = ("loss_qvalue", "loss_actor", "loss_alpha")

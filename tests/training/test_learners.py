@@ -1,4 +1,4 @@
-"""Parts of learners: means, learning rates, references of self-play, checkpoints and imitation."""
+"""Parts of learners: learning rates, references of self-play, checkpoints and imitation."""
 
 import math
 from pathlib import Path
@@ -13,33 +13,11 @@ from torch import nn
 from shuttle_marl.base import runs
 from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.learner import (
-    Mean,
-    check_finite,
-    set_learning_rate,
-)
-from shuttle_marl.training.networks import DivergedError, imitate, make_actor, tabulated
-from shuttle_marl.training.run import last_checkpoint, save_checkpoint
+from shuttle_marl.training.checkpoints import last_checkpoint, save_checkpoint
+from shuttle_marl.training.learner import set_learning_rate
+from shuttle_marl.training.networks import imitate, make_actor, tabulated
 from shuttle_marl.training.self_play import ReferencePolicy
 from tests.exact.exact_games import tiring_game
-
-
-def test_means_over_gradient_steps() -> None:
-    mean = Mean("a", "b")
-    mean.add(TensorDict({"a": torch.tensor([1.0, 3]), "b": torch.tensor(1.0), "c": torch.tensor(math.nan)}, []))
-    mean.add(TensorDict({"a": torch.tensor(5.0), "b": torch.tensor(2.0)}, []))
-    assert mean.values() == {"a": 3.5, "b": 1.5}
-    for wrong in (math.nan, math.inf, -math.inf):
-        with pytest.raises(DivergedError, match=f"b became {wrong}"):
-            mean.add(TensorDict({"a": torch.tensor(1.0), "b": torch.tensor(wrong)}, []))
-
-
-def test_only_finite_floats_are_finite() -> None:
-    check_finite([torch.tensor([1.0, -1e30]), torch.tensor([1, 2]), torch.tensor([True])])
-    check_finite([])
-    for wrong in (math.nan, math.inf):
-        with pytest.raises(DivergedError, match="a weight is not finite"):
-            check_finite([torch.zeros(3), torch.tensor([0.0, wrong])])
 
 
 def test_learning_rates_fall_to_a_fiftieth() -> None:

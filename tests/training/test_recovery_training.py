@@ -14,7 +14,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training.config import SHARP, A2CConfig, PPOConfig
-from shuttle_marl.training.learner import Observer, RallyCollector, Trainer
+from shuttle_marl.training.learner import Callback, Learner, Observer
 from shuttle_marl.training.networks import LegalStrokes, decision_masks, logit_network, make_actor, weights_of
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run import tempered
@@ -84,12 +84,19 @@ def test_a_network_waits_as_its_table() -> None:
 @pytest.mark.parametrize("variant", ["plain", "magnet", "emagnet"])
 def test_ppo_takes_steps_on_strokes_and_positions(variant: str, tmp_path: Path) -> None:
     config = PPOConfig(opponent=("self",), variant=variant, batch=2000, strokes=6000, width=16, out=tmp_path)  # type: ignore[arg-type]
+    logged: list[dict[str, float]] = []
+
+    class Log(Callback):
+        def learned(self, learner: Learner, losses: dict[str, float]) -> None:
+            logged.append(losses)
+
     learner = PPO(config, GAME)
-    trainer = Trainer(learner, RallyCollector(config, GAME, [], learner.predict, distinct=True))
-    for _ in range(2):
-        losses = trainer.iterate(1.0)
+    for remaining in (1.0, 0.5):
+        learner.iterate(remaining, Log())
+    for losses in logged:
         assert np.isfinite(list(losses.values())).all()
         assert (losses["loss_entropy"] == 0) == (variant == "emagnet")
+    assert len(logged) == learner.iteration == 2
 
 
 def test_torchrl_environments() -> None:

@@ -10,7 +10,6 @@ from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.game import default_game, tabulate
 from shuttle_marl.policy import resolve
 from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.learner import RallyCollector
 from shuttle_marl.training.networks import make_actor, set_temperature
 from shuttle_marl.training.ppo import PPO
 
@@ -21,13 +20,13 @@ SEED, STROKES = 7, 400
 @pytest.mark.parametrize("opponent", ["bc", "minimax"])
 def test_training_collects_the_rallies_of_a_torchrl_collector_over_the_environment(opponent: str) -> None:
     torch.manual_seed(1)
-    learner = PPO(PPOConfig(batch=STROKES), GAME)
+    learner = PPO(PPOConfig(batch=STROKES), GAME, [tabulate(resolve(opponent, GAME), GAME)])
     actor = make_actor(GAME, width=learner.config.width, hidden=learner.config.hidden, log_prob=False)
     actor.load_state_dict(learner.actor.state_dict())
     # So sharp that it plays its likeliest stroke: whose random number chooses then makes no difference.
     for network in (actor, learner.actor):
         set_temperature(network, 1e-6)
-    ours = RallyCollector(learner.config, GAME, [tabulate(resolve(opponent, GAME), GAME)], learner.predict, distinct=True)
+    ours = learner.collector
     assert isinstance(ours, BaseCollector)
     ours.set_seed(SEED)
     ours.collect()

@@ -11,8 +11,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.decisions import Rating, rated
-from shuttle_marl.analysis.marks import basis_of
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.watch import MatchOptions
 from shuttle_marl.exact import evaluate
@@ -26,6 +24,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
+from shuttle_marl.reports.rating import Rating, rater_of
 from shuttle_marl.staging import Motion
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
@@ -250,7 +249,7 @@ def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
             seat_0 = striker if seat == 0 else (1 - striker[0], 1 - striker[1])
             assert (entry.win, entry.chosen) == pytest.approx(seat_0, abs=1e-4)
             assert 0 <= entry.match <= 1
-            judged, rank = basis_of(game).judged(np.array([state])), int(game.rank(state, int(rally.stroke[i])))
+            judged, rank = rater_of(game).rated(np.array([state])), int(game.rank(state, int(rally.stroke[i])))
             question = judged.question(rank)
             assert (entry.mark, entry.question is None) == (judged.marks[rank], question is None)
             if question is not None:
@@ -346,7 +345,7 @@ def test_decisions_are_rated_by_their_quality(tables: PolicyTables) -> None:
     assert all(0 < score <= 1 for score in scores)
     request = messages.RatingRequest(id=0, points=1500, deviation=350, volatility=0.06, scores=scores)
     found = replied(answers, request, messages.RatingReply)
-    expected = rated(Rating(), scores)
+    expected = Rating().after(scores)
     assert (found.points, found.deviation, found.interval) == (expected.points, expected.deviation, expected.interval)
 
 

@@ -15,9 +15,9 @@ import pytest
 from shuttle_marl.commands.watch import GAME
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.league import LeagueConfig, run_league
-from shuttle_marl.pages.languages import LANGUAGES, Language, Texts
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
+from shuttle_marl.reports.languages import LANGUAGES, Language, Texts
 from shuttle_marl.watch.building import SOURCE
 from shuttle_marl.watch.plan import DUEL, LADDER
 from tests.watch.conftest import Viewer, serving

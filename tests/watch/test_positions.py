@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.rally import legal_states
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
@@ -16,6 +15,7 @@ from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
+from shuttle_marl.reports.rally import legal_states
 from shuttle_marl.watch import WatchError, match, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match import CourtRally, Match

@@ -6,12 +6,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from shuttle_marl.analysis.rally import legal_states
 from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import game_of_people, pair_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports.rally import legal_states
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match import Match

@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from docs.tools.wire_types import TARGET, wire_types
-from shuttle_marl.pages.languages import current
+from shuttle_marl.reports.languages import current
 from shuttle_marl.staging.motion import from_parents
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.messages import OptionsReply, RallyRequest, decode_request, encode_reply, request_id

@@ -25,6 +25,7 @@ from shuttle_marl.commands.watch import TagOptions
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
+from shuttle_marl.data.tagging import TaggingError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.scoring import BWF
@@ -402,7 +403,7 @@ def test_after_a_full_disk_tagging_continues(tmp_path: Path, written: int, monke
 def test_a_journal_of_another_kind_is_refused(tmp_path: Path) -> None:
     journal = tmp_path / "match.inputs.jsonl"
     journal.write_bytes(seal({"input": 3}, indent=None))
-    with pytest.raises(WatchError, match=r"3 is no input; move it away, and match.csv too, and begin again"):
+    with pytest.raises(TaggingError, match=r"3 is no input; move it away, and match.csv too, and begin again"):
         tag_file(tmp_path)
     journal.write_bytes(b"x\n")
     with pytest.raises(RunError, match=r"line 1 is damaged .*; move it away, and match.csv too"):
@@ -453,7 +454,7 @@ def test_a_table_that_a_spreadsheet_saved(tmp_path: Path) -> None:
         assert out.read_text(encoding="utf-8") == saved + saved.split("\n")[1] + "\n"
     for content in (saved.encode("cp1252", "replace"), saved.replace(",", ";").encode()):
         out.write_bytes(content)
-        with pytest.raises(WatchError, match="another program saved it with other columns"):
+        with pytest.raises(TaggingError, match="another program saved it with other columns"):
             TagFile(video, out)
 
 
@@ -467,7 +468,7 @@ def test_files_that_are_not_ours_are_not_touched(tmp_path: Path) -> None:
         (TagOptions(tag=video, out=tmp_path / "new.parquet"), "ends in .csv"),
         (TagOptions(tag=video), "belong together"),
     ):
-        with pytest.raises(WatchError, match=says):
+        with pytest.raises((WatchError, TaggingError), match=says):
             options.open()
     assert out.read_text() == "mine\n"
     with pytest.raises(msgspec.ValidationError):  # no formula gets into the table

@@ -1,20 +1,18 @@
 """Readers of the files of other programs, one module a format; the format is recognised by the content.
 
-Each gives a table of text, with headers and words of any language (:mod:`shuttle_marl.data.words`), which
-:mod:`shuttle_marl.data.own` checks and converts.
+Each gives a table of text, a :class:`~shuttle_marl.data.sheet.Sheet`, with headers and words of any language
+(:mod:`shuttle_marl.data.words`), which :func:`shuttle_marl.data.own.clean` checks and converts.
 """
 
 from pathlib import Path
 
 from shuttle_marl.data.column_map import ColumnMap
+from shuttle_marl.data.problems import DataError
 from shuttle_marl.data.readers import badminton_db, elan, pipeline, shuttleset_game, sportscode, tree
-from shuttle_marl.data.readers.reading import Reading
-from shuttle_marl.data.strict_csv import DataError, StrictCsv, read_content
-
-__all__ = ["Reading", "read"]
+from shuttle_marl.data.sheet import Sheet, read_content, read_csv
 
 
-def read(path: Path, given: ColumnMap) -> Reading:
+def read(path: Path, given: ColumnMap) -> Sheet:
     """Read a file of any format; ``given``: the user's column map.
 
     Raises:
@@ -35,9 +33,6 @@ def read(path: Path, given: ColumnMap) -> Reading:
     if start[:4] == b"PK\x03\x04":
         raise DataError(path, "a spreadsheet or an archive; save the sheet as CSV in UTF-8")
     if given.columns:
-        sheet = StrictCsv(path, list(given.columns.values()), delimiter=given.delimiter or ",", decimal=given.decimal)
-    else:
-        sheet = StrictCsv(path, (), delimiter=given.delimiter or None, decimal=given.decimal)
-        if shuttleset_game.recognises(sheet.header):
-            return shuttleset_game.read(path, sheet)
-    return Reading(format="CSV", sheet=sheet, source="own matches", strict=True)
+        return read_csv(path, given.columns.values(), delimiter=given.delimiter or ",", decimal=given.decimal)
+    sheet = read_csv(path, delimiter=given.delimiter or None, decimal=given.decimal)
+    return shuttleset_game.read(path, sheet) if shuttleset_game.recognises(sheet.header) else sheet

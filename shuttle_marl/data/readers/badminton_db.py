@@ -2,13 +2,14 @@
 
 import dataclasses
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.data.column_map import WINNERS
-from shuttle_marl.data.readers.reading import Reading, sheet_of
+from shuttle_marl.data.problems import DataError
 from shuttle_marl.data.readers.tree import text
-from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.sheet import Sheet
 
 SEATS: Final = ("T1P1", "T2P1")
 ENDINGS: Final = {
@@ -50,7 +51,7 @@ def recognises(value: Any) -> bool:
     return bool(points) and isinstance(points, list) and isinstance(points[0], dict) and "PointInfo" in points[0]
 
 
-def read(path: Path, content: bytes, value: Any) -> Reading:
+def read(path: Path, content: bytes, value: Any) -> Sheet:
     """Read a file.
 
     Raises:
@@ -83,16 +84,18 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
             raise DataError(path, f"{name}: no point of BadmintonDB ({type(error).__name__}: {error})") from error
         points.append(found)
-    reading = reading_of(path, content, points, "BadmintonDB JSON", "stroke")
+    sheet = sheet_of(path, content, points, format="BadmintonDB JSON", unit="stroke")
     for at, what in told:
-        reading.sheet.warn([at - 1], what)
-    return reading
+        sheet.warn([at - 1], what)
+    return sheet
 
 
-def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit: str, lost: tuple[str, ...] = ()) -> Reading:
+def sheet_of(
+    path: Path, content: bytes, points: list[Point], lost: Sequence[str] = (), inferred: Sequence[str] = (), **about: Any
+) -> Sheet:
     """The table of the strokes of points."""
     told = _FILE.fullmatch(path.stem)
-    people = told.groups()[1:] if told else SEATS
+    discipline, *people = told.groups() if told else ("", *SEATS)
     entries, places, doubted = list[dict[str, str]](), list[int](), list[tuple[int, str]]()
     number = game = 0
     for point, following in zip(points, [*points[1:], None], strict=True):
@@ -103,33 +106,31 @@ def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit:
         for i, (seat, seconds, kind, place) in enumerate(point.strokes):
             backhand = _BACKHAND.fullmatch(kind)
             shot = backhand[1] if backhand else kind
-            entry = {"shot": "unknown" if shot.strip("*").upper() in ("", "FAULT", "ERROR-TIER") or seat is None else shot}
-            entry |= {"game": str(game), "rally": str(number), "stroke": str(i + 1)}
-            entry["seconds"] = "" if seconds is None else f"{seconds:.3f}"
-            entry |= {"technique": "backhand" if backhand else "forehand", "discipline": told[1] if told else ""}
             own = i % 2 if seat is None else seat
-            entry |= {"player": people[own], "opponent": people[1 - own]}
+            known = seat is not None and shot.strip("*").upper() not in ("", "FAULT", "ERROR-TIER")
+            entry = {"shot": shot if known else "unknown", "technique": "backhand" if backhand else "forehand"}
+            entry |= {"game": str(game), "rally": str(number), "stroke": str(i + 1)}
+            entry |= {"player": people[own], "opponent": people[1 - own]} | ({"discipline": discipline} if told else {})
+            entry["seconds"] = "" if seconds is None else f"{seconds:.3f}"
             if after is not None:
                 entry |= {"points": str(after[own]), "points_opponent": str(after[1 - own])}
             if i == len(point.strokes) - 1:
                 # Who won follows from the score; a cause that contradicts it is another one.
                 ending = ENDINGS.get(point.cause.lower(), "unknown")
-                agrees = won is None or (ending in WINNERS) == (won == seat)
-                entry["ending"] = ending if agrees else "unknown"
-                if point.cause and (ending == "unknown" or not agrees):
+                if won is not None and (ending in WINNERS) != (won == seat):
+                    ending = "unknown"
+                if point.cause and ending == "unknown":
                     doubted.append((len(entries), f"cause {point.cause!r:.50} is unknown, or contradicts who won by the score"))
-                entry["winner"] = "" if won is None else people[won]
+                entry |= {"ending": ending, "winner": "" if won is None else people[won]}
             entries.append(entry)
             places.append(place)
-    if told is None:
-        lost += ("names of the players: the file is not named as the published ones",)
-        for entry in entries:
-            del entry["discipline"]
-    inferred = ("players and discipline from the name of the file",) if told else ()
-    sheet = sheet_of(path, content, entries, places, unit)
+    unnamed = [] if told else ["names of the players: the file is not named as the published ones"]
+    by_name = ["players and discipline from the name of the file"] if told else []
+    about |= {"source": "BadmintonDB", "lost": [*_LOST, *lost, *unnamed], "inferred": [*by_name, *inferred]}
+    sheet = Sheet.of(path, content, entries, places, **about)
     for row, what in doubted:
         sheet.warn([row], what)
-    return Reading(format=name, sheet=sheet, source="BadmintonDB", lost=_LOST + lost, inferred=inferred)
+    return sheet
 
 
 def after_cause(point: Point) -> tuple[int, int] | None:

@@ -5,7 +5,6 @@ files a tier is a column, in any language: one of strokes, and further ones, of 
 a stroke.
 """
 
-import dataclasses
 import itertools
 import re
 import xml.etree.ElementTree as ET
@@ -14,14 +13,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from shuttle_marl.data.problems import DataError
 from shuttle_marl.data.readers import badminton_db
 from shuttle_marl.data.readers.badminton_db import ENDINGS, Point
-from shuttle_marl.data.readers.reading import Reading, sheet_of, spans_around
-from shuttle_marl.data.readers.tree import line_of, text_of
-from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.readers.tree import line_of, spans_around, text_of
+from shuttle_marl.data.sheet import Sheet
 from shuttle_marl.data.words import Words, bare
 
 ROOT: Final = "ANNOTATION_DOCUMENT"
+_OF_BADMINTON_DB: Final = {"points": "score", "servereceive": "service", "servicereceive": "service"}
 _OF_ANOTHER: Final = "REF_ANNOTATION"
 _DEEPEST: Final = 20
 """Levels of tiers whose annotations belong to other ones."""
@@ -50,7 +50,7 @@ Tier = list[Annotation]
 """Annotations in order of time."""
 
 
-def read(path: Path, content: bytes, root: ET.Element) -> Reading:
+def read(path: Path, content: bytes, root: ET.Element) -> Sheet:
     """Read a file.
 
     Raises:
@@ -59,32 +59,28 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
     inferred = list[str]()
     tiers = _tiers(path, root, inferred)
     words = Words("column", tiers)
-    columns: dict[str, Tier] = {}
-    names: dict[str, str] = {}
+    named: dict[str, str] = {}
     for name, annotations in tiers.items():
-        meaning = {"points": "score", "servereceive": "service", "servicereceive": "service"}.get(bare(name), words.meaning(name))
-        if meaning and annotations and meaning not in columns:
-            columns[meaning], names[meaning] = annotations, name
-    strokes = columns.pop("shot", None) or columns.pop("stroke", [])
+        if annotations and (meaning := _OF_BADMINTON_DB.get(bare(name), words.meaning(name))):
+            named.setdefault(meaning, name)
+    columns = {meaning: tiers[name] for meaning, name in named.items()}
+    strokes = columns.get("shot") or columns.get("stroke", [])
     if not strokes or not {"player", "score"} & columns.keys():
         expected = "Strokes, and Points or Player"
         raise DataError(path, f"tiers {', '.join(map(repr, tiers)) or 'none'}; expected {expected}, with annotations")
     of_badminton_db = "player" not in columns
-    used = {
-        names[meaning]
-        for meaning in ("shot", "stroke", *(("score", "service") if of_badminton_db else columns))
-        if meaning in names
-    }
-    unread = ", ".join([repr(name) for name, annotations in tiers.items() if annotations and name not in used][:20])
-    lost: tuple[str, ...] = (f"tiers that are no columns here, or another one of the same meaning: {unread}",) if unread else ()
+    used = {named[name] for name in (("shot", "stroke", "score", "service") if of_badminton_db else named) if name in named}
+    unread = [repr(name) for name, annotations in tiers.items() if annotations and name not in used][:20]
+    lost = [f"tiers that are no columns here, or another one of the same meaning: {', '.join(unread)}"] if unread else []
     if of_badminton_db:
         points = _points(path, columns["score"], strokes, columns.get("service", []))
-        lost += () if columns.get("service") else ("who served first: the first player of the file",)
-        reading = badminton_db.reading_of(path, content, points, "BadmintonDB ELAN", "line", lost)
-        return dataclasses.replace(reading, inferred=(*reading.inferred, *inferred))
+        lost += [] if columns.get("service") else ["who served first: the first player of the file"]
+        return badminton_db.sheet_of(path, content, points, lost, inferred, format="BadmintonDB ELAN")
     middles = [(stroke.start + stroke.end) / 2 for stroke in strokes]
     entries: list[dict[str, str]] = [{} for _ in strokes]
     for name, annotations in columns.items():
+        if annotations is strokes:
+            continue
         spans = spans_around([annotation[:2] for annotation in annotations], middles)
         of_stroke = {annotation.parent: number for number, annotation in enumerate(annotations, 1) if annotation.parent}
         for entry, stroke, number in zip(entries, strokes, spans, strict=True):
@@ -93,18 +89,8 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
                 entry[name] = str(number) if name in ("rally", "game") and not told else told
     for entry, stroke in zip(entries, strokes, strict=True):
         entry |= {"shot": stroke.value, "seconds": f"{stroke.start:.3f}"}
-    sheet = sheet_of(path, content, entries, [stroke.line for stroke in strokes])
-    return Reading(format="ELAN", sheet=sheet, source="ELAN", lost=lost, inferred=tuple(inferred))
-
-
-def _offset(root: ET.Element, inferred: list[str]) -> float:
-    """What times in the video are later than in the file [s]: of the first one, if there are several."""
-    media = list(root.iter("MEDIA_DESCRIPTOR"))
-    offsets = [int(each.get("TIME_ORIGIN") or 0) / 1000 for each in media]
-    if any(offsets):
-        several = "" if len(set(offsets)) == 1 else f", the first of {len(media)} files with other offsets"
-        inferred.append(f"times in the video: {offsets[0]:g} s later than in ELAN (TIME_ORIGIN){several}")
-    return offsets[0] if offsets else 0.0
+    lines = [stroke.line for stroke in strokes]
+    return Sheet.of(path, content, entries, lines, format="ELAN", source="ELAN", lost=lost, inferred=inferred)
 
 
 def _tiers(path: Path, root: ET.Element, inferred: list[str]) -> dict[str, Tier]:
@@ -113,9 +99,13 @@ def _tiers(path: Path, root: ET.Element, inferred: list[str]) -> dict[str, Tier]
         units = {header.get("TIME_UNITS", "milliseconds") for header in root.iter("HEADER")}
         if units - {"milliseconds"}:
             raise ValueError(f"times in {', '.join(units):.50}; expected milliseconds")
-        offset = _offset(root, inferred)
+        offsets = [int(each.get("TIME_ORIGIN") or 0) / 1000 for each in root.iter("MEDIA_DESCRIPTOR")] or [0.0]
+        if any(offsets):
+            several = "" if len(set(offsets)) == 1 else f", the first of {len(offsets)} files with other offsets"
+            inferred.append(f"times in the video: {offsets[0]:g} s later than in ELAN (TIME_ORIGIN){several}")
         slots = {
-            slot.attrib["TIME_SLOT_ID"]: float(slot.get("TIME_VALUE", "nan")) / 1000 + offset for slot in root.iter("TIME_SLOT")
+            each.attrib["TIME_SLOT_ID"]: float(each.get("TIME_VALUE", "nan")) / 1000 + offsets[0]
+            for each in root.iter("TIME_SLOT")
         }
         found: dict[str, Annotation] = {}
         tiers = {tier.attrib["TIER_ID"]: _aligned(tier, slots, found, inferred) for tier in root.iter("TIER")}
@@ -180,18 +170,17 @@ def _points(path: Path, scores: Tier, strokes: Tier, service: Tier) -> list[Poin
         found = _SCORE.fullmatch(value)
         if found is None:
             raise DataError(path, f"point {value[:50]!r}; expected the score before it, such as 3:5", line=line)
-        point = Point(before=(int(found[1]), int(found[2])), game=points[-1].game if points else 1)
+        point = Point(before=(int(found[1]), int(found[2])), game=1)
         if points:
             last = points[-1]
-            point.game += sum(point.before) < sum(last.before)
+            point.game = last.game + (sum(point.before) < sum(last.before))
             gained = [now - before for now, before in zip(point.before, last.before, strict=True)]
             if point.game == last.game and sorted(gained) == [0, 1]:
                 server = gained.index(1)
             elif (after := badminton_db.after_cause(last)) is not None:
                 server = int(after[1] > last.before[1])
-        for each in service:
-            if start <= each.start < end and (named := _SERVER.search(each.value)):
-                server = int(named[1]) - 1
+        named = [told for each in service if start <= each.start < end and (told := _SERVER.search(each.value))]
+        server = int(named[-1][1]) - 1 if named else server
         turn: int | None = server
         while at < len(strokes) and strokes[at].start < end:
             stroke, at = strokes[at], at + 1

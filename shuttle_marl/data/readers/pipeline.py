@@ -13,10 +13,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from shuttle_marl.data.ends import EXCHANGED, OF_ONE_GAME, UNKNOWN, at_ends, end_of, ends_in
-from shuttle_marl.data.readers.reading import Reading, sheet_of
+from shuttle_marl.data.people import UNKNOWN_END, at_ends, end_of, ends_in, ends_note
+from shuttle_marl.data.problems import DataError
 from shuttle_marl.data.readers.tree import text
-from shuttle_marl.data.strict_csv import DataError, Problem
+from shuttle_marl.data.sheet import Sheet
 from shuttle_marl.data.words import Words, bare
 
 Entry = dict[str, str]
@@ -31,7 +31,7 @@ _MOST_KEYS: Final = 20
 """Keys that a message lists."""
 
 
-def read(path: Path, content: bytes, value: Any) -> Reading:
+def read(path: Path, content: bytes, value: Any) -> Sheet:
     """Read a file.
 
     Raises:
@@ -59,18 +59,13 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
     for keys, why in ((found.unread, "keys that are no columns here"), (found.shifts, shifts)):
         if keys:
             lost.append(f"{why}: {', '.join(map(repr, sorted(keys)[:_MOST_KEYS]))}")
-    sheet = sheet_of(path, content, entries, range(1, len(entries) + 1), "stroke")
-    sheet.others = found.others
+    about: dict[str, Any] = {"format": "JSON of a video pipeline", "source": "video pipeline", "unit": "stroke"}
+    about |= {"lost": lost, "inferred": [*dict.fromkeys(inferred)], "others": found.others}
+    sheet = Sheet.of(path, content, entries, range(1, len(entries) + 1), **about)
     if found.twice:
         listed = ", ".join(map(repr, sorted(found.twice)[:_MOST_KEYS]))
-        sheet.warnings.append(Problem(path, f"keys that mean the same as one before, with another value, are not read: {listed}"))
-    return Reading(
-        format="JSON of a video pipeline",
-        sheet=sheet,
-        source="video pipeline",
-        lost=tuple(lost),
-        inferred=tuple(dict.fromkeys(inferred)),
-    )
+        sheet.doubt(f"keys that mean the same as one before, with another value, are not read: {listed}")
+    return sheet
 
 
 def _rate(path: Path, told: str) -> float:
@@ -96,9 +91,9 @@ def _name(path: Path, ends: Mapping[str, str], strokes: list[Entry]) -> str:
         words = [strokes[k][column] for k in at]
         for k, name in zip(at, at_ends(ends, words, [games[k] for k in at], min(games)), strict=True):
             if not name:
-                raise DataError(path, f"{column} {strokes[k][column]!r} of game {games[k]}: {UNKNOWN}")
+                raise DataError(path, f"{column} {strokes[k][column]!r} of game {games[k]}: {UNKNOWN_END}")
             strokes[k][column] = name
-    return EXCHANGED if len(set(games)) > 1 else OF_ONE_GAME
+    return ends_note(games)
 
 
 class _Strokes:

@@ -8,11 +8,11 @@ game number the strokes within them.
 import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from shuttle_marl.data.readers.reading import Reading, sheet_of, spans_around
-from shuttle_marl.data.readers.tree import line_of, text_of
-from shuttle_marl.data.strict_csv import DataError, Problem
+from shuttle_marl.data.problems import DataError, Problem
+from shuttle_marl.data.readers.tree import line_of, spans_around, text_of
+from shuttle_marl.data.sheet import Sheet
 from shuttle_marl.data.words import Words
 
 INSTANCE: Final = "ALL_INSTANCES/instance"
@@ -20,7 +20,7 @@ _KINDS: Final = ("shot", "ending", "technique", "height", "area")
 """Kinds of words that labels without a group may be, the first ones first."""
 
 
-def read(path: Path, content: bytes, root: ET.Element) -> Reading:
+def read(path: Path, content: bytes, root: ET.Element) -> Sheet:
     """Read a file.
 
     Raises:
@@ -65,13 +65,11 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
             if number[i]:
                 entry.setdefault(name, str(number[i]))
         entries.append(entry)
-    sheet = sheet_of(path, content, entries, [line for _, _, line, _ in strokes])
-    sheet.others = others
-    sheet.warnings.extend(twice)
     lost = ["times of the strokes: those of the start of their instances, which may be earlier"]
     if unread:
         lost.append(f"labels that are no columns here: {', '.join(map(repr, sorted(unread)[:20]))}")
-    return Reading(format="Sportscode XML", sheet=sheet, source="Sportscode", lost=tuple(lost))
+    about: dict[str, Any] = {"format": "Sportscode XML", "source": "Sportscode", "lost": lost, "others": others}
+    return Sheet.of(path, content, entries, [line for _, _, line, _ in strokes], warnings=twice, **about)
 
 
 def _seconds(path: Path, instance: ET.Element, tag: str) -> float:

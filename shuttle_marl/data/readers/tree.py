@@ -1,12 +1,18 @@
-"""XML and JSON in bounded time and memory: no document type, so no entities and nothing from elsewhere; bounded depth."""
+"""What several readers share: XML and JSON in bounded time and memory, and which span of time a stroke lies in.
+
+XML has no document type, so no entities and nothing from elsewhere, and a bounded depth.
+"""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 from xml.parsers import expat
 
+import numpy as np
+
 from shuttle_marl.base.files import parsed
-from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.problems import DataError
 
 LINE: Final = "\N{NUMBER SIGN}line"
 """Attribute of each element: its line in the file, a name that no XML attribute has."""
@@ -75,3 +81,19 @@ def text(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.10g}" if isinstance(value, float) else str(value).strip() if isinstance(value, int | str) else ""
+
+
+def spans_around(spans: Sequence[tuple[float, float]], moments: Sequence[float]) -> list[int]:
+    """Number, from 1, of the last span that each moment lies in, 0 for none.
+
+    Args:
+        spans: start and end of each, in order of time.
+        moments: in any order.
+    """
+    order, number = np.argsort(moments), np.zeros(len(moments), dtype=np.int64)
+    times = np.asarray(moments)[order]
+    begins, ends = np.asarray(spans, dtype=np.float64).reshape(-1, 2).T
+    within = zip(np.searchsorted(times, begins), np.searchsorted(times, ends, "right"), strict=True)
+    for k, (first, end) in enumerate(within, 1):
+        number[order[first:end]] = k
+    return number.tolist()

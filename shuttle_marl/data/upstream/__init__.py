@@ -20,7 +20,7 @@ import urllib.parse
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path, PurePosixPath
-from typing import Final, Literal, get_args
+from typing import Final, Literal, cast, get_args
 
 import requests
 
@@ -58,6 +58,12 @@ def _text(name: str) -> str:
     return files(__name__).joinpath(name).read_text(encoding="utf-8")
 
 
+@functools.cache
+def _by_key(name: str) -> dict[str, str]:
+    """The groups of a JSON file: the name of the group by each of its names."""
+    return {key: group for group, keys in json.loads(_text(name)).items() for key in keys}
+
+
 def sha256_of(path: Path) -> str:
     """SHA-256 of the content of a file, hexadecimal."""
     with path.open("rb") as file:
@@ -75,33 +81,24 @@ def match_of(path: str) -> str | None:
     return None if folder in SOURCES.values() else folder.name
 
 
-@functools.cache
-def _by_match() -> dict[str, Split]:
-    names = json.loads(_text("splits.json"))
-    return {match: split for split in SPLITS for match in names[split]}
-
-
-@functools.cache
-def players() -> dict[str, str]:
-    """Discipline, ``MS`` or ``WS``, of every published player by identifier."""
-    names = json.loads(_text("players.json"))
-    return {player: kind for kind, group in names.items() for player in group}
-
-
 def split_of(match: str) -> Split | None:
     """Split of a match, None for an unpublished match."""
-    return _by_match().get(match)
+    return cast(Split | None, _by_key("splits.json").get(match))
 
 
 def matches_of(split: Split) -> Sequence[str]:
     """Names of the matches of a split."""
-    return [match for match, other in _by_match().items() if other == split]
+    return [match for match, other in _by_key("splits.json").items() if other == split]
+
+
+def discipline(player: str) -> str | None:
+    """``MS``, ``WS``, or None for an unpublished player."""
+    return _by_key("players.json").get(player)
 
 
 @functools.cache
 def _dates() -> dict[str, datetime.date]:
-    dates = json.loads(_text("dates.json"))
-    return {match: datetime.date.fromisoformat(date) for match, date in dates.items()}
+    return {match: datetime.date.fromisoformat(date) for match, date in json.loads(_text("dates.json")).items()}
 
 
 def date_of(match: str) -> datetime.date | None:
@@ -117,11 +114,6 @@ def date_of(match: str) -> datetime.date | None:
 def player_id(name: str) -> str:
     """Identifier of a player: ``chen-yufei`` for ``'CHEN Yufei'`` and ``'Chen, Yufei'``; without separators of command lines."""
     return "-".join(re.split(r"[\s.:@,=-]+", unicodedata.normalize("NFC", name.lower()).strip(" .:@,=-")))
-
-
-def discipline(player: str) -> str | None:
-    """``MS``, ``WS``, or None for an unpublished player."""
-    return players().get(player)
 
 
 _TIMEOUT: Final = (10.0, 30.0)

@@ -17,8 +17,9 @@ from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import TITLES, TournamentReport, cycles, meta_game, ranking, robustness
 from shuttle_marl.league.style import AXES, PEOPLE
 from shuttle_marl.league.tournament import PairResult
-from shuttle_marl.pages import Cell, Column, Table, charts, interval, name, number, percent, render, table
 from shuttle_marl.recording import Sampling
+from shuttle_marl.reports import charts
+from shuttle_marl.reports.html import Cell, Column, Table, interval, name, number, percent, render, table
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.regret import Hole, Holes

@@ -12,18 +12,17 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from shuttle_marl.analysis.tabular import cloned, normalised
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
-from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import best_response, restricted_response
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy, positions_of
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, position_shares, tabulate
-from shuttle_marl.policy.computed import best_response_policy, minimax_policy
+from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
 from shuttle_marl.suite.frontier import WEIGHT
+from shuttle_marl.suite.tabular import cloned, normalised
 
 TOLERANCE = 1e-4
 """Error bound of responses, far below the error of a model of the opponent."""
@@ -37,8 +36,6 @@ _SHRINK: Final = 6.0
 """Pseudo-observations of a position after each shot type."""
 _SHRINK_STROKES: Final = 8.0
 """Pseudo-observations of the coarser cell of a stroke."""
-_RECENT: Final = 120
-"""Rallies that count as recent."""
 _SPREAD: Final = 0.3
 """Standard deviation of a tilt, before anything is seen."""
 _LARGEST: Final = 3.0
@@ -90,7 +87,6 @@ class Population(Adapter):
 
     def __init__(self, setting: AdaptSetting, argument: str = "") -> None:
         super().__init__(setting, argument)
-        self.rng = np.random.default_rng(setting.seed)
         self.log_posterior = np.full(len(self.types), -np.log(len(self.types)))
 
     @property
@@ -118,27 +114,6 @@ class Population(Adapter):
         return found
 
 
-class Bayes(Population):
-    """The known response with the largest expected value under the posterior (Bard et al. 2013, implicit modelling)."""
-
-    def __init__(self, setting: AdaptSetting) -> None:
-        super().__init__(setting)
-
-    def policy_for_next_rally(self) -> TabulatedPolicy:
-        """One of the best responses to the known types."""
-        responses, values = responses_to(tuple(self.types))
-        return responses[int(np.argmax(values @ self.posterior))]
-
-
-class Thompson(Bayes):
-    """The best response to a known type drawn from the posterior (Thompson 1933)."""
-
-    def policy_for_next_rally(self) -> TabulatedPolicy:
-        """One of the best responses to the known types."""
-        responses, _ = responses_to(tuple(self.types))
-        return responses[int(self.rng.choice(len(self.types), p=self.posterior / self.posterior.sum()))]
-
-
 class PosteriorMean(Population):
     """The best response to the mean of the posterior, stroke by stroke."""
 
@@ -158,51 +133,12 @@ class Likeliest(Population):
         return self.types[int(self.log_posterior.argmax())]
 
 
-class CountsTyped(PosteriorMean):
-    """Response to shrunken counts of the opponent's choices around the mean of the posterior."""
-
-    p = WEIGHT
-
-    def estimate(self) -> StatePolicy:
-        """The counts."""
-        return counted(super().estimate(), self.seen)
-
-
-class Bandit(Adapter):
-    """UCB1 over the known responses, by the results of rallies alone (Auer, Cesa-Bianchi & Fischer 2002)."""
-
-    def __init__(self, setting: AdaptSetting) -> None:
-        super().__init__(setting)
-        self.won, self.number = np.zeros(len(self.types)), np.zeros(len(self.types))
-        self.arm = 0
-
-    def policy_for_next_rally(self) -> TabulatedPolicy:
-        """The response with the largest upper bound; untried ones count as half won in two rallies."""
-        total = self.number.sum() + 1
-        mean = (self.won + 1) / (self.number + 2)
-        self.arm = int(np.argmax(mean + np.sqrt(0.1 * np.log(total) / (self.number + 2))))
-        return responses_to(tuple(self.types))[0][self.arm]
-
-    def observe_rally(self, rally: PlayedRally) -> None:
-        """Count the result."""
-        self.won[self.arm] += rally.won
-        self.number[self.arm] += 1
-
-
 class Counts(Adapter):
     """Response to shrunken counts of the opponent's choices around bc."""
 
     def estimate(self) -> StatePolicy:
         """The counts."""
         return counted(self.bc, self.seen)
-
-
-class CountsRecent(Adapter):
-    """The same of the last rallies alone, for opponents that change."""
-
-    def estimate(self) -> StatePolicy:
-        """The counts."""
-        return counted(self.bc, self.seen[-_RECENT:])
 
 
 class Tilts(Adapter):
@@ -285,14 +221,6 @@ def mean_of(types: Sequence[TabulatedPolicy], weight: F64, *, least: float = 0.0
         parts = [share * positions_of(policy) for policy, share in zip(types, kept / kept.sum(), strict=True) if share]
         positions = np.sum(parts, axis=0)
     return PairPolicy(game=game, probability=weight @ chances(tuple(types)), positions=positions)
-
-
-@functools.lru_cache(maxsize=1)
-def responses_to(types: tuple[TabulatedPolicy, ...]) -> tuple[list[TabulatedPolicy], F64]:
-    """Best response to each type, and ``[responses, types]`` fraction of rallies that each wins against each."""
-    responses = [best_response_policy(each) for each in types]
-    odds = pair_odds([(response, each) for response in responses for each in types], tolerance=1e-6)
-    return responses, np.array([each.rally for each in odds]).reshape(len(responses), len(types))
 
 
 _ANSWERED: Final = ("bc", "attacking", "defensive", "safe")

@@ -9,9 +9,6 @@ the policy over that under the behaviour, and w the product over the rally:
   with rho_t of at most 10;
 - weighted doubly robust (Thomas & Brunskill 2016, arXiv 1604.00923): the sum over t of w_t (r_t - q(s_t, a_t)) + w_{t-1} v(s_t),
   with w_t the product of the ratios up to t over its mean over the rallies, those that are over with their last one;
-- MAGIC (Thomas & Brunskill 2016): the same up to a stroke and fitted values from there, blended over some strokes with the least
-  estimated mean square error; the bias is the distance from the 90 % interval of the weighted doubly robust estimate;
-- truncated (Ionides 2008): w of at most the root of the number of rallies;
 - density ratios (DICE; minimax weight learning, Uehara, Huang & Jiang 2020, arXiv 1910.12809): the ratio of visits is linear in
   indicators of incoming shot type, contact and own shot type, for which the equation of its flow has a solution in closed form;
 - fitted Q evaluation (Le, Voloshin & Yue 2019, arXiv 1903.08738), and the exact value in an estimated model.
@@ -22,10 +19,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
-from shuttle_marl.analysis.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q, pair_cells
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.profile import PairPolicy
@@ -33,13 +28,11 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.logs import Log, Transitions
 from shuttle_marl.suite.methods.learned import boosted_game
+from shuttle_marl.suite.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q, pair_cells
 
 _TOLERANCE = 1e-6
 _LARGEST = 10.0
 """Largest ratio of a stroke."""
-_BLENDED: Final = (0, 1, 2, 3, 5, 8, 1000)
-"""Numbers of own strokes after which fitted values continue; the last one is the whole rally."""
-_QUANTILE: Final = 1.645
 _RIDGE: Final = 1.0
 """Observations of each cell that change nothing."""
 
@@ -93,14 +86,6 @@ class WeightedImportanceSampling:
         return [float(((weight * won).sum() + data.idle_wins) / (weight.sum() + idle)) for weight in weights]
 
 
-class TruncatedImportanceSampling(_EachPolicy):
-    """Biased downwards, with a bounded variance."""
-
-    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
-        """Sum of the weights of rallies that were won."""
-        return float((np.minimum(rally_weights(data, policy), data.n_rallies**0.5) * data.won[data.first]).sum())
-
-
 class FittedQEvaluation(_EachPolicy):
     """Q-values of the policy, fitted to own transitions."""
 
@@ -121,16 +106,8 @@ class WeightedDoublyRobust(_EachPolicy):
     """The same with weights that add up to 1 at each stroke."""
 
     def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
-        """Sum of the whole returns of :func:`partial_returns`."""
-        return float(partial_returns(data, ratios(data, policy), *q_and_v(data, policy))[:, -1].sum())
-
-
-class Magic(_EachPolicy):
-    """A blend of weighted doubly robust estimation and fitted Q evaluation."""
-
-    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
-        """:func:`blended` returns."""
-        return blended(partial_returns(data, ratios(data, policy), *q_and_v(data, policy)))
+        """Sum of :func:`weighted_doubly_robust`."""
+        return float(weighted_doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)).sum())
 
 
 class Dice(_EachPolicy):
@@ -202,36 +179,16 @@ def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
     return value
 
 
-def partial_returns(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
-    """``[R, T + 1]`` what each rally adds to weighted doubly robust estimates of how many rallies are won; arguments as above.
-
-    Column t holds importance sampling of the first t own strokes and fitted values from there: the first is fitted Q evaluation,
-    the last the weighted doubly robust estimate.
-    """
+def weighted_doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
+    """``[R]`` what each rally adds to the weighted doubly robust estimate of how many are won; arguments as above."""
     start = np.flatnonzero(data.first)
     length = np.diff(np.append(start, len(data)))
-    found = np.zeros((len(start), int(length.max()) + 1))
     weight, before, value = np.ones(len(start)), np.ones(len(start)), np.zeros(len(start))
     for t in range(int(length.max())):
         going = length > t
         rows = start[going] + t
-        found[going, t] = value[going] + before[going] * v[rows]
-        found[~going, t] = value[~going]
         weight[going] *= rho[rows]
         share = weight / max(weight.mean(), np.finfo(np.float64).tiny)
         value[going] += share[going] * (data.reward[rows] - q[rows]) + before[going] * v[rows]
         before = share
-    found[:, -1] = value
-    return found
-
-
-def blended(partial: F64) -> float:
-    """The MAGIC estimate of how many of the rallies are won, from :func:`partial_returns` ``[R, T + 1]``."""
-    partial = partial[:, np.unique(np.minimum(_BLENDED, partial.shape[1] - 1))]
-    rallies, mean = len(partial), partial.mean(axis=0)
-    spread = np.atleast_2d(np.cov(partial, rowvar=False)) / rallies
-    bias = np.maximum(np.abs(mean - mean[-1]) - _QUANTILE * spread[-1, -1] ** 0.5, 0.0)
-    root = np.linalg.cholesky(spread + np.outer(bias, bias) + 1e-12 * np.eye(len(mean)))
-    # Least squares of weights that are not negative and add up to 1.
-    share, _ = nnls(np.vstack([root.T, np.ones(len(mean))]), np.append(np.zeros(len(mean)), 1.0))
-    return rallies * float(share @ mean / share.sum())
+    return value

@@ -1,4 +1,4 @@
-"""Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.analysis.tabular`), or with
+"""Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.suite.tabular`), or with
 boosted trees (LightGBM, Ke et al., NeurIPS 2017) instead of shrunken means.
 
 The argument of a name, as in ``fitted-q:8``, is the number of pseudo-observations of the coarser cell, or what the class says;
@@ -12,8 +12,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from shuttle_marl.analysis import tabular
-from shuttle_marl.analysis.tabular import SHRINK, best_of, cloned, fitted_q, greedy, shrunk_means
 from shuttle_marl.base.arrays import F64, I16, Floats, Ints
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import PairPolicy
@@ -23,16 +21,16 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import Log, Transitions
-from shuttle_marl.suite.offline import LogSetting
+from shuttle_marl.suite import tabular
+from shuttle_marl.suite.tabular import SHRINK, best_of, cloned, fitted_q, greedy, shrunk_means
+from shuttle_marl.suite.task import Setting
 
 _TOLERANCE = 1e-6
-_MEMBERS = 10
-"""Models of an ensemble."""
 
 
 @dataclasses.dataclass(frozen=True)
 class _Method:
-    setting: LogSetting
+    setting: Setting
     argument: str = str(SHRINK)
 
 
@@ -46,16 +44,6 @@ class Clone(_OwnStrokes):
     def fit(self, data: Transitions) -> PairPolicy:
         """The behaviour policy."""
         return PairPolicy(game=data.game, probability=cloned(data.game, data.pair, shrink=float(self.argument)))
-
-
-class CloneWon(Clone):
-    """Cloning of the rallies that were won (filtered cloning, Chen et al. 2021, arXiv 2106.01345, and Emmons et al. 2022)."""
-
-    def fit(self, data: Transitions) -> PairPolicy:
-        """The strokes of rallies that were won, shrunken towards all strokes."""
-        prior = cloned(data.game, data.pair)
-        chance = cloned(data.game, data.pair[data.won], shrink=float(self.argument), prior=prior)
-        return PairPolicy(game=data.game, probability=chance)
 
 
 class OneStep(_OwnStrokes):
@@ -88,17 +76,6 @@ class FittedQPessimistic(_OwnStrokes):
         penalty = float(self.argument) / np.sqrt(tabular.counts(game, data.pair) + 1)
         bound = fitted_q(data, best_of(game), fit=lambda target: shrunk_means(game, data.pair, target, prior=prior) - penalty)
         return greedy(game, bound)
-
-
-class AdvantageWeighted(_OwnStrokes):
-    """The clone, weighted by its advantages (AWR, Peng et al. 2019, arXiv 1910.00177); the argument is the temperature."""
-
-    def fit(self, data: Transitions) -> PairPolicy:
-        """The clone times the exponential of the Q-values of the clone."""
-        game, chance = data.game, cloned(data.game, data.pair)
-        q = fitted_q(data, tabular.expected_under(game, chance))
-        weight = chance * np.exp((q - q.max()) / float(self.argument))
-        return PairPolicy(game=game, probability=tabular.normalised(game, weight))
 
 
 class Bcq(_OwnStrokes):
@@ -147,20 +124,6 @@ class ModelPessimistic(_Method):
         """The exact best response in the pessimistic game."""
         penalty = float(self.argument) / np.sqrt(tabular.counts(log.game, log.pair[log.own]) + 1)
         return respond(log, tabular.estimated_game(log), SHRINK, penalty=penalty)
-
-
-class ModelEnsemble(_Method):
-    """The same with a penalty for strokes on which models of resampled strokes differ (MOPO, Yu et al. 2020, arXiv 2005.13239).
-
-    ``argument`` times the standard deviation of the probability of a fault is added to it.
-    """
-
-    def fit(self, log: Log) -> TabulatedPolicy:
-        """The exact best response in the pessimistic game."""
-        rng, fault = np.random.default_rng(self.setting.seed), (log.outcome == 0).astype(np.float64)
-        drawn = [rng.integers(len(log), size=len(log)) for _ in range(_MEMBERS)]
-        models = [shrunk_means(log.game, log.pair[rows], fault[rows], prior=1 / len(OUTCOMES)) for rows in drawn]
-        return respond(log, tabular.estimated_game(log), SHRINK, penalty=float(self.argument) * np.std(models, axis=0))
 
 
 def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) -> TabulatedPolicy:
@@ -225,8 +188,6 @@ def boosted(game: Game, pair: Ints, target: Floats | Ints, trees: int, seed: int
 def described_pairs(game: Game) -> I16:
     """``[base pairs, 14]`` categories that describe each legal pair."""
     catalogue, state = game.catalogue, game.base_pair_state
-    columns = []
-    for stroke in (game.base_pair_stroke, game.incoming(state), game.own(state)):
-        for part in (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique):
-            columns.append(np.append(part, part.max() + 1)[stroke])
+    parts = [np.append(part, part.max() + 1) for part in (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)]
+    columns = [part[stroke] for stroke in (game.base_pair_stroke, game.incoming(state), game.own(state)) for part in parts]
     return np.stack([*columns, game.contact(state), game.hurried(state)], axis=1).astype(np.int16)

@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.analysis.tabular import SHRINK, cloned, estimated_game, game_of
 from shuttle_marl.exact import best_response as exact_response
 from shuttle_marl.exact import restricted_response, solve
 from shuttle_marl.exact.lists import cells_of, lists
@@ -27,7 +26,9 @@ from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.method import find
 from shuttle_marl.suite.methods.adapters import chances, counted, mean_of, mixture_weights, respond, struck
 from shuttle_marl.suite.methods.learned import boosted, boosted_game
-from shuttle_marl.suite.offline import LogSetting, fitted, in_game
+from shuttle_marl.suite.offline import fitted, in_game
+from shuttle_marl.suite.tabular import SHRINK, cloned, estimated_game, game_of
+from shuttle_marl.suite.task import Setting
 
 _STEPS: Final = 30
 """Iterations of fictitious play."""
@@ -114,7 +115,7 @@ def restricted_mixture(setting: PlayerSetting, argument: str = str(WEIGHT)) -> T
 def from_log(setting: PlayerSetting, argument: str) -> Trained:
     """A method of ``offline``, whose name is the argument, from a log of random play against the opponent."""
     log, used = _random_log(setting, setting.against)
-    learner = LogSetting(game=log.game, model=setting.model, seed=setting.seed, folder=setting.folder)
+    learner = Setting(game=log.game, model=setting.model, seed=setting.seed, folder=setting.folder)
     player = fitted(find("offline-v0", argument), log, learner, argument)
     return Trained(player=in_game(player, setting.game), strokes=used)
 

@@ -105,8 +105,6 @@ class LeagueTrainingConfig:
         if self.response_fraction + self.past_fraction > 1:
             flags = f"--response-fraction {self.response_fraction} --past-fraction {self.past_fraction}"
             raise LeagueTrainingError(f"{flags}: expected fractions that add up to 1 or less")
-        if self.resume and self.overwrite:
-            raise LeagueTrainingError("--resume continues a run and --overwrite replaces it; give one of them")
         if self.exact_oracle and self.strokes is not None and self.rounds is None:
             raise LeagueTrainingError("--strokes: nothing learns in psro with an exact oracle; give --budget or --rounds")
         if self.pool is not None and not self.pool:

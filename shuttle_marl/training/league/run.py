@@ -28,8 +28,8 @@ from shuttle_marl.training.league.population import TABLES, TOLERANCE, Frozen, P
 from shuttle_marl.training.league.psro import respond
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
 from shuttle_marl.training.league.state import Best, LeagueState, Member, TurnResult
-from shuttle_marl.training.league.turns import Workers, network_path, prune_states
-from shuttle_marl.training.run import resumable
+from shuttle_marl.training.league.turns import NETWORK, Workers, prune_states, turn_file
+from shuttle_marl.training.run import game_of
 
 RESULTS: Final = "results.json"
 MAIN: Final = "main.safetensors"
@@ -68,7 +68,7 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
     Raises:
         PolicyError: a policy of the pool does not exist or is not a distribution over the legal strokes; nothing was written.
         GameError: the model does not exist; nothing was written.
-        RunError: the run folder cannot be used.
+        RunError: the run folder cannot be used, or the game changed after the run was started.
         TrainingError: learning diverged, or a file of the run is damaged; the last round is intact.
         ClusterError: processes or the cluster cannot be used (nothing was written), or lost turns repeatedly.
         KeyboardInterrupt: Ctrl-C; the message says what is saved.
@@ -79,21 +79,18 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
     config = dataclasses.replace(config, meta_solver=config.meta_solver or ("nash" if game.recovery is None else "linear"))
     names = config.pool or tuple(name for name in POOL if name in registry.names(game)) or ("random",)
     given = {name: tabulate(registry.resolve(name, game), game) for name in names}
-    with contextlib.ExitStack() as stack:
-        cluster = None
-        if config.ray is not None:
-            cluster = stack.enter_context(open_cluster(config.ray, _PACKAGES))
+    fixed, console = config.fixed(), console or Console(quiet=True)
+    with contextlib.nullcontext() if config.ray is None else open_cluster(config.ray, _PACKAGES) as cluster:
+        if cluster is not None:
             config = dataclasses.replace(config, workers=min(cluster.slots, MOST_WORKERS))
-        opened = runs.open_run(config.out, "league-training", config.fixed(), resume=config.resume, overwrite=config.overwrite)
-        stack.enter_context(interrupts_held())
-        folder = stack.enter_context(opened)
+        opened = runs.open_run(config.out, "league-training", fixed, resume=config.resume, overwrite=config.overwrite)
+        with interrupts_held(), opened as run, run.resumable(lambda: _saved(run.folder)):
+            return _League(config, game, given, run, console, begun).go(cluster)
 
-        def saved() -> str:
-            state = LeagueState.load(folder, game.hash)
-            return "no round yet is saved" if state is None else f"round {state.round} is saved"
 
-        with resumable(folder, saved):
-            return _League(config, game, given, folder, console or Console(quiet=True), begun).go(cluster)
+def _saved(folder: Path) -> str:
+    state = LeagueState.load(folder)
+    return f"round {state.round} is saved" if state.population else "no round yet is saved"
 
 
 class _League:
@@ -102,20 +99,20 @@ class _League:
         config: LeagueTrainingConfig,
         game: Game,
         given: dict[str, TabulatedPolicy],
-        folder: Path,
+        run: runs.Run,
         console: Console,
         begun: float,
     ) -> None:
-        self.config, self.game, self.folder, self.console = config, game, folder, console
-        self.tables, self.metrics = StoredPolicies(folder / TABLES, game), runs.Journal(folder / runs.METRICS)
-        saved = LeagueState.load(folder, game.hash)
-        self.state = saved or LeagueState(game=game.hash)
+        self.config, self.game, self.run, self.folder, self.console = config, game, run, run.folder, console
+        run.begin(_PACKAGES, same={"game": game_of(config.game, game)}, seed=config.seed)
+        self.tables, self.metrics = StoredPolicies(self.folder / TABLES, game), runs.Journal(self.folder / runs.METRICS)
+        self.state = LeagueState.load(self.folder)
         self.metrics.keep(self.state.metrics)
-        if saved is None:
+        if self.state.population:
+            self._say(f"{self.folder}: continues after round {self.state.round}")
+        else:
             for name, policy in given.items():
                 self._join(Frozen(name=name, role="given", round=0, hash=self.tables.save(policy)))
-        else:
-            console.print(f"{folder}: continues after round {saved.round}", highlight=False, markup=False, soft_wrap=True)
         self.payoffs = Payoffs(self.tables, self.state.cells)
         self.schedule = Schedule(config, self.state, self.payoffs)
         self.begun = begun - self.state.seconds
@@ -123,13 +120,6 @@ class _League:
         """Seconds of the longest round in this process."""
 
     def go(self, cluster: Cluster | None) -> LeagueTraining:
-        about = {
-            "status": "running",
-            "seed": self.config.seed,
-            **runs.describe(_PACKAGES),
-            "game": {"model": self.config.game, "hash": self.game.hash, "catalogue": self.game.catalogue.version},
-        }
-        runs.write_json(self.folder / runs.MANIFEST, about)
         with Workers(self.config.workers, self.game, cluster) as workers:
             if self.config.seconds is not None and not self.config.exact_oracle and not self._over():
                 with self.console.status("compiling"):
@@ -137,11 +127,13 @@ class _League:
             while not self._over():
                 check_interrupt()
                 started = time.monotonic()
-                before = self.state.round
-                with self.console.status(f"round {before + 1}"):
+                with self.console.status(f"round {self.state.round + 1}"):
                     self._oracle_round() if self.config.exact_oracle else self._learning_round(workers)
                 self.longest = max(self.longest, time.monotonic() - started)
-        return self._finish(about)
+        return self._finish()
+
+    def _say(self, text: str) -> None:
+        self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def _elapsed(self) -> float:
         return time.monotonic() - self.begun
@@ -262,11 +254,9 @@ class _League:
         state.metrics += 1
         if state.best is None or exploitability < state.best.exploitability:
             state.best = Best(name=name, hash=table, exploitability=exploitability, temperature=temperature)
-        self.console.print(
+        self._say(
             f"round {line['round']}, {line['seconds']:.0f} s: exploitability {exploitability:z.4f} ({name}), "
-            f"{odds.match():.1%} of matches won against {first.name}, {len(state.population)} policies",
-            highlight=False,
-            markup=False,
+            f"{odds.match():.1%} of matches won against {first.name}, {len(state.population)} policies"
         )
 
     def _commit(self, *, exhausted: bool = False) -> None:
@@ -281,7 +271,7 @@ class _League:
         # The previous state needed its tables until it was replaced.
         self.tables.prune(retained)
 
-    def _finish(self, about: dict[str, Any]) -> LeagueTraining:
+    def _finish(self) -> LeagueTraining:
         state = self.state
         if state.best is None:
             raise LeagueTrainingError(
@@ -291,7 +281,7 @@ class _League:
         policy = self.tables.read(state.best.hash)
         policy.save(self.folder / MAIN, {"policy": state.best.name})
         member, _, number = state.best.name.rpartition("@")
-        network = network_path(self.folder, member, int(number))
+        network = turn_file(self.folder, member, int(number), NETWORK)
         figures = {
             "variant": self.config.variant,
             "seed": self.config.seed,
@@ -314,7 +304,7 @@ class _League:
             card = {"algorithm": self.config.algorithm, "config": self.config.fixed(), "evaluation": evaluation}
             save_agent(self.folder / AGENT, self.game, network.read_bytes(), card)
         if self.config.seconds is not None and (warning := missed(state.seconds, self.config.seconds)):
-            self.console.print(f"{self.folder}: {warning}", highlight=False, markup=False, soft_wrap=True)
+            self._say(f"{self.folder}: {warning}")
         replace_file(self.folder / RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
-        runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": state.seconds})
+        self.run.finish(seconds=state.seconds)
         return LeagueTraining(folder=self.folder, figures=figures, policy=policy)

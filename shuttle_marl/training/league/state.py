@@ -92,7 +92,6 @@ class LeagueState:
         overhead: seconds of the last round in which its main agent did not learn.
     """
 
-    game: str
     round: StoredCount = 0
     population: list[Frozen] = dataclasses.field(default_factory=list)
     members: dict[str, Member] = dataclasses.field(default_factory=dict)
@@ -108,22 +107,16 @@ class LeagueState:
         replace_sealed(folder / LEAGUE, dataclasses.asdict(self))
 
     @classmethod
-    def load(cls, folder: Path, game: str) -> "LeagueState | None":
-        """The state in a folder; None if there is none.
+    def load(cls, folder: Path) -> "LeagueState":
+        """The state in a folder; without a population if there is none.
 
         Raises:
-            LeagueTrainingError: the file is damaged, or of another game.
+            LeagueTrainingError: the file is damaged.
         """
         path = folder / LEAGUE
         if not path.exists():
-            return None
+            return cls()
         try:
-            state = read_json(path, cls, sealed=True)
+            return read_json(path, cls, sealed=True)
         except FileReadError as error:
             raise LeagueTrainingError(f"{path}: cannot be used ({error}); train again with --overwrite") from error
-        if state.game != game:
-            raise LeagueTrainingError(
-                f"{path}: was trained on game {state.game[:12]}, this is {game[:12]}; continue with the same --game, or "
-                "train again with another --out"
-            )
-        return state

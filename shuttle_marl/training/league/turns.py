@@ -9,7 +9,7 @@ import contextlib
 import dataclasses
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -29,17 +29,17 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
-from shuttle_marl.recording import Player, Sampling
+from shuttle_marl.recording import Player
+from shuttle_marl.training.checkpoints import read_state, write_state
 from shuttle_marl.training.config import CONFIGS, SELF, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import TABLES
 from shuttle_marl.training.league.schedule import order
 from shuttle_marl.training.league.state import Turn, TurnResult
-from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
+from shuttle_marl.training.learner import SEEDS, Callback, Learner
 from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
-from shuttle_marl.training.rally_log import RunLog, learner_log
+from shuttle_marl.training.rally_log import RunLog
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
-from shuttle_marl.training.run import read_state, write_state
 
 T = TypeVar("T")
 
@@ -47,6 +47,8 @@ RALLIES: Final = "rallies"
 """Folder of the rally logs of turns in the folder of a run."""
 LEARNERS: Final = "learners"
 """Folder of the states of learners in the folder of a run."""
+_ABOUT, _STATE, NETWORK = "json", "state.safetensors", "network.safetensors"
+"""Kinds of files of a learner after a round, see :func:`turn_file`."""
 _TOLERANCE: Final = 1e-4
 _PATIENCE: Final = 0.2
 """Longest time after which Ctrl-C is noticed while workers compute [s]."""
@@ -79,27 +81,9 @@ def warm_up(config: LeagueTrainingConfig) -> None:
         take_turn(Path(folder), config, turn)
 
 
-def input_files(turn: Turn) -> list[Path]:
-    """Files in the folder of a run that a turn reads."""
-    before = [] if turn.fresh else _paths(Path(), turn.member, turn.round - 1)
-    return [*(policy_file(Path(TABLES), name) for name in turn.opponents), *before]
-
-
-def output_files(config: LeagueTrainingConfig, turn: Turn, result: TurnResult) -> list[Path]:
-    """Files in the folder of a run that a turn writes, the description last."""
-    about, state = _paths(Path(), turn.member, turn.round)
-    log = [] if Sampling.parse(config.record).every == 0 else [rallies_path(Path(), turn.member, turn.round)]
-    return [policy_file(Path(TABLES), result.hash), network_path(Path(), turn.member, turn.round), *log, state, about]
-
-
-def network_path(folder: Path, member: str, number: int) -> Path:
-    """File of the network of a learner after a round."""
-    return folder / LEARNERS / f"{member}-{number}.network.safetensors"
-
-
-def rallies_path(folder: Path, member: str, number: int) -> Path:
-    """Log of the rallies of a learner in a round."""
-    return folder / RALLIES / f"{member}-{number}.mcap"
+def turn_file(folder: Path, member: str, number: int, kind: str) -> Path:
+    """File of a learner after a round: ``json`` (description), ``state.safetensors`` or ``network.safetensors``."""
+    return folder / LEARNERS / f"{member}-{number}.{kind}"
 
 
 def prune_states(folder: Path, before: int) -> None:
@@ -119,17 +103,11 @@ class Completed:
 
 def completed(folder: Path, turn: Turn) -> TurnResult | None:
     """The result of a completed turn; None if its files are missing or damaged."""
-    about_path, state_path = _paths(folder, turn.member, turn.round)
     try:
-        about = read_json(about_path, Completed, sealed=True)
+        about = read_json(turn_file(folder, turn.member, turn.round, _ABOUT), Completed, sealed=True)
     except FileReadError:
         return None
-    return about.result if about.turn == turn and state_path.exists() else None
-
-
-def _paths(folder: Path, member: str, number: int) -> tuple[Path, Path]:
-    stem = folder / LEARNERS / f"{member}-{number}"
-    return stem.with_name(f"{stem.name}.json"), stem.with_name(f"{stem.name}.state.safetensors")
+    return about.result if about.turn == turn and turn_file(folder, turn.member, turn.round, _STATE).exists() else None
 
 
 def _learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> TrainingConfig:
@@ -146,7 +124,7 @@ def _learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> Trainin
     return CONFIGS[config.algorithm](**changed)
 
 
-class _Turn:
+class _Turn(Callback):
     def __init__(self, folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game) -> None:
         self.folder, self.config, self.turn, self.game = folder, config, turn, game
         self.tables = StoredPolicies(folder / TABLES, game)
@@ -155,68 +133,62 @@ class _Turn:
             opponents.append(_first_stroke(game))
         settings = _learner_config(config, self_play=not opponents or config.algorithm != "sac")
         with InitialWeights(torch.Generator().manual_seed(turn.seed % SEEDS)):
-            learner = ALGORITHMS[config.algorithm](settings, game)
-        collector = RallyCollector(settings, game, opponents, learner.predict, distinct=learner.distinct)
-        self.trainer = Trainer(learner, collector, self._update_response if turn.response_fraction else None)
+            self.learner = ALGORITHMS[config.algorithm](settings, game, opponents)
         self.pending: Future[TabulatedPolicy] | None = None
         if not turn.fresh:
             self._restore()
-        collector.set_seed(turn.seed)
+        self.learner.collector.set_seed(turn.seed)
         if opponents:
             responses = [turn.response_fraction] if turn.response_fraction else []
-            collector.sampler.assign(order([*turn.fractions, *responses]))
+            self.learner.collector.sampler.assign(order([*turn.fractions, *responses]))
 
     def take(self) -> TurnResult:
         """Train until the turn is over, then save."""
-        log = self._log()
-        with log or contextlib.nullcontext():
-            seconds = self._train(log)
-        return self._save(seconds)
-
-    def _log(self) -> RunLog | None:
         turn = self.turn
         others = [Player(name=f"frozen-{name[:12]}", hash=name) for name in turn.opponents]
         others += [Player(name="best-response")] if turn.response_fraction else []
-        path, record = rallies_path(self.folder, turn.member, turn.round), self.config.record
-        return learner_log(
-            path, self.game, (Player(name=turn.member), *others), [turn.seed % SEEDS], seed=turn.seed, record=record
-        )
+        path, players = self.folder / RALLIES / f"{turn.member}-{turn.round}.mcap", (Player(name=turn.member), *others)
+        seeds, record = [turn.seed % SEEDS], self.config.record
+        self.log = RunLog(path, self.game, players, seeds, seed=turn.seed, record=record)
+        started = time.monotonic()
+        with self.log, ThreadPoolExecutor(1) as self.solver:
+            try:
+                for remaining in self._schedule(started):
+                    self.learner.iterate(remaining, self)
+            except DivergedError as error:
+                raise DivergedError(
+                    f"{turn.member} in round {turn.round}: learning diverged ({error}); train again with a lower --learning-rate"
+                ) from error
+            seconds = round(time.monotonic() - started, 2)
+        return self._save(seconds)
 
-    def _train(self, log: RunLog | None) -> float:
-        """Train until the turn is over; seconds that it took."""
-        turn, trainer = self.turn, self.trainer
-        started, progress = time.monotonic(), 0.0
+    def _schedule(self, started: float) -> Iterator[float]:
+        """Fraction of the learner's schedule that remains in each iteration, until the turn is over."""
+        turn, progress = self.turn, 0.0
         first, last = turn.remaining
+        while progress < 1:
+            check_interrupt()
+            yield first + (last - first) * progress
+            if turn.strokes is not None:
+                progress = self.learner.strokes / turn.strokes
+            else:
+                progress = (time.monotonic() - started) / max(turn.seconds or 0.0, 1e-9)
 
-        def collected() -> None:
-            if log is not None:
-                log.record(trainer.collector.sampler, 0, trainer.iteration - 1)
-
-        with ThreadPoolExecutor(1) as self.solver:
-            while progress < 1:
-                check_interrupt()
-                try:
-                    trainer.iterate(first + (last - first) * progress, collected)
-                    if log is not None:
-                        log.settle()
-                except DivergedError as error:
-                    raise DivergedError(
-                        f"{turn.member} in round {turn.round}: learning diverged ({error}); train again with a lower "
-                        "--learning-rate"
-                    ) from error
-                if turn.strokes is not None:
-                    progress = trainer.strokes / turn.strokes
-                else:
-                    progress = (time.monotonic() - started) / max(turn.seconds or 0.0, 1e-9)
-        return round(time.monotonic() - started, 2)
-
-    def _update_response(self, iteration: int) -> None:
+    def begin(self, learner: Learner) -> None:
         """Replace the last opponent by a best response; it is solved in parallel, and used one interval later."""
-        if iteration % self.config.update_interval:
+        if not self.turn.response_fraction or learner.iteration % self.config.update_interval:
             return
-        solved = self.solver.submit(_best_response, weights_of(self.trainer.learner.actor), self.game)
+        solved = self.solver.submit(_best_response, weights_of(learner.actor), self.game)
         ready, self.pending = self.pending or solved, solved
-        self.trainer.collector.sampler.replace_opponent(len(self.turn.opponents), ready.result())
+        learner.collector.sampler.replace_opponent(len(self.turn.opponents), ready.result())
+
+    def collected(self, learner: Learner) -> None:
+        """Record the rallies, while the learner learns from them."""
+        self.log.record(learner.collector.sampler, 0, learner.iteration - 1)
+
+    def learned(self, learner: Learner, losses: dict[str, float]) -> None:  # noqa: ARG002
+        """Wait for the rallies."""
+        self.log.settle()
 
     def _restore(self) -> None:
         """Restore the state of the learner after the previous round.
@@ -224,20 +196,22 @@ class _Turn:
         Raises:
             LeagueTrainingError: the state is missing or damaged.
         """
-        about_path, path = _paths(self.folder, self.turn.member, self.turn.round - 1)
+        path, about = (turn_file(self.folder, self.turn.member, self.turn.round - 1, kind) for kind in (_STATE, _ABOUT))
         try:
-            self.trainer.load_state_dict(read_state(path, about_path)[1])
+            self.learner.load_state_dict(read_state(path, about)[1])
         except (FileReadError, KeyError, ValueError, RuntimeError) as error:
             raise LeagueTrainingError(f"{path}: cannot be used ({error}); train again with --overwrite") from error
 
     def _save(self, seconds: float) -> TurnResult:
-        turn, trainer, policy = self.turn, self.trainer, self.trainer.learner.eval_actor
-        state = trainer.state_dict()
-        about_path, path = _paths(self.folder, turn.member, turn.round)
+        turn, learner, policy = self.turn, self.learner, self.learner.eval_actor
+        state = learner.state_dict()
+        state_path, about_path, network_path = (
+            turn_file(self.folder, turn.member, turn.round, kind) for kind in (_STATE, _ABOUT, NETWORK)
+        )
         name = self.tables.save(tabulated(policy, self.game))
-        replace_file(network_path(self.folder, turn.member, turn.round), save(weights_of(policy)))
-        result = TurnResult(member=turn.member, hash=name, strokes=trainer.strokes, seconds=seconds, iterations=trainer.iteration)
-        write_state(path, about_path, state, {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)})
+        replace_file(network_path, save(weights_of(policy)))
+        result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes, seconds=seconds, iterations=learner.iteration)
+        write_state(state_path, about_path, state, {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)})
         return result
 
 
@@ -305,14 +279,16 @@ class Workers:
 
     def _take_on(self, cluster: Cluster, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
         missing = [turn for turn in turns if completed(folder, turn) is None]
-        tasks: list[Task[tuple[TurnResult, dict[Path, bytes]]]] = []
+        tasks: list[Task[dict[Path, bytes]]] = []
         for turn in missing:
-            files = {path: (folder / path).read_bytes() for path in input_files(turn)}
+            read = [policy_file(Path(TABLES), name) for name in turn.opponents]
+            if not turn.fresh:
+                read += [turn_file(Path(), turn.member, turn.round - 1, kind) for kind in (_STATE, _ABOUT)]
+            files = {path: (folder / path).read_bytes() for path in read}
             tasks.append(cluster.submit(take_remotely, config, turn, self._game, files))
-        for turn, task in zip(missing, tasks, strict=True):
-            result, files = task.result()
-            for path in output_files(config, turn, result):
-                replace_file(folder / path, files[path])
+        for task in tasks:
+            for path, content in task.result().items():
+                replace_file(folder / path, content)
         return [take_turn(folder, config, turn) for turn in turns]
 
     def _submit(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
@@ -336,20 +312,16 @@ def _result(future: Future[T]) -> T:
     return future.result()
 
 
-def take_remotely(
-    config: LeagueTrainingConfig, turn: Turn, game: Game, files: dict[Path, bytes]
-) -> tuple[TurnResult, dict[Path, bytes]]:
-    """Take a turn on a machine without the folder of the run.
+def take_remotely(config: LeagueTrainingConfig, turn: Turn, game: Game, files: dict[Path, bytes]) -> dict[Path, bytes]:
+    """Take a turn on a machine without the folder of the run; returns what it writes there, the description last.
 
     Args:
-        files: input files, by their paths in the folder of the run.
-
-    Returns:
-        The result, and the output files.
+        files: what it reads, by their paths in the folder of the run.
     """
     with tempfile.TemporaryDirectory(prefix="shuttle-marl-") as name:
         folder = Path(name)
         for path, content in files.items():
             replace_file(folder / path, content)
-        result = take_turn(folder, config, turn, game)
-        return result, {path: (folder / path).read_bytes() for path in output_files(config, turn, result)}
+        take_turn(folder, config, turn, game)
+        found = {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        return {path: found[path] for path in sorted(found.keys() - files.keys(), key=lambda path: path.suffix == ".json")}

@@ -7,7 +7,7 @@ import { type Key, say, words } from "./words";
 const RATING = "shuttle_marl.rating";
 const RUNG = "shuttle_marl.rung";
 
-/** Before the first match, as in shuttle_marl.analysis.decisions. */
+/** Before the first match, as in shuttle_marl.reports.rating. */
 const NEW: RatingReply = { points: 1500, deviation: 350, volatility: 0.06, interval: [814, 2186] };
 
 interface Decision {

@@ -3,7 +3,7 @@
 import { h } from "./dom";
 import { type Key, say } from "./words";
 
-export type Term = keyof typeof import("../../../pages/languages/en.json").glossary;
+export type Term = keyof typeof import("../../../reports/languages/en.json").glossary;
 
 const tip = h("p", { class: "tip hidden", role: "tooltip", id: "tip" });
 let owner: HTMLElement | null = null;

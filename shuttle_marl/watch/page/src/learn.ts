@@ -39,7 +39,7 @@ interface PlaceQuestion extends Question {
 
 type Asked = StrokeQuestion | PlaceQuestion;
 
-const GOOD = 0.005; // loss up to which a position is a right answer, as in shuttle_marl.analysis.decisions
+const GOOD = 0.005; // loss up to which a position is a right answer, as in shuttle_marl.reports.rating
 
 const isPlace = (question: Asked): question is PlaceQuestion => "places" in question;
 

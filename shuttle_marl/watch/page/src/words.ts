@@ -1,8 +1,8 @@
 // Texts of the page in the language of the viewer, from the catalogues that the reports use as well.
 
-import en from "../../../pages/languages/en.json";
-import id from "../../../pages/languages/id.json";
-import zh from "../../../pages/languages/zh.json";
+import en from "../../../reports/languages/en.json";
+import id from "../../../reports/languages/id.json";
+import zh from "../../../reports/languages/zh.json";
 
 /** Texts of the page; the build leaves out those of the reports. */
 type Catalogue = Omit<typeof en, "scout" | "match" | "drills" | "tactics" | "habit">;

@@ -1,0 +1,236 @@
+"""Predictions of the rallies and matches between all players of a discipline, each pair in its own game, with imitated policies,
+solved exactly; beside real results.
+
+The interval of a prediction contains the uncertainty of the players' skill: the posterior deviations of the offsets, by the
+derivatives of the result (:mod:`shuttle_marl.exact.occupancy`). It does not contain that of the average game, nor the form of
+the day.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.cluster import in_threads
+from shuttle_marl.exact import Odds, Sensitivity, sensitivity
+from shuttle_marl.game.pairs import pair_game, people_of
+from shuttle_marl.game.shipped import Profile, model_folder
+from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, Skill, load_skill
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.policy.baselines import imitation
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports.summary import AnalysisError, met, rally_table
+
+
+def slopes_by_group(found: Sensitivity, skill: Skill) -> list[F64]:
+    """``[3, 7]`` for the strokes of each seat: derivatives by the general offset and those of the groups of shots."""
+
+    def by_group(win: F64) -> F64:
+        groups = np.stack([win[:, skill.group == group].sum(axis=1) for group in range(len(GROUPS))], axis=1)
+        return np.concatenate([win.sum(axis=1, keepdims=True), groups], axis=1)
+
+    return [by_group(win) for win in found.win]
+
+
+def skill_error(pair: Game, slopes: Sequence[F64]) -> float:
+    """Standard deviation of the probability of winning a rally by the uncertainty of both players' skill."""
+    people = people_of(pair)
+    both = (people.players, people.players[::-1])
+    variances = (people.skill.variances(*names, people.date) for names in both)
+    return math.sqrt(sum(float((slope**2 * each).sum()) for slope, each in zip(slopes, variances, strict=True)))
+
+
+def _moved(odds: Odds, by: float) -> Odds:
+    serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
+    return dataclasses.replace(odds, serving=serving, receiving=receiving)
+
+
+_NORMAL: Final = 1.959964
+"""97.5 % quantile of the normal distribution."""
+_TOLERANCE: Final = 1e-6
+_REASONS: Final = 8
+"""Number of reasons of a prediction."""
+_SIDES: Final = ("strokes", "strokes received")
+GENERAL: Final = "general"
+"""Name of the offset that all groups of shots share."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """Prediction of one pair, from the side of the first player.
+
+    Attributes:
+        players: names.
+        hash: hash of the game of the pair.
+        rally_win: probability of winning a rally, both serving equally often.
+        rally_low, rally_high: its 95 % interval over the uncertainty of the skill.
+        match_win: probability of winning a match.
+        match_low, match_high: its 95 % interval.
+        reasons: the offsets of both players with the largest effects, in points of 100 rallies; positive for the first player.
+        rallies, rallies_won: real rallies between the two, and those that the first player won; 0 without data.
+        matches, matches_won: the same of matches.
+    """
+
+    players: tuple[str, str]
+    hash: str
+    rally_win: float
+    rally_low: float
+    rally_high: float
+    match_win: float
+    match_low: float
+    match_high: float
+    reasons: dict[str, float]
+    rallies: int = 0
+    rallies_won: int = 0
+    matches: int = 0
+    matches_won: int = 0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlayerRow:
+    """A player in the table of predictions.
+
+    Attributes:
+        since: day of the skill in ISO 8601.
+        strokes: strokes of the player in the data of the model.
+        rally_win, match_win: mean probabilities of winning against all others.
+    """
+
+    name: str
+    since: str
+    strokes: int
+    rally_win: float
+    match_win: float
+
+
+def players_of(discipline: Profile, game: str = "default", some: Sequence[str] = ()) -> list[str]:
+    """Players of a discipline whose skill a model has.
+
+    Args:
+        some: only these, in this order; empty: all.
+
+    Raises:
+        GameError: the model has no skill, or not of all these players.
+        AnalysisError: fewer than two players, one given twice, or one of the other discipline.
+    """
+    skill = load_skill(model_folder(game))
+    wrong = [name for name in some if skill.discipline_of(name) != discipline or some.count(name) > 1]
+    if wrong or len(some) == 1:
+        raise AnalysisError(f"--players {' '.join(some)}: expected two or more, each once, who play {discipline}'s singles")
+    names = [*some] or [name for name in skill.players if skill.discipline_of(name) == discipline]
+    if len(names) < 2:
+        raise AnalysisError(f"--pairs {discipline}: the model has {len(names)} players of that discipline; a pair needs two")
+    return names
+
+
+def predict_pairs(
+    players: Sequence[str],
+    *,
+    game: str = "default",
+    date: Day = None,
+    policy: str | None = None,
+    progress: Callable[[], object] | None = None,
+) -> list[Prediction]:
+    """Predict the result of every pair of players.
+
+    Args:
+        date: day of the skill; None: the last one known.
+        policy: name of the policy of all players; None: each imitated (``bc:NAME``), or ``bc`` where the model has no choices of
+            the player.
+        progress: called when one of the ``N (N - 1) / 2`` pairs is solved.
+
+    Raises:
+        GameError: a player is unknown, or two are not of one discipline.
+        PolicyError: the policy does not exist.
+    """
+
+    def solved(names: tuple[str, str]) -> Prediction:
+        return predict(pair_game(*names, date=date, game=game), policy)
+
+    found = []
+    for prediction in in_threads(solved, itertools.combinations(players, 2)):
+        found.append(prediction)
+        if progress is not None:
+            progress()
+    return found
+
+
+def predict(pair: Game, policy: str | None = None) -> Prediction:
+    """Predict the result of one pair; arguments and errors as for :func:`predict_pairs`."""
+    people = people_of(pair)
+    names = [policy or imitation(player, tables) for player, tables in zip(people.players, pair.seats, strict=True)]
+    first, second = (tabulate(resolve(name, game), game) for name, game in zip(names, pair.seats, strict=True))
+    found = sensitivity(first, second, tolerance=_TOLERANCE)
+    odds, skill = found.value.odds(), people.skill
+    slopes = slopes_by_group(found, skill)
+    width = _NORMAL * skill_error(pair, slopes)
+    return Prediction(
+        players=people.players,
+        hash=pair.hash,
+        rally_win=odds.rally,
+        rally_low=max(0.0, odds.rally - width),
+        rally_high=min(1.0, odds.rally + width),
+        match_win=odds.match(),
+        match_low=_moved(odds, -width).match(),
+        match_high=_moved(odds, width).match(),
+        reasons=_reasons(pair, slopes),
+    )
+
+
+def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:
+    """Points in 100 rallies by player, component, role and group, the largest ones; to first order."""
+    names, people = (GENERAL, *GROUPS), people_of(pair)
+    found: dict[str, float] = {}
+    for seat, slope in enumerate(slopes):
+        for role, player in enumerate((people.players[seat], people.players[1 - seat])):
+            if player not in people.skill.players:
+                continue
+            points = 100 * slope * people.skill.offset[people.skill.knot(player, people.date), :, role]
+            for component, group in np.ndindex(points.shape):
+                what = f"{player}: {COMPONENTS[component]} of {_SIDES[role]}, {names[group]}"
+                found[what] = round(float(points[component, group]), 3)
+    return dict(sorted(found.items(), key=lambda each: -abs(each[1]))[:_REASONS])
+
+
+def with_results(predictions: Sequence[Prediction], strokes: pa.Table) -> list[Prediction]:
+    """Predictions beside the real results of a table of strokes of schema :data:`shuttle_marl.data.schema.STROKES`."""
+    rallies = rally_table(strokes)
+    return [dataclasses.replace(each, **met(rallies, *each.players)._asdict()) for each in predictions]
+
+
+def ranked(players: Sequence[str], predictions: Sequence[Prediction], game: str = "default", date: Day = None) -> list[PlayerRow]:
+    """The players by their mean probability of winning a match against all others, best first."""
+    skill = load_skill(model_folder(game))
+
+    def mean(name: str, what: str) -> float:
+        mine = [each for each in predictions if name in each.players]
+        return float(np.mean([getattr(each, what) if each.players[0] == name else 1 - getattr(each, what) for each in mine]))
+
+    rows = [
+        PlayerRow(
+            name=name,
+            since=str(skill.since(name, date)),
+            strokes=int(skill.strokes[skill.index(name)]),
+            rally_win=mean(name, "rally_win"),
+            match_win=mean(name, "match_win"),
+        )
+        for name in players
+    ]
+    return sorted(rows, key=lambda row: -row.match_win)
+
+
+def pairs_table(predictions: Sequence[Prediction]) -> pa.Table:
+    """One row per pair: the fields of :class:`Prediction`; the players as ``player`` and ``opponent``, without the reasons."""
+    rows = []
+    for prediction in predictions:
+        row = dataclasses.asdict(prediction)
+        del row["reasons"]
+        player, opponent = row.pop("players")
+        rows.append({"player": player, "opponent": opponent, **row})
+    return pa.Table.from_pylist(rows)

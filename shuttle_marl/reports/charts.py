@@ -1,0 +1,705 @@
+"""Charts of the pages as SVG elements, and pictures as files, drawn by Matplotlib: the same arguments give the same bytes.
+
+The content security policy of a page forbids inline styles, so the styles of Matplotlib become attributes, and its colours
+variables of the page's style sheet, which has a light and a dark theme.
+"""
+
+import contextlib
+import io
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from unicodedata import east_asian_width
+from xml.etree import ElementTree
+
+import numpy as np
+from markupsafe import Markup
+
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import OptionError, printable
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.game.court import (
+    AREA_WORDS,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    HANDS,
+    N_AREAS,
+    SHORT_SERVICE,
+    WIDTH,
+    area_box,
+    area_centre,
+    seen_by,
+)
+from shuttle_marl.game.recovery import position_box
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import Game
+from shuttle_marl.reports.languages import Texts
+
+if TYPE_CHECKING:
+    from shuttle_marl.exact import Solution
+    from shuttle_marl.reports.rally import Aim
+    from shuttle_marl.reports.summary import Summary
+    from shuttle_marl.reports.waits import Wait
+    from shuttle_marl.reports.words import Words
+
+_COLOURS: Final = ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b", "#8a56c9", "#1d9aa8", "#c2478f", "#6b7d2c", "#8c6a55", "#5c6b7a")
+_INK, _DIM, _LINE, _ACCENT, _SECOND = "#1c2127", "#69727d", "#e3e5e2", "#0b6e4e", "#c8553d"
+_PLAYERS: Final = ("#1f5fa8", "#b8500a")
+"""Colours of two players, blue and orange, which all readers tell apart."""
+_THEME: Final = {_INK: "--ink", _DIM: "--dim", _LINE: "--line", _ACCENT: "--accent", _SECOND: "--second"} | dict(
+    zip(_PLAYERS, ("--first", "--other"), strict=True)
+)
+"""Colours that follow the theme of the page, and their variables."""
+_LOST_TO_WON: Final = ("#ba4830", "#f7f6f0", "#0b6e4f")
+_MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
+"""Colours of larger and smaller shares; orange and blue are told apart by all readers."""
+INK: Final = "#0b0f17"
+COLOURS: Final = ("#127257", "#d95f02", "#5b6bb5", "#b5365b")
+"""Colours of pictures."""
+_MAT, _MARKING, _DARK = "#127257", "#dcebe6", "#16191c"
+_WIDE, _NARROW = 1100.0, 460.0
+"""Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
+_LONGEST_NAME: Final = 26
+_LETTERS: Final = 30
+"""Letters in a line of a label."""
+_MISSING: Final = 4.5
+"""Width that a letter takes beyond what a missing one does [px]."""
+_SMALLEST_LABELLED: Final = 30.0
+"""Least size of a cell that shows its number [px]."""
+_FORMATS: Final = (".png", ".svg", ".pdf")
+_NAMES: Final = [{"cross-court-net-shot": "cross-court\nnet shot"}.get(shot, shot.replace("-", " ")) for shot in SHOTS]
+_MOST_POINTS: Final = 4000
+"""Approximate largest number of landing points drawn for a player."""
+_LEAST_SHARE: Final = 3.0
+"""Smallest share of a reply that is printed in a picture of transitions [%]."""
+_SPREAD: Final = 0.35
+"""Range of the colours: probabilities of winning from 0.15 to 0.85."""
+_SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+_STYLE: Final = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "shuttle_marl",
+    "text.parse_math": False,
+    "font.size": 11,
+    "text.color": _INK,
+    "axes.edgecolor": _LINE,
+    "axes.labelcolor": _DIM,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.xmargin": 0.02,
+    "grid.color": _LINE,
+    "xtick.color": _LINE,
+    "ytick.color": _LINE,
+    "xtick.labelcolor": _DIM,
+    "ytick.labelcolor": _DIM,
+    "legend.frameon": False,
+    "legend.labelcolor": _INK,
+    "savefig.transparent": True,
+}
+
+
+@contextlib.contextmanager
+def _styled() -> Iterator[None]:
+    """Draw in the style of the page, whatever the user's settings of Matplotlib are."""
+    from matplotlib import style  # noqa: PLC0415  slow to import
+
+    with style.context(["default", _STYLE]):
+        yield
+
+
+def figure(width: float, height: float) -> Any:
+    """An empty figure of Matplotlib; width and height in inches."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+class Chart:
+    """A figure of matplotlib with the tooltips of its elements.
+
+    Args:
+        width, height: size [px].
+        projection: of its axes: None for Cartesian coordinates, or ``polar``.
+    """
+
+    def __init__(self, width: float, height: float, projection: str | None = None) -> None:
+        self._tooltips: dict[str, Sequence[str]] = {}
+        self.figure = figure(width / 72, height / 72)
+        self.axes: Any = self.figure.add_subplot(projection=projection)
+
+    def tooltips(self, *texts: str) -> str:
+        """Identifier (``gid``) for an artist whose elements have these tooltips, in the order in which they are drawn."""
+        self._tooltips[gid := f"tooltips-{len(self._tooltips)}"] = texts
+        return gid
+
+    def svg(self, title: str) -> Markup:
+        """The figure as an SVG element.
+
+        Args:
+            title: description for screen readers.
+        """
+        buffer = io.BytesIO()
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Glyph")  # a browser has fonts for names in any script
+            self.figure.savefig(buffer, format="svg", metadata={"Date": None})
+        root = ElementTree.fromstring(buffer.getvalue())
+        for parent in [*root.iter()]:
+            for child in [child for child in parent if _tag(child) in ("metadata", "style")]:
+                parent.remove(child)
+            for part, text in zip(_drawn(parent), self._tooltips.get(parent.get("id", ""), ()), strict=False):
+                ElementTree.SubElement(part, f"{{{_SVG}}}title").text = printable(text)
+            _without_style(parent)
+        width, height = (str(root.get(side)).removesuffix("pt") for side in ("width", "height"))
+        root.attrib.update(
+            {"width": width, "height": height, "role": "img", "aria-label": printable(title), "stroke-linejoin": "round"}
+        )
+        for prefix, namespace in (("", _SVG), ("xlink", _XLINK)):
+            ElementTree.register_namespace(prefix, namespace)
+        return Markup(ElementTree.tostring(root, encoding="unicode"))
+
+
+def _tag(element: ElementTree.Element) -> str:
+    return element.tag.rpartition("}")[2]
+
+
+def _drawn(group: ElementTree.Element) -> list[ElementTree.Element]:
+    """The shapes in a group, without those that it only defines."""
+    shapes = []
+    for child in group:
+        if _tag(child) == "g":
+            shapes += _drawn(child)
+        elif _tag(child) in ("path", "use"):
+            shapes.append(child)
+    return shapes
+
+
+def _without_style(element: ElementTree.Element) -> None:
+    """Turn the style of an element into attributes, its colours into variables, and drop fonts and needless identifiers."""
+    if _tag(element) == "g":
+        element.attrib.pop("id", None)
+    if "d" in element.attrib:
+        element.set("d", " ".join(element.attrib["d"].split()))
+    for declaration in filter(None, element.attrib.pop("style", "").split(";")):
+        name, value = (part.strip() for part in declaration.split(":", 1))
+        if name != "font-family":
+            element.set(name, f"var({_THEME[value]})" if value in _THEME else value)
+
+
+def label(name: str, longest: int = _LONGEST_NAME) -> str:
+    """A printable name, shortened."""
+    name = printable(name)
+    return name if len(name) <= longest else f"{name[: longest - 1]}…"
+
+
+def _listed(axes: Any, labels: Sequence[str]) -> None:
+    """Name the rows of estimates, from the top."""
+    axes.set_yticks(range(len(labels)), labels, color=_INK)
+    axes.set_ylim(len(labels) - 0.4, -0.6)
+    axes.grid(axis="y", visible=False)
+
+
+def _shades(*colours: str) -> Callable[[float], str]:
+    """Colours from 0 to 1, mixed of some."""
+    from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
+
+    mixed = LinearSegmentedColormap.from_list("shades", colours)
+    return lambda share: to_hex(mixed(share))
+
+
+def _write(axes: Any, x: float, y: float, text: str, size: float, colour: str = _DARK, **style: Any) -> None:
+    """A text centred at a point."""
+    axes.text(x, y, text, **{"ha": "center", "va": "center", "color": colour, "fontsize": size} | style)
+
+
+def draw_court(axes: Any) -> None:
+    """Draw the lines of a whole court [m] into axes, with the striker's half at the bottom."""
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set(xlim=(-WIDTH / 2 - 0.3, WIDTH / 2 + 0.3), ylim=(-HALF_LENGTH - 0.3, HALF_LENGTH + 0.3))
+    axes.fill([-WIDTH / 2, WIDTH / 2, WIDTH / 2, -WIDTH / 2], np.repeat([-HALF_LENGTH, HALF_LENGTH], 2), color=_MAT, zorder=0)
+    line = {"color": _MARKING, "linewidth": 1.2, "zorder": 3}
+    for x in (-WIDTH / 2, -HALF_WIDTH, HALF_WIDTH, WIDTH / 2):
+        axes.plot([x, x], [-HALF_LENGTH, HALF_LENGTH], **line)
+    for y in (-HALF_LENGTH, -SHORT_SERVICE, SHORT_SERVICE, HALF_LENGTH):
+        axes.plot([-WIDTH / 2, WIDTH / 2], [y, y], **line)
+    for side in (-1, 1):
+        axes.plot([0, 0], [side * SHORT_SERVICE, side * HALF_LENGTH], **line)
+    axes.plot([-WIDTH / 2 - 0.1, WIDTH / 2 + 0.1], [0, 0], color=INK, linewidth=3, zorder=4)
+
+
+def corners(area: int, *, incoming: bool = False) -> tuple[list[float], list[float]]:
+    """Corners of an area of the opponent's half [m], x and y; for an incoming stroke the area lies in the striker's half."""
+    (x0, x1), (y0, y1) = area_box(area)
+    sign = -1 if incoming else 1
+    return [sign * x0, sign * x1, sign * x1, sign * x0], [sign * y0, sign * y0, sign * y1, sign * y1]
+
+
+def of_hand(area: int, hand: str | None) -> int:
+    """An area named as a right-handed player sees it, as a player of a hand does (None: unknown, as right-handed); -1 stays."""
+    return area if area < 0 else seen_by(hand, area)
+
+
+def _area(
+    axes: Any, place: int, colour: Any, text: str, size: float, *, ink: str = _DARK, edge: str = _DARK, width: float = 0.6,
+    marked: bool = False, **style: Any,
+) -> None:  # fmt: skip
+    """An area of the opponent's half with a text; a marked one has a wide edge and bold letters."""
+    x, y = area_centre(np.array(place))
+    axes.fill(
+        *corners(place), facecolor=colour, edgecolor=edge, linewidth=3.0 if marked else width, zorder=3.6 if marked else 3.5
+    )
+    _write(axes, x, y, text, size, ink, zorder=5, weight="bold" if marked else "normal", **style)
+
+
+@_styled()
+def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) -> Markup:
+    """Estimates with intervals, one below the other.
+
+    Args:
+        rows: name, estimate, lower and upper end of its interval, exact value; NaN if unknown.
+    """
+    chart = Chart(_WIDE, 22.0 * len(rows) + 34)
+    axes = chart.axes
+    for y, (name, value, low, high, exact) in enumerate(rows):
+        if not math.isnan(value):
+            about = f"{name}: {value:+.0f} {unit}, 95 % {low:+.0f} to {high:+.0f}"
+            axes.plot([low, high], [y, y], color=_ACCENT, linewidth=2, gid=chart.tooltips(about))
+            axes.plot(value, y, "o", color=_ACCENT, markersize=7, gid=chart.tooltips(about))
+        if not math.isnan(exact):
+            about = chart.tooltips(f"{name}: exactly {exact:+.0f} {unit}")
+            axes.plot(exact, y, "D", color="none", markeredgecolor=_SECOND, markeredgewidth=1.8, markersize=8, gid=about)
+    _listed(axes, [label(name) for name, *_ in rows])
+    axes.xaxis.set_major_formatter("{x:+g}")
+    return chart.svg("Ratings with 95 % intervals")
+
+
+@_styled()
+def heat_map(names: Sequence[str], win: F64) -> Markup:
+    """Payoffs of all pairs.
+
+    Args:
+        names: N rows and columns.
+        win: ``[N, N]`` probability that the row wins against the column, NaN if unknown; the diagonal is not shown.
+    """
+    from matplotlib.collections import PatchCollection  # noqa: PLC0415  slow to import
+    from matplotlib.patches import Rectangle  # noqa: PLC0415
+
+    n = len(names)
+    size = 36.0 if n <= 24 else max(8.0, 800.0 / n)
+    chart = Chart(size * n + 240, size * n + 130)
+    axes, colours = chart.axes, _shades(*_LOST_TO_WON)
+    cells = [(i, j, float(win[i, j])) for i, j in np.ndindex(n, n) if i != j and not math.isnan(win[i, j])]
+    squares = PatchCollection([Rectangle((j - 0.48, i - 0.48), 0.96, 0.96) for i, j, _ in cells])
+    squares.set_facecolor([colours(p) for *_, p in cells] or "none")
+    squares.set_gid(chart.tooltips(*(f"{names[i]} beats {names[j]} in {100 * p:.1f} % of matches" for i, j, p in cells)))
+    axes.add_collection(squares)
+    for i, j, p in cells if size >= _SMALLEST_LABELLED else ():
+        colour = "#ffffff" if abs(2 * p - 1) > 0.55 else _DARK
+        _write(axes, j, i, f"{100 * p:.0f}", 10, colour, va="center_baseline")
+    axes.set(xlim=(-0.5, n - 0.5), ylim=(n - 0.5, -0.5), aspect="equal")
+    labels = [label(name) for name in names]
+    axes.set_xticks(range(n), labels, color=_INK, rotation=55, ha="left", rotation_mode="anchor")
+    axes.set_yticks(range(n), labels, color=_INK)
+    axes.tick_params(length=0, labeltop=True, labelbottom=False)
+    axes.spines[:].set_visible(False)
+    axes.grid(visible=False)
+    return chart.svg("Probability that the row wins against the column")
+
+
+@_styled()
+def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> Markup:
+    """Named points, whose names do not overlap."""
+    chart = Chart(_WIDE, 460.0)
+    axes = chart.axes
+    axes.scatter(
+        *np.array([*points.values()]).T,
+        color=_ACCENT,
+        s=60,
+        gid=chart.tooltips(*(f"{name}: {x:.3f}, {y:.3f}" for name, (x, y) in points.items())),
+    )
+    axes.margins(x=0.1, y=0.08)
+    axes.set(xlabel=across, ylabel=up)
+    chart.figure.draw_without_rendering()
+    # Left and right edge and centre of each name that is placed [px]; a name moves up or down until it covers no other.
+    placed: list[tuple[float, float, float]] = []
+    for name, point in sorted(points.items(), key=lambda item: item[1][1]):
+        (x, y), width = 72 / chart.figure.dpi * axes.transData.transform(point), 6.7 * len(label(name))
+        shift = next(
+            shift
+            for shift in sorted(range(-13 * len(points), 13 * len(points) + 1, 13), key=abs)
+            if not any(x + 9 < right and x + 9 + width > left and abs(y + shift - other) < 13 for left, right, other in placed)
+        )
+        placed.append((x + 9, x + 9 + width, y + shift))
+        line = {"arrowstyle": "-", "color": _DIM, "linewidth": 0.8} if shift else None
+        axes.annotate(label(name), point, (9, shift), textcoords="offset points", va="center", arrowprops=line)
+    return chart.svg(f"{up} against {across}")
+
+
+@_styled()
+def curves(
+    lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False
+) -> Markup | None:
+    """Curves by name, with a legend; None without any point.
+
+    Args:
+        lines: points of each, from left to right; an empty one is not drawn, and keeps its colour for other charts.
+        logarithmic: whether the vertical axis is; points that are not above 0 are left out then.
+    """
+    from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415  slow to import
+
+    shown = {name: [(x, y) for x, y in points if y > 0 or not logarithmic] for name, points in lines.items()}
+    if not any(shown.values()):
+        return None
+    chart = Chart(_WIDE, 440.0 + 6 * len(shown))
+    for i, (name, points) in enumerate(shown.items()):
+        if points:
+            colour = _COLOURS[i % len(_COLOURS)]
+            # A name that begins with an underscore has no legend in matplotlib, unless its label is set afterwards.
+            (line,) = chart.axes.plot(*zip(*points, strict=True), color=colour, linewidth=1.8, gid=chart.tooltips(name))
+            line.set_marker("o" if len(points) == 1 else "")  # a line of one point is invisible
+            line.set_label(f"\N{ZERO WIDTH SPACE}{label(name)}")
+    chart.axes.set(xlabel=across, ylabel=up, yscale="log" if logarithmic else "linear")
+    chart.axes.xaxis.set_major_formatter("{x:,.10g}")
+    if logarithmic:
+        chart.axes.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), minor_locator=NullLocator())
+        chart.axes.yaxis.set_major_formatter("{x:g}")
+    chart.figure.legend(loc="outside lower center", ncols=4)
+    return chart.svg(f"{up} against {across}")
+
+
+@_styled()
+def radars(axes: Sequence[str], values: Mapping[str, Sequence[float]], reference: Sequence[float]) -> dict[str, Markup]:
+    """Figures from 0 (the centre) to 1 (the rim) by name, and those of a reference as a dashed line."""
+    chart = Chart(300.0, 230.0, projection="polar")
+    angles = 2 * math.pi * np.arange(len(axes)) / len(axes)
+    chart.axes.fill(angles, reference, facecolor="none", edgecolor=_DIM, linestyle=(0, (3, 3)))
+    shapes = [
+        *chart.axes.fill(angles, reference, facecolor=_ACCENT, alpha=0.25),
+        *chart.axes.fill(angles, reference, facecolor="none", edgecolor=_ACCENT, linewidth=1.6),
+    ]
+    chart.axes.set(theta_zero_location="N", theta_direction=-1, rlim=(0, 1))
+    chart.axes.set_thetagrids(np.degrees(angles), [label(name) for name in axes])
+    chart.axes.set_rgrids([0.5, 1.0], ["", ""])
+    drawn = {}
+    for name, figures in values.items():
+        for shape in shapes:
+            shape.set_xy(np.column_stack([angles, figures]))
+        drawn[name] = chart.svg("Mix of strokes")
+        chart.figure.set_layout_engine("none")  # that of the first one is kept, because all have the same text
+    return drawn
+
+
+def _words() -> "Words":
+    from shuttle_marl.reports.words import words  # noqa: PLC0415  a tournament needs no words of badminton
+
+    return words()
+
+
+class Bar(NamedTuple):
+    """An estimate: its name, value and interval, a reference (NaN: none), whether it is clear, and the player (0 or 1)."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    reference: float = float("nan")
+    clear: bool = True
+    player: int = 0
+
+
+def _wide(text: str) -> int:
+    """Number of letters that are as wide as two."""
+    return sum(east_asian_width(letter) == "W" for letter in text)
+
+
+@_styled()
+def bars(rows: Sequence[Bar], title: str) -> Markup:
+    """Estimates with intervals, one below the other."""
+    say = _words()
+    whole = [label(row.name, 3 * _LETTERS) for row in rows]
+    # A line has half as many wide letters.
+    labels = [fill(text, _LETTERS // 2 if 2 * _wide(text) > len(text) else _LETTERS) for text in whole]
+    lines = max(text.count("\n") for text in labels) + 1
+    chart = Chart(_NARROW, (14.0 * lines + 6) * len(rows) + 40)
+    # The font of matplotlib has no wide letters, and leaves less space for them than that of the reader takes.
+    room = _MISSING * max(_wide(line) for text in labels for line in text.split("\n")) / _NARROW
+    chart.figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
+    axes = chart.axes
+    for y, row in enumerate(rows):
+        colour = _PLAYERS[row.player]
+        value, low, high = (say.number(x, ".1f") for x in row[1:4])
+        estimate = say("report.interval", value=value, low=low, high=high)
+        about = chart.tooltips(f"{row.name}: {estimate}")
+        axes.plot([row.low, row.high], [y, y], color=colour, linewidth=3, alpha=0.55, gid=about)
+        axes.plot(row.value, y, "os"[row.player], markersize=8, markeredgewidth=1.6, markeredgecolor=colour,
+                  color=colour if row.clear else "none")  # fmt: skip
+        if np.isfinite(row.reference):
+            axes.plot(row.reference, y, "D", color="none", markeredgecolor=_INK, markeredgewidth=1.4, markersize=7)
+    if min(row.low for row in rows) < 0 < max(row.high for row in rows):
+        axes.axvline(0, color=_DIM, linewidth=1)
+    _listed(axes, labels)
+    return chart.svg(title)
+
+
+@_styled()
+def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
+    """Shares of the target areas, coloured by their difference from a reference, with the striker at the bottom.
+
+    Args:
+        shares, reference: ``[9]`` shares; areas as a right-handed receiver sees them.
+        hand: of the receiver; None: unknown.
+        clear: areas with a frame.
+    """
+    chart, colours = Chart(330.0, 330.0), _shades(_LESS, _ALIKE, _MORE)
+    axes = chart.axes
+    draw_court(axes)
+    axes.set_ylim(-1.2, HALF_LENGTH + 0.3)
+    axes.grid(visible=False)
+    difference = 100 * (shares - reference)
+    most = max(4.0, float(np.abs(difference).max()))
+    for area in range(N_AREAS):
+        text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
+        shade = colours(0.5 + difference[area] / most / 2)
+        _area(axes, of_hand(area, hand), shade, text, 12, marked=area in clear)
+    say = _words()
+    described = say.listed(f"{say.area(area, 'receiver')} {100 * shares[area]:.0f}" for area in range(N_AREAS))
+    return chart.svg(f"{title}: {described}")
+
+
+@_styled()
+def waits(rows: Sequence["Wait"], title: str, hand: str | None) -> Markup:
+    """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them.
+
+    Args:
+        rows: a court for each.
+        hand: of the player; None: unknown.
+    """
+    chart, colours, step = Chart(_NARROW, 235.0), _shades(_ALIKE, _MORE), 2 * HALF_WIDTH + 0.7
+    axes = chart.axes
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set(xlim=(-HALF_WIDTH - 0.2, HALF_WIDTH + 0.2 + step * (len(rows) - 1)), ylim=(-HALF_LENGTH - 0.2, 1.5))
+    for number, wait in enumerate(rows):
+        middle, name = number * step, _words().shots(wait.shot)
+        _write(axes, middle, 0.3, fill(label(name, 2 * _LETTERS), _LETTERS // 2), 13, _INK, va="bottom")
+        axes.plot([middle - HALF_WIDTH, middle + HALF_WIDTH], [0, 0], color=_INK, linewidth=3, zorder=4)
+        for position, share in enumerate(wait.positions):
+            (x0, x1), (y0, y1) = position_box(position)
+            x0, x1 = (-x1, -x0) if hand == "left" else (x0, x1)
+            shade, xs = colours(min(1.0, 2 * share)), [middle + x for x in (x0, x1, x1, x0)]
+            axes.fill(xs, [y1, y1, y0, y0], facecolor=shade, edgecolor=_DARK, linewidth=0.6)
+            _write(axes, middle + (x0 + x1) / 2, (y0 + y1) / 2, f"{100 * share:.0f}", 14)
+    return chart.svg(title)
+
+
+@_styled()
+def drill(met: int, target: int, hands: tuple[str | None, str | None], title: str) -> Markup:
+    """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer.
+
+    Args:
+        met: area of the player's half, as a right-handed player sees it; -1: the player serves.
+        target: area of the other half, as a right-handed receiver sees it.
+        hands: of the player and of the receiver; None: unknown.
+    """
+    met, target = of_hand(met, hands[0]), of_hand(target, hands[1])
+    chart = Chart(220.0, 420.0)
+    axes = chart.axes
+    draw_court(axes)
+    axes.grid(visible=False)
+    x1, y1 = area_centre(np.array(target))
+    axes.fill(*corners(target), facecolor=_MORE, edgecolor=_DARK, zorder=3.5)
+    if met < 0:
+        x0, y0 = (0.4 if x1 < 0 else -0.4), -SHORT_SERVICE - 0.5
+    else:
+        x0, y0 = (-float(part) for part in area_centre(np.array(met)))
+        axes.fill(*corners(met, incoming=True), facecolor=_LESS, edgecolor=_DARK, zorder=3.5)
+        axes.annotate("", (x0, y0), (0.0, 3.5), arrowprops={"arrowstyle": "->", "color": _DARK, "linestyle": "--"}, zorder=6)
+    axes.annotate("", (x1, y1), (x0, y0), arrowprops={"arrowstyle": "->", "color": _DARK, "linewidth": 2.5}, zorder=6)
+    return chart.svg(title)
+
+
+@_styled()
+def course(chance: Sequence[float], games: Sequence[int], moments: Sequence[int], names: tuple[str, str], title: str) -> Markup:
+    """Probability of winning a match over its rallies.
+
+    Args:
+        chance: before each of R rallies and after the last one.
+        games: rallies after which a game ended.
+        moments: rallies with a dot.
+        names: of the players, at the upper and at the lower end.
+    """
+    chart = Chart(_NARROW, 220.0)
+    axes, at = chart.axes, np.arange(len(chance))
+    values = 100 * np.array(chance)
+    axes.axhline(50, color=_DIM, linewidth=1)
+    for end in games:
+        axes.axvline(end, color=_DIM, linewidth=1, linestyle=(0, (4, 3)))
+    axes.fill_between(at, values, 50, where=values >= 50, color=_PLAYERS[0], alpha=0.25, linewidth=0, interpolate=True)
+    axes.fill_between(at, values, 50, where=values <= 50, color=_PLAYERS[1], alpha=0.25, linewidth=0, interpolate=True)
+    axes.plot(at, values, color=_INK, linewidth=1.6)
+    axes.plot([m + 1 for m in moments], [values[m + 1] for m in moments], "o", color=_INK, markersize=6)
+    axes.set(ylim=(0, 100), xlim=(0, max(1, len(chance) - 1)))
+    axes.set_yticks([0, 50, 100], [label(names[1], 20), "50", label(names[0], 20)], color=_INK)
+    return chart.svg(title)
+
+
+def check_format(path: Path) -> None:
+    """Check the suffix of a picture file.
+
+    Raises:
+        OptionError: it is not a supported format.
+    """
+    if path.suffix not in _FORMATS:
+        raise OptionError(f"{path}: pictures are written as {', '.join(_FORMATS)}; use one of these suffixes")
+
+
+def save(drawn: Any, path: Path) -> None:
+    """Write a figure as PNG, SVG or PDF.
+
+    Raises:
+        OptionError: the suffix is not a supported format.
+        FileWriteError: the file cannot be written.
+    """
+    check_format(path)
+    with io.BytesIO() as buffer:
+        drawn.savefig(buffer, format=path.suffix[1:], dpi=110)
+        replace_file(path, buffer.getvalue())
+
+
+def landings(summaries: Mapping[str, "Summary"], reference: "Summary", name: str) -> Any:
+    """Share of good strokes that land in each area, coloured by the difference from a reference.
+
+    Landing points are drawn for annotated matches; a log holds only areas. All receivers are drawn as right-handed.
+
+    Args:
+        reference: summary that they are compared with.
+    """
+    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  slow to import
+    from matplotlib.colors import Normalize  # noqa: PLC0415
+
+    drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
+    axes_of = np.atleast_1d(drawn.subplots(1, len(summaries)))
+    differences = {player: 100 * (summary.areas - reference.areas) for player, summary in summaries.items()}
+    most = max(5.0, *(float(np.abs(difference).max()) for difference in differences.values()))
+    colours = ScalarMappable(Normalize(-most, most), "RdBu_r")
+    outline = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "edgecolor": "none"}
+    for axes, (player, summary) in zip(axes_of, summaries.items(), strict=True):
+        draw_court(axes)
+        for area, (share, more) in enumerate(zip(100 * summary.areas, differences[player], strict=True)):
+            shade, text = colours.to_rgba(more), f"{share:.0f} %\n{more:+.0f}"
+            _area(axes, area, shade, text, 9, ink=INK, edge=INK, width=0.5, bbox=outline)
+        if summary.marked:
+            points = summary.points[:: max(1, len(summary.points) // _MOST_POINTS)]
+            axes.scatter(*points.T, s=1.5, color=INK, alpha=0.35, linewidths=0, zorder=4)
+        _write(axes, 0, -HALF_LENGTH / 2, f"{player}\nstrikes from here", 9, "white", zorder=5)
+        axes.set_title(f"{player}: {summary.strokes:,} strokes", fontsize=10)
+    drawn.supxlabel(Texts("en")(f"sides.{HANDS[0]}"), fontsize=9)
+    drawn.colorbar(colours, ax=axes_of.tolist(), shrink=0.5, label=f"percentage points more than {name}")
+    return drawn
+
+
+def transitions(summary: "Summary", title: str) -> Any:
+    """Replies of a player: one row per incoming shot type, with the share of each reply."""
+    drawn = figure(8.6, 7.0)
+    axes = drawn.subplots()
+    count = summary.transitions
+    total = count.sum(axis=1)
+    rows, replies = np.flatnonzero(total), np.flatnonzero(np.arange(len(SHOTS)) >= N_SERVES)
+    share = 100 * count[np.ix_(rows, replies)] / total[rows, None]
+    picture = axes.imshow(share, cmap="Greens", vmin=0, vmax=max(40.0, float(share.max(initial=0.0))), aspect="auto")
+    for row, column in zip(*np.nonzero(share >= _LEAST_SHARE), strict=True):
+        colour = "white" if share[row, column] > 0.6 * picture.norm.vmax else INK
+        _write(axes, column, row, f"{share[row, column]:.0f}", 8, colour)
+    played = 100 * count[:, replies].sum(axis=0) / max(1, total.sum())
+    axes.set_xticks(
+        range(len(replies)),
+        [f"{_NAMES[k]}\n{part:.0f} %" for k, part in zip(replies, played, strict=True)],
+        rotation=40, ha="right", fontsize=8,
+    )  # fmt: skip
+    incoming = [f"{_NAMES[k].replace(chr(10), ' ')}  {100 * total[k] / max(1, total.sum()):.0f} %" for k in rows]
+    axes.set_yticks(range(len(rows)), incoming, fontsize=8)
+    axes.set(xlabel="reply, and its share of all replies", ylabel="incoming shot, and its share of all that come")
+    axes.set_xticks(np.arange(len(replies) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color="white", linewidth=1)
+    axes.tick_params(which="both", length=0)
+    axes.spines[:].set_visible(False)
+    drawn.colorbar(picture, ax=axes, shrink=0.6, label="share of the replies to a shot [%]")
+    axes.set_title(title, fontsize=11)
+    return drawn
+
+
+def shot_mix(summaries: Mapping[str, "Summary"]) -> Any:
+    """Shares of shot types side by side, and the distributions of rally lengths below."""
+    drawn = figure(9.5, 6.6)
+    above, below = drawn.subplots(2, 1)
+    width = 0.8 / len(summaries)
+    at = np.arange(len(SHOTS))
+    for i, (name, summary) in enumerate(summaries.items()):
+        colour = COLOURS[i % len(COLOURS)]
+        above.bar(at + (i - (len(summaries) - 1) / 2) * width, 100 * summary.shots, width, label=name, color=colour)
+        lengths = 100 * summary.lengths / max(1, summary.lengths.sum())
+        # The first lines are the widest, so that they stay visible behind later ones.
+        wide = 1.3 + 2.2 * (len(summaries) - 1 - i)
+        mean = f"{name}: mean {summary.length:.1f}"
+        below.step(np.arange(len(lengths)), lengths, where="mid", color=colour, linewidth=wide, label=mean)
+    above.set_xticks(at, _NAMES, rotation=40, ha="right", fontsize=8)
+    above.set_ylabel("share of strokes [%]")
+    below.set(xlabel="strokes of a rally", ylabel="share of rallies [%]", xlim=(0, 40))
+    for axes in (above, below):
+        axes.legend(fontsize=8, frameon=False)
+        axes.spines[["top", "right"]].set_visible(False)
+    return drawn
+
+
+def best_replies(solution: "Solution", incoming: int, own: int | None = None) -> Any:
+    """Probability of winning with the best reply to each target area (:func:`aims`), with the striker's half at the bottom.
+
+    The players of the game of a pair have their own hands.
+
+    Raises:
+        ExactError: the incoming stroke is not legal after the striker's own.
+    """
+    from shuttle_marl.reports.rally import aims  # noqa: PLC0415  only this picture needs it
+
+    drawn = figure(9.6, 8.2)
+    game = solution.games[0]
+    people = None if game.whole is None else game.whole.people
+    hands = (HANDS[0], HANDS[0]) if people is None else people.hands
+    met, names = int(game.catalogue.area[incoming]), game.catalogue.names
+    for axes, contact, aim in zip(drawn.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
+        draw_court(axes)
+        xs, ys = corners(of_hand(met, hands[0]), incoming=True)
+        axes.fill(xs, ys, facecolor=_MARKING, alpha=0.9, zorder=3.5)
+        text = f"incoming\n{AREA_WORDS[met].replace(' ', chr(10))}"
+        _write(axes, (xs[0] + xs[1]) / 2, (ys[0] + ys[2]) / 2, text, 7.5, INK, zorder=5)
+        for area in range(N_AREAS):
+            _reply(axes, game, aim, area, of_hand(area, hands[1]))
+        axes.set_title(f"shuttle {contact} the net: wins {100 * aim.best:.1f} %", fontsize=11)
+    if own is not None:
+        before = f" after one's own {names[own]}"
+    else:
+        before = "" if game.catalogue.is_serve[incoming] else ", mean over one's own last strokes"
+    drawn.suptitle(f"Reply to {names[incoming]}{before}", fontsize=12)
+    drawn.supxlabel(Texts("en")(f"sides.{hands[1]}"), fontsize=9)
+    return drawn
+
+
+def _reply(axes: Any, game: Game, aim: "Aim", area: int, place: int) -> None:
+    """Draw the best reply to an area, which lies at a place as the receiver sees it."""
+    import matplotlib as mpl  # noqa: PLC0415  slow to import
+
+    win, stroke = float(aim.win[area]), aim.stroke[area]
+    if stroke < 0:
+        axes.fill(*corners(place), facecolor="none", edgecolor=_MARKING, hatch="//", alpha=0.5, zorder=3.5)
+        return
+    shot = SHOTS[game.catalogue.shot[stroke]].replace("cross-court-net-shot", "cross-court\nnet-shot")
+    text = f"{100 * win:.1f} %\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
+    if np.isfinite(aim.support[area]):
+        text += f"\nn = {aim.support[area]:.0f}"
+    shade, best = mpl.colormaps["RdYlGn"](np.clip(0.5 + (win - 0.5) / _SPREAD / 2, 0, 1)), win >= aim.best
+    _area(axes, place, shade, text, 7.5, ink=INK, edge=INK if best else _MARKING, width=0.8, marked=best)

@@ -1,0 +1,185 @@
+"""Where players wait for the opponent's stroke, after their most frequent strokes.
+
+Positions are those of annotated matches at the moment in which the opponent strikes. Marked in a video, they lie decimetres
+deeper at one end of the court than at the other. So both ends count alike, and a player is compared with the opponents in the
+same matches.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+from scipy import stats
+
+from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.data.hands import receiver_hands
+from shuttle_marl.game.court import HANDS
+from shuttle_marl.game.recovery import N_POSITIONS, position_of
+from shuttle_marl.game.shipped import RELIABLE, Estimate
+from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
+from shuttle_marl.reports.course import rally_numbers
+from shuttle_marl.reports.habits import discoveries
+
+MOST: Final = 3
+"""Shot types of a player."""
+LEAST_METRES: Final = 0.1
+"""Smaller differences are of no use on court, and are not named [m]."""
+LEAST_MATCHES: Final = 5
+"""Matches of a player from which on intervals resample matches; of fewer they resample rallies."""
+_RESAMPLES: Final = 2000
+_BOUNDS: Final = (0.025, 0.975)
+_INTERVAL: Final = 11
+"""Points at which players change ends in a third game."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Place:
+    """A mean coordinate of a waiting player [m], with 95 % intervals.
+
+    Attributes:
+        difference: from the opponents in the same matches; NaN where they played no such strokes at both ends.
+        p: p-value of the difference; NaN where one of them played it less than 20 times.
+        clear: whether the difference is more than chance, with a correction for the number of differences, and large enough.
+    """
+
+    mean: Estimate
+    difference: Estimate
+    p: float
+    clear: bool = False
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Wait:
+    """Where a player waits after strokes of one shot type.
+
+    Attributes:
+        player: index of the player.
+        strokes, others: numbers of strokes with a known position, of the player and of the opponents in the same matches.
+        positions: ``[9]`` share of each of :data:`~shuttle_marl.game.recovery.POSITIONS`.
+        depth: distance from the net.
+        side: distance from the middle line towards the forehand side; an unknown hand counts as right.
+    """
+
+    player: int
+    shot: str
+    strokes: int
+    others: int
+    positions: tuple[float, ...]
+    depth: Place
+    side: Place
+
+
+def waits(strokes: pa.Table, players: Sequence[str], *, seed: int = 0) -> list[Wait]:
+    """Where players wait after their three most frequent shot types; empty without known positions.
+
+    Args:
+        strokes: of schema :data:`shuttle_marl.data.schema.STROKES`, rallies in order. Simulated strokes do not count: no player
+            chose their positions.
+        seed: random seed of the intervals.
+    """
+    rows = _Rows.of(strokes)
+    found: list[Wait] = []
+    for player, name in enumerate(players):
+        own = rows.player == name
+        played = np.bincount(rows.shot[own & (rows.shot >= N_SERVES)], minlength=N_SHOTS)
+        for kind in np.argsort(-played, kind="stable")[:MOST].tolist():
+            mine = rows.known & own & (rows.shot == kind)
+            others = rows.known & ~own & (rows.shot == kind) & np.isin(rows.match, rows.match[mine])
+            if mine.any():
+                found.append(_wait(rows, player, kind, mine, others, np.random.default_rng([seed, player, kind])))
+    tested = [place.p for wait in found for place in (wait.depth, wait.side) if place.p == place.p]
+    marks = iter(discoveries(tested).tolist())
+
+    def marked(place: Place) -> Place:
+        _, low, high = place.difference
+        named = place.p == place.p and next(marks) and not low <= 0 <= high
+        return dataclasses.replace(place, clear=named and abs(place.difference.value) >= LEAST_METRES)
+
+    return [dataclasses.replace(wait, depth=marked(wait.depth), side=marked(wait.side)) for wait in found]
+
+
+class _Rows(NamedTuple):
+    """Strokes, with the position of the striker when the opponent strikes next."""
+
+    player: npt.NDArray[np.object_]
+    shot: I64
+    match: I64
+    end: I64
+    rally: I64
+    known: Bools
+    depth: F64
+    side: F64
+
+    @classmethod
+    def of(cls, strokes: pa.Table) -> "_Rows":
+        def column(name: str) -> F64:
+            return np.asarray(strokes[name].cast(pa.float64()).to_numpy(zero_copy_only=False))
+
+        def after(values: F64) -> F64:
+            return np.append(values[1:], np.nan)
+
+        rally, game = rally_numbers(strokes), column("game").astype(np.int64)
+        changed = (game > 2) & (np.fmax(column("points"), column("points_opponent")) >= _INTERVAL)
+        x, y = after(column("receiver_x")), after(column("receiver_y"))
+        left = after((receiver_hands(strokes) == HANDS.index("left")).astype(np.float64)) == 1
+        follows = (after(rally.astype(np.float64)) == rally) & (after(column("stroke")) == column("stroke") + 1)
+        played = strokes["source"].to_numpy(zero_copy_only=False).astype(object) != "simulated"
+        return cls(
+            player=strokes["player"].to_numpy(zero_copy_only=False).astype(object),
+            shot=column("shot").astype(np.int64),
+            match=strokes["match"].combine_chunks().dictionary_encode().indices.to_numpy().astype(np.int64),
+            end=(game + changed) % 2,
+            rally=rally,
+            known=follows & np.isfinite(x + y) & played,
+            depth=y,
+            side=np.where(left, x, -x),  # the receiver looks the other way than the striker
+        )
+
+
+def _wait(rows: _Rows, player: int, kind: int, mine: Bools, others: Bools, rng: np.random.Generator) -> Wait:
+    used = np.flatnonzero(mine | others)
+    match, place = np.unique(rows.match[used], return_inverse=True)
+    cell = 2 * place + rows.end[used]
+    own, other = mine[used], others[used]
+    n, m = (np.bincount(cell[which], minlength=2 * len(match)).reshape(-1, 2) for which in (own, other))
+    both = np.asarray((n > 0).all(axis=1))
+    fair = (both & np.asarray((m > 0).all(axis=1)))[place]
+    # Both ends of a match weigh alike, and the opponents' match as much as the player's.
+    whole = n.sum(axis=1)[place] / 2
+    even = np.where(both[place], whole / np.maximum(1, n.ravel()[cell]), 1.0)
+    weights = np.stack([own * even, own * fair * even, other * fair * whole / np.maximum(1, m.ravel()[cell])])
+    cluster = np.unique(rows.match[used] if both.sum() >= LEAST_MATCHES else rows.rally[used], return_inverse=True)[1]
+    values = np.stack([np.ones(len(used)), rows.depth[used], rows.side[used]])
+    size = int(cluster.max()) + 1
+    sums = np.stack([np.bincount(cluster, w * v, minlength=size) for v in values for w in weights], axis=1)
+    drawn = np.stack([np.bincount(rng.integers(size, size=size), minlength=size) @ sums for _ in range(_RESAMPLES)])
+    enough = min((own & fair).sum(), (other & fair).sum()) >= RELIABLE
+    positions = np.bincount(position_of(values[2][own], values[1][own]), weights[0][own], minlength=N_POSITIONS)
+    depth, side = (_place(sums.sum(axis=0), drawn, number, size, enough=bool(enough)) for number in (1, 2))
+    shares = tuple(float(share) for share in positions / positions.sum())
+    counts = {"strokes": int(own.sum()), "others": int(other.sum())}
+    return Wait(player=player, shot=SHOTS[kind], **counts, positions=shares, depth=depth, side=side)
+
+
+def _place(total: F64, drawn: F64, number: int, clusters: int, *, enough: bool) -> Place:
+    """``total``: ``[9]`` sums of weights and of two weighted coordinates; ``drawn``: those of resamples."""
+
+    def means(sums: F64) -> tuple[F64, F64]:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = sums[..., 3 * number : 3 * number + 3] / sums[..., :3]
+        return mean[..., 0], mean[..., 1] - mean[..., 2]
+
+    (mean, difference), resampled = means(total), means(drawn)
+    estimates = []
+    for value, those in zip((mean, difference), resampled, strict=True):
+        some = those[np.isfinite(those)]
+        low, high = np.quantile(some, _BOUNDS) if clusters > 1 and len(some) and np.isfinite(value) else (np.nan, np.nan)
+        estimates.append(Estimate(float(value), float(low), float(high)))
+    p = float("nan")
+    if enough and clusters > 1:
+        error = float(np.nanstd(resampled[1])) * np.sqrt(clusters / (clusters - 1))
+        p = float(2 * stats.t.sf(abs(difference) / error, clusters - 1)) if error > 0 else float(difference == 0)
+    return Place(mean=estimates[0], difference=estimates[1], p=p)

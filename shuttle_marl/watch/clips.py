@@ -1,0 +1,203 @@
+"""Staged rallies in the pages of reports: the program of the live court, motions and values, as in a page that it saves."""
+
+import dataclasses
+import functools
+import gzip
+import json
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from shuttle_marl import __version__
+from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game.draws import stream
+from shuttle_marl.game.pairs import looks_of
+from shuttle_marl.game.scoring import Score
+from shuttle_marl.game.tables import Game
+from shuttle_marl.policy import baselines
+from shuttle_marl.reports import Players
+from shuttle_marl.reports.advice import Advice, Meeting, imitated, meet
+from shuttle_marl.reports.html import Viewer
+from shuttle_marl.reports.match import MatchReport
+from shuttle_marl.reports.rendering import Clips
+from shuttle_marl.reports.scouting import ScoutingReport
+from shuttle_marl.reports.sources import Source, hidden
+from shuttle_marl.staging import stage
+from shuttle_marl.staging.skeleton import model_file
+from shuttle_marl.watch import messages
+from shuttle_marl.watch.building import BuildError, build
+from shuttle_marl.watch.facts import hall_facts, rally_facts
+from shuttle_marl.watch.match import CourtRally, play_rally
+from shuttle_marl.watch.plan import Plan
+from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.recorded import LogRallies, RealRallies
+from shuttle_marl.watch.values import ELITE, StrokeValues
+
+_FPS: Final = 25
+"""Frames per second; the page interpolates, and motions are half as large."""
+_MOST_BYTES: Final = 1_100_000
+"""Largest total size of the motions; later examples are left out."""
+_ATTEMPTS: Final = 3000
+_LETTERS: Final = [chr(code) for code in range(33, 127) if chr(code) not in '"\\<']
+
+
+def base91(content: bytes) -> str:
+    """Bytes as basE91 text, which needs no escapes in JSON or HTML: the encoding of saved pages of the live court."""
+    out: list[str] = []
+    rest = bits = 0
+    for byte in content:
+        rest |= byte << bits
+        bits += 8
+        if bits > 13:
+            value, taken = rest & 8191, 13
+            if value <= 88:
+                value, taken = rest & 16383, 14
+            rest >>= taken
+            bits -= taken
+            out += (_LETTERS[value % 91], _LETTERS[value // 91])
+    if bits:
+        out.append(_LETTERS[rest % 91])
+        if bits > 7 or rest > 90:
+            out.append(_LETTERS[rest // 91])
+    return "".join(out)
+
+
+def _packed(content: bytes) -> str:
+    return base91(gzip.compress(content, mtime=0))
+
+
+def viewer() -> Viewer:
+    """The program of the live court, for pages that contain rallies.
+
+    Raises:
+        BuildError: it is not built, and cannot be.
+    """
+    folder = build()
+    script, style = ((folder / name).read_text(encoding="utf-8") for name in ("watch.js", "watch.css"))
+    return Viewer(script=script.replace("</script", "<\\/script").replace("<!--", "<\\!--"), style=style.replace("</", "<\\/"))
+
+
+def shared(rallies: Sequence[CourtRally], game: Game, players: Players) -> tuple[str, int]:
+    """Rallies as the content of a saved page of the live court.
+
+    Args:
+        rallies: in the order of their numbers, from 0.
+        game: in which they are valued.
+
+    Returns:
+        JSON without characters that end a script element, and the number of rallies that it contains.
+    """
+    values, replies, size, count = StrokeValues(PolicyTables(game)), {}, 0, 0
+    shown: dict[str, None] = {}
+    for number, rally in enumerate(rallies):
+        motion = stage(rally, seed=rally.key, athletes=rally.athletes, fps=_FPS)
+        reply = messages.RallyReply(rally_facts(game, rally, motion))
+        packed = _packed(messages.encode_reply(0, reply, [motion.pack(0)]))
+        size += len(packed)
+        if size > _MOST_BYTES:
+            break
+        replies[f"rally {number}"] = packed
+        replies[f"analysis {number}"] = _packed(messages.encode_reply(0, values.analysis(rally, players)))
+        shown |= dict.fromkeys(rally.athletes)
+        count += 1
+    hello = messages.Hello(
+        version=__version__,
+        game=game.hash[:12],
+        hall=hall_facts(),
+        policies=[ELITE.policy],
+        plan=Plan(seed=0, sides=(ELITE, ELITE)),
+        recorded=messages.RecordedFacts("", count, 0, []),
+        ladder=[],
+    )
+    content = {
+        "hello": _packed(messages.encode_reply(0, hello)),
+        "replies": replies,
+        "models": {name: _packed(model_file(name).read_bytes()) for name in shown},
+    }
+    return json.dumps(content), count
+
+
+def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: tuple[str, str]) -> list[CourtRally]:
+    """A simulated rally for each advice: the situation occurs, and seat 0 plays the advised stroke.
+
+    Args:
+        home: the imitated players.
+        names: printable names of the players.
+    """
+    found: list[CourtRally] = []
+    looks = looks_of(pair, names)._asdict()
+
+    @functools.cache
+    def rally(number: int) -> CourtRally:
+        return play_rally(pair, home.policies, stream(0, 0, number), (0, names, Score(server=number % 2)), {})
+
+    for place, advice in enumerate(advised):
+        wanted, shortest = set(advice.states.tolist()), None
+        for number in range(_ATTEMPTS):
+            one = rally(number)
+            here = [i for i, s in enumerate(one.states(pair) % pair.n_base_states) if one.striker[i] == 0 and int(s) in wanted]
+            if not here or (shortest is not None and here[0] >= shortest[1]):
+                continue
+            shortest = (number, here[0])
+            if here[0] <= 4:
+                break
+        if shortest is None:
+            raise ShuttleError(f"advice {place + 1}: no example in {_ATTEMPTS:,} rallies")
+        number, stroke = shortest
+        about = (place, names, Score(server=number % 2))
+        played = play_rally(pair, home.policies, stream(0, 0, number), about, {stroke: advice.stroke})
+        found.append(dataclasses.replace(played, **looks))
+    return found
+
+
+def scout_clips(report: ScoutingReport) -> Clips:
+    """An example of each piece of advice."""
+    if report.pair is None or report.home is None or report.player is None:
+        return Clips()
+    try:
+        program = viewer()
+    except BuildError as error:
+        return Clips(reason=str(error))
+    names = printable(report.player.name), printable(report.opponent.name)
+    rallies = staged_advice(report.advice, report.pair, report.home, names)
+    players = Players(tables=report.home.policies, value=report.home.value)
+    return Clips(content=shared(rallies, report.pair, players)[0], viewer=program)
+
+
+def match_clips(report: MatchReport, source: Source) -> Clips:
+    """The key moments of a match, and where its rallies are on the live court.
+
+    Raises:
+        WatchError: the file has no whole rally.
+    """
+    found: LogRallies | RealRallies
+    if source.strokes is None:
+        found, numbers = LogRallies(source.path, source.game), dict(enumerate(source.numbers))
+    else:
+        found = RealRallies(source.path, source.game.seats[0], source.strokes)
+        of_key = found.numbers(str(source.match))
+        numbers = {i: of_key[row.key] for i, row in enumerate(report.rallies) if row.key in of_key}
+    listed = {} if source.mapped or source.anonymous else numbers
+    try:
+        program = viewer()
+    except BuildError as error:
+        return Clips(reason=str(error), numbers=listed)
+    moments = [i for i in report.moments if i in numbers]
+    staged = [found.rally(numbers[i]) for i in moments]
+    if source.policies is None:
+        game, policies = report.game, _imitated(report.game)
+    else:
+        game, policies = hidden(source.game, source.people, report.players), source.policies
+    if source.anonymous:
+        staged = [dataclasses.replace(rally, names=report.players) for rally in staged]
+    content, count = shared(staged, game, policies)
+    return Clips(content=content, viewer=program, shown=moments[:count], numbers=listed)
+
+
+def _imitated(game: Game) -> Players:
+    """The imitated people of a pair, or two average players."""
+    if game.people is not None:
+        first, second = imitated(game)
+        return Players(tables=(first, second), value=meet(first, second).value)
+    average = baselines.load(None, game.seats[0])
+    return Players(tables=(average, average), value=evaluate(average, average))

@@ -1,0 +1,90 @@
+"""A small model with all refits, two imitated players in it, the sample and the report of a match of it, and a tournament."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+
+from shuttle_marl.data import read_matches
+from shuttle_marl.game import default_game
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.shipped import REFITS, resolve_game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports import add_values, strokes_of
+from shuttle_marl.reports.advice import Refitted, refitted
+from shuttle_marl.reports.match import MatchReport, match_report, matches_in
+from shuttle_marl.watch import clips
+from shuttle_marl.watch.building import BuildError
+from tests.pages import Tags, parsed
+from tests.reduced import reduced_model
+
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
+A, B = "viktor-axelsen", "kento-momota"
+
+
+def with_hand(strokes: pa.Table, hand_of: Mapping[str, int | None]) -> pa.Table:
+    """Strokes of players of these hands."""
+    place = strokes.schema.get_field_index("hand")
+    hands = [hand_of[name] for name in strokes["player"].to_pylist()]
+    return strokes.set_column(place, strokes.schema.field(place), pa.array(hands, pa.int8()))
+
+
+@pytest.fixture(scope="session")
+def model() -> str:
+    return reduced_model(tuple(str(k + 1) for k in range(REFITS)))
+
+
+@pytest.fixture(scope="session")
+def found(model: str) -> Refitted:
+    return refitted(pair_game(A, B, game=model, discipline="men"))
+
+
+@pytest.fixture(scope="session")
+def sample() -> pa.Table:
+    return read_matches(SAMPLE)
+
+
+@pytest.fixture(scope="session")
+def reported(sample: pa.Table, model: str) -> MatchReport:
+    match = sample.filter(pc.equal(sample["match"], matches_in(sample)[1]))
+    return match_report(match, game=resolve_game(model))
+
+
+@pytest.fixture
+def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No program that plays rallies, which takes Node to build."""
+
+    def missing() -> None:
+        raise BuildError("Node is missing")
+
+    monkeypatch.setattr(clips, "viewer", missing)
+
+
+def read(content: bytes) -> tuple[Tags, str]:
+    """Tags and text of a page."""
+    tags = parsed(content)
+    return tags, " ".join(" ".join(tags.words).split())
+
+
+@pytest.fixture(scope="session")
+def bc() -> TabulatedPolicy:
+    game = default_game()
+    return tabulate(resolve("bc", game), game)
+
+
+@pytest.fixture(scope="session")
+def tournament(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rally log of bc, attacking and random; read-only."""
+    from shuttle_marl.league import LeagueConfig
+    from tests.tournaments import play_league
+
+    config = LeagueConfig(pool=("bc", "attacking", "random"), matches=6, out=tmp_path_factory.mktemp("played") / "run")
+    return play_league(config).folder / "rallies.mcap"
+
+
+@pytest.fixture(scope="session")
+def valued(tournament: Path, bc: TabulatedPolicy) -> pa.Table:
+    return add_values(strokes_of(tournament, rallies=10**9), bc)

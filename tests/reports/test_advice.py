@@ -1,0 +1,331 @@
+"""Advice against exact values of changed policies; habits are said only where they are more than chance."""
+
+import dataclasses
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+from scipy import special, stats
+
+from shuttle_marl.base.files import seal
+from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
+from shuttle_marl.exact import PairPolicy, evaluate
+from shuttle_marl.exact.profile import StatePolicy
+from shuttle_marl.game import court
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
+from shuttle_marl.game.skill import load_skill
+from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import GameError
+from shuttle_marl.reports.advice import LEAST_STEADY, Refitted, advise
+from shuttle_marl.reports.brief import is_short, options
+from shuttle_marl.reports.habits import discoveries, endings, habits, interval
+from shuttle_marl.reports.scouting import EARNED, Realised, earned, scout
+from shuttle_marl.reports.value import calibrated, error_of
+from tests.reports.conftest import A, with_hand
+
+
+@pytest.mark.parametrize("seat", [0, 1])
+def test_advantages_are_the_derivative_of_the_result(found: Refitted, seat: int) -> None:
+    policy, advantage = found.home.policies[seat], found.home.advantages(seat)
+    game, usual = policy.game, policy.block_probabilities(0)
+    assert abs(float(usual @ advantage)) < 1e-6  # what is usually played gains nothing
+    other = np.random.default_rng(seat).random(game.n_base_pairs)
+    other /= np.bincount(game.base_pair_state, other, game.n_base_states)[game.base_pair_state]
+    step = 1e-4
+
+    def result(by: float) -> float:
+        sides: list[StatePolicy] = [*found.home.policies]
+        sides[seat] = PairPolicy(game=game, probability=usual + by * (other - usual))
+        return evaluate(*sides, tolerance=1e-9).odds(0).rally * (1 if seat == 0 else -1)
+
+    assert (result(step) - result(-step)) / (2 * step) == pytest.approx(float((other - usual) @ advantage), abs=1e-5)
+
+
+def test_advice_has_real_strokes_behind_it_and_gains_in_the_refits(found: Refitted) -> None:
+    advised = advise(found)
+    assert 3 <= len(advised) <= 5
+    assert [each.expected.value for each in advised] == sorted((each.expected.value for each in advised), reverse=True)
+    assert len({each.situation for each in advised}) == len(advised)
+    for each in advised:
+        assert each.behind >= RELIABLE
+        assert each.situation.shot < 0 or each.situation_behind >= RELIABLE
+        assert each.home > 0
+        assert (each.refits > 0).mean() == each.steady >= LEAST_STEADY
+        assert each.expected.low < each.expected.value < each.expected.high
+    assert advise(found, at_least=1e9) == []
+    assert advise(dataclasses.replace(found, refits=found.refits[:3])) == []
+
+
+def test_the_gain_of_one_advice_is_that_of_the_changed_policy(found: Refitted) -> None:
+    (best, *_) = advise(found)
+    first, second = found.home.policies
+    game, chance = first.game, first.block_probabilities(0).copy()
+    pairs = game.pairs(best.states)[1]
+    chance[pairs] = game.base_pair_stroke[pairs] == best.stroke
+    odds = evaluate(PairPolicy(game=game, probability=chance), second, tolerance=1e-9).odds()
+    # To first order: with the advice, the situation occurs about as often.
+    assert odds.rally - found.home.value.odds().rally == pytest.approx(best.home, rel=0.35)
+
+
+def test_a_gain_is_reduced_to_what_matches_realise() -> None:
+    assert error_of(np.array([0.0, 2.0])) == pytest.approx(3**0.5)
+    assert np.isnan(error_of(np.zeros(1)))
+    gains = np.array([0.01, 0.012, 0.008, 0.01])
+    whole = calibrated(gains, None)
+    assert whole.value == pytest.approx(0.01)
+    spread = np.std(gains, ddof=1) * np.sqrt(1.25) * 1.6448536
+    assert whole.high - whole.value == pytest.approx(spread)
+    part = calibrated(gains, Estimate(0.75, 0.75 - 0.196, 0.75 + 0.196))
+    assert part.value == pytest.approx(0.0075)
+    assert part.high - part.value == pytest.approx(np.hypot(0.75 * spread, 0.01 * 0.1 * 1.6448536), rel=1e-4)
+
+
+def test_a_forecast_is_no_larger_than_it_has_earned() -> None:
+    p = np.array([0.2, 0.5, 0.6])
+    assert earned(p) == pytest.approx(1 / (1 + (p / (1 - p)) ** -EARNED))
+    assert (np.abs(earned(p) - 0.5) <= np.abs(p - 0.5)).all()
+
+
+def test_advice_keeps_the_technique_that_is_used_there(found: Refitted) -> None:
+    policy = found.home.policies[0]
+    game, chance = policy.game, policy.block_probabilities(0)
+    for advice in advise(found):
+        row, pairs = game.pairs(advice.states)
+        technique = game.catalogue.technique[game.base_pair_stroke[pairs]].astype(np.int64)
+        share = np.zeros((len(advice.states), len(TECHNIQUES)))
+        np.add.at(share, (row, technique), chance[pairs])
+        assert (share.argmax(axis=1) == game.catalogue.technique[advice.stroke]).all()
+
+
+def test_options_are_counted_beside_others() -> None:
+    serve, lift, clear = (SHOTS.index(name) for name in ("short-serve", "lift", "clear"))
+    some = plays([(serve, lift, 6, 1, clear, 6)] * 3 + [(serve, lift, 6, 1, clear, -1)] + [(serve, lift, 6, 1, lift, 8)] * 4, 10)
+    won = np.array([1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] * 10)
+    mine = np.ones(len(won), bool)
+    found = {option[:2]: option for option in options(some, won, mine)}
+    assert (found[clear, 6].strokes, found[clear, 6].won) == (30, 20)
+    assert (found[clear, 6].others, found[clear, 6].others_won) == (40, 10)  # only what landed in
+    assert (found[clear, -1].strokes, found[clear, -1].won) == (40, 20)  # a fault is one of the strokes
+    assert found[-1, 6][2:6] == found[clear, 6][2:6]
+    assert max(option.won / option.strokes for option in options(some, won, mine)) == pytest.approx(2 / 3)
+    half = np.arange(len(won)) < 40
+    beside = {option[:2]: option for option in options(some, won, half, ~half)}
+    assert beside[clear, -1][2:6] == (20, 10, 20, 10)
+    assert (clear, 6) not in beside  # fifteen strokes are too few
+
+
+def test_options_are_seen_at_the_strength_of_the_opponent() -> None:
+    """A strong opponent wins more with everything: only what wins more or less than that stands out."""
+    serve, lift, clear, drop = (SHOTS.index(name) for name in ("short-serve", "lift", "clear", "drop"))
+    some = plays([(serve, lift, 6, 1, clear, 6), (serve, lift, 6, 1, drop, 2)] * 2, 100)
+    against, kind = np.arange(len(some)) < 200, np.arange(len(some)) % 2
+    # The clears of 20 rallies and the drops of 60 are won of 100 against the opponent, and 60 and 80 against others.
+    won = (np.arange(len(some)) // 2 % 100 < np.where(against, 20 + 40 * kind, 60 + 20 * kind)).astype(float)
+    found = {option[:2]: option for option in options(some, won, against, ~against)}
+    assert (clear, -1) in found
+    assert found[clear, -1].usual == pytest.approx(special.expit(special.logit(0.6) + special.logit(0.4) - special.logit(0.7)))
+    assert found[clear, -1].gain < found[clear, -1].won / found[clear, -1].strokes - found[clear, -1].usual < 0
+    assert (drop, -1) not in found  # more is won than the opponent explains, but less than against others
+    middle = AREAS.index("middle-centre")
+    assert is_short(np.array([clear, drop]), np.array([middle, middle])).tolist() == [True, False]
+    assert not is_short(clear, -1)
+
+
+def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1, *, opposite: bool = False) -> Plays:
+    """Strokes of own shot, incoming shot, area where they are met, contact, shot and area; opposite: to the other hand."""
+    own, incoming, met, contact, shot, area = np.array(rows * copies, dtype=np.int64).T
+    ones, zeros = np.ones(len(own)), np.zeros(len(own))
+    return Plays(
+        own=own, incoming=incoming, met=met, contact=contact, shot=shot, technique=contact, area=area,
+        opposite=np.full(len(own), opposite), weight=ones, fault=zeros, winner=zeros, group=np.zeros(len(own), np.int64),
+    )  # fmt: skip
+
+
+def answers(some: Plays, kind: str, about: tuple[str, ...] = ()) -> list[str | None]:
+    for question, answer in questions(some):
+        if (question.kind, question.about) == (kind, about):
+            return [None if a < 0 else question.answers[a] for a in answer.tolist()]
+    raise AssertionError(kind)
+
+
+def test_questions_of_three_strokes() -> None:
+    serve, lift, smash = (SHOTS.index(name) for name in ("short-serve", "lift", "smash"))
+    back_right, middle_left, middle_right = (AREAS.index(name) for name in ("back-right", "middle-left", "middle-right"))
+    rows = [
+        (NONE, NONE, -1, 0, serve, 1),
+        (NONE, serve, 1, 0, lift, back_right),
+        # From one's own right side, the receiver's left is straight ahead.
+        (serve, lift, back_right, 1, smash, middle_left),
+        (serve, lift, back_right, 1, smash, middle_right),
+    ]
+    some = plays(rows)
+    assert answers(some, "serve") == ["short-serve", None, None, None]
+    assert answers(some, "serve_side", ("short-serve",)) == ["centre", None, None, None]
+    assert answers(some, "return", ("short-serve",)) == [None, "lift", None, None]
+    assert answers(some, "third") == [None, None, "smash", "smash"]
+    assert answers(some, "reply", ("lift", "above")) == [None, None, "smash", "smash"]
+    assert answers(some, "direction", ("smash",)) == [None, None, "straight", "cross"]
+    assert answers(some, "shots") == [None, "lift", "smash", "smash"]
+    found = tally(some)
+    assert found.targets.sum() == 3
+    for number, (question, answer) in enumerate(questions(some)):
+        assert found.answers(number).tolist() == [(answer == each).sum() for each in range(len(question.answers))]
+    # A left-hander's forehand side is straight ahead of a right-hander's.
+    assert answers(plays(rows, opposite=True), "direction", ("smash",)) == [None, None, "cross", "straight"]
+
+
+def mirror_image(strokes: pa.Table) -> pa.Table:
+    """Strokes seen in a mirror along the court: players have the other hand."""
+    for name in strokes.column_names:
+        if name.endswith("_x"):
+            column = pc.negate(strokes[name])
+        elif name == "area":
+            column = pa.array(court.mirrored(np.arange(9))).take(strokes[name])
+        elif name == "hand":
+            column = pc.subtract(1, strokes[name])
+        else:
+            continue
+        field = strokes.schema.field(name)
+        strokes = strokes.set_column(strokes.schema.get_field_index(name), field, column.cast(field.type))
+    return strokes
+
+
+def test_a_left_hander_plays_as_a_right_hander_in_the_mirror(sample: pa.Table) -> None:
+    names = sample["player"].unique().to_pylist()
+    for hands in (dict.fromkeys(names, 0), {name: i % 2 for i, name in enumerate(names)}):
+        told = with_hand(sample, hands)
+        one, other = plays_of_strokes(told), plays_of_strokes(mirror_image(told))
+        for field in dataclasses.fields(one):
+            assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
+        assert one.opposite.any() == (1 in hands.values())
+    unknown = plays_of_strokes(with_hand(sample, dict.fromkeys(names)))
+    assert np.array_equal(unknown.area, plays_of_strokes(with_hand(sample, dict.fromkeys(names, 0))).area)
+
+
+def test_areas_are_on_the_forehand_side_of_who_meets_the_shuttle(sample: pa.Table) -> None:
+    match = sample.filter(pc.equal(sample["match"], sample["match"][0]))
+    a, b = match["player"].unique().to_pylist()
+    right, mixed = (plays_of_strokes(with_hand(match, {a: 0, b: hand})) for hand in (0, 1))
+    mine = match["player"].to_numpy(zero_copy_only=False) == a
+    # a strikes to b, who sees the other side; b meets the shuttle there, and a where a right-hander does.
+    for before, after, turned in ((right.area, mixed.area, mine), (right.met, mixed.met, ~mine)):
+        known = before >= 0
+        assert np.array_equal(after[known & ~turned], before[known & ~turned])
+        assert np.array_equal(after[known & turned], court.mirrored(before[known & turned]))
+        assert (after[~known] < 0).all()
+    # Where a stroke flies does not depend on who is left-handed.
+    for one, other in zip(questions(right), questions(mixed), strict=True):
+        if one[0].kind == "direction":
+            assert np.array_equal(one[1], other[1])
+
+
+def test_intervals_are_those_of_scipy() -> None:
+    found = stats.binomtest(17, 60).proportion_ci(0.9, method="wilson")
+    assert interval(17 / 60, 60) == pytest.approx((found.low, found.high))
+
+
+def test_false_discoveries_are_controlled() -> None:
+    assert discoveries([]).tolist() == []
+    # Benjamini-Hochberg by hand: the largest i with p_(i) <= 0.05 i / 4 is 2.
+    assert discoveries([0.9, 0.02, 0.001, 0.04]).tolist() == [False, True, True, False]
+
+
+def test_a_difference_is_said_with_its_numbers() -> None:
+    serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
+    mine = plays([(NONE, serve, 1, 0, lift, 6)] * 9 + [(NONE, serve, 1, 0, net, 0)], 10)
+    others = plays([(NONE, serve, 1, 0, lift, 6)] * 5 + [(NONE, serve, 1, 0, net, 0)] * 5, 40)
+    found = next(h for h in habits(tally(mine), tally(others)) if h.kind == "return" and h.answer == "lift")
+    assert found.clear
+    assert (found.strokes, found.share, found.usual) == (100, 0.9, 0.5)
+    pooled = (90 + 200) / 500
+    error = np.sqrt(pooled * (1 - pooled) * (1 / 100 + 1 / 400))
+    assert found.p == pytest.approx(2 * stats.norm.sf(0.4 / error))
+    few = mine.take(np.arange(len(mine)) < 15)
+    assert habits(tally(few), tally(others)) == []
+
+
+def test_faults_and_winners(sample: pa.Table) -> None:
+    some = plays_of_strokes(sample)
+    mine = sample["player"].to_numpy(zero_copy_only=False) == "viktor-axelsen"
+    listed = endings(tally(some.take(mine)), tally(some.take(~mine)))
+    found = {each.shot: each for each in listed if each.technique is None}
+    smashes = mine & (some.shot == SHOTS.index("smash"))
+    assert found["smash"].strokes == smashes.sum()
+    assert found["smash"].fault[0] == pytest.approx(some.fault[smashes].mean())
+    assert found["smash"].winner[1] <= found["smash"].winner[0] <= found["smash"].winner[2]
+    lifts = {each.technique: each.strokes for each in listed if each.shot == "lift"}
+    assert lifts["backhand"] == (mine & (some.shot == SHOTS.index("lift")) & (some.technique == 1)).sum()
+    assert lifts[None] == lifts["backhand"] + lifts["forehand"]
+    for players in ([mine, ~mine], [~mine, mine]):
+        listed, p = endings(*(tally(some.take(who)) for who in players)), []
+        for each in listed:
+            here = some.shot == SHOTS.index(each.shot)
+            here &= True if each.technique is None else some.technique == TECHNIQUES.index(each.technique)
+            for end in (some.fault, some.winner):
+                counts = [[end[here & who].sum(), (1 - end[here & who]).sum()] for who in players]
+                p.append(stats.chi2_contingency(counts, correction=False).pvalue if np.sum(counts, axis=0).all() else 1.0)
+        assert np.ravel([each.clear for each in listed]).tolist() == discoveries(p).tolist()
+
+
+def write_habits(folder: Path, content: bytes) -> None:
+    """A model folder with nothing but habits."""
+    folder.mkdir()
+    (folder / HABITS).write_bytes(content)
+    (folder / CARD).write_bytes(seal({"sha256": {HABITS: hashlib.sha256(content).hexdigest()}}))
+
+
+def test_a_model_and_its_data_say_the_same(sample: pa.Table, model: str, tmp_path: Path) -> None:
+    # One agent of the sample plays in both disciplines, which people do not.
+    names = [
+        f"{name} {kind}" if name == "bc" else name
+        for name, kind in zip(*(sample[c].to_pylist() for c in ("player", "discipline")), strict=True)
+    ]
+    sample = sample.set_column(sample.schema.get_field_index("player"), sample.schema.field("player"), pa.array(names))
+    players = sorted(set(sample["player"].to_pylist()))
+    save_habits(tmp_path, sample, players)
+    folder = tmp_path / "model"
+    write_habits(folder, (tmp_path / HABITS).read_bytes())
+    assert list(load_habits(folder)) == players
+    some, player = plays_of_strokes(sample), sample["player"].to_numpy(zero_copy_only=False)
+    own, others = load_habits(folder)[players[0]]
+    discipline = sample["discipline"].to_numpy(zero_copy_only=False)
+    alike = discipline == discipline[player == players[0]][0]
+    for stored, counted in (
+        (own, tally(some.take(player == players[0]))),
+        (others, tally(some.take(alike & (player != players[0])))),
+    ):
+        assert np.array_equal(stored.counts, counted.counts)
+        assert np.array_equal(stored.ends, counted.ends)
+        assert stored.dispersion == pytest.approx(counted.dispersion, rel=1e-3)
+    # The shipped model has the habits of all its players; with data, they are counted there.
+    shipped = load_habits(model_folder())
+    assert set(shipped) == set(load_skill(model_folder()).players)
+    clear = [[(h.kind, h.about, h.answer) for h in scout(A, model=model, data=data).habits if h.clear] for data in (None, sample)]
+    # The sample is a part of the simulated matches, so a player has no fewer clear habits in the model.
+    assert len(clear[0]) >= len(clear[1])
+
+
+def test_a_damaged_file_of_habits_is_refused(sample: pa.Table, tmp_path: Path) -> None:
+    players = sorted(set(sample["player"].to_pylist()))
+    save_habits(tmp_path, sample, players)
+    content = (tmp_path / HABITS).read_bytes()
+    first = players[0].encode()
+    for name, damaged in {
+        "short": content[:-8],
+        "names": content.replace(b"players", b"playerz"),
+        "no name": content.replace(b'\\"%s\\"' % first, b"%d" % 10 ** (len(first) + 3)),
+    }.items():
+        write_habits(tmp_path / name, damaged)
+        with pytest.raises(GameError, match="no readable habits of players"):
+            load_habits(tmp_path / name)
+    with pytest.raises(GameError, match="this model has no habits"):
+        load_habits(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(("won", "confirms"), [(1, False), (2, True), (3, True)])
+def test_results_confirm_a_stroke_that_wins_as_often_as_the_others(won: int, confirms: bool) -> None:
+    assert Realised(strokes=4, won=won, low=0.0, high=1.0, others=8, others_won=4).confirms is confirms

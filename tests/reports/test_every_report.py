@@ -1,0 +1,202 @@
+"""What no report of a public match, or of a pair with many strokes, may say; where SHUTTLESET names the folder of the matches."""
+
+import itertools
+import os
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.data import read_matches
+from shuttle_marl.game.shipped import RELIABLE, resolve_game
+from shuttle_marl.reports import match_page, scout_page, sources
+from shuttle_marl.reports.brief import DONTS, DOS, Brief, is_short
+from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
+from shuttle_marl.reports.match import MatchReport, matches_in
+from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
+from shuttle_marl.watch.clips import match_clips
+from shuttle_marl.watch.recorded import RealRallies
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+ROOT = os.environ.get("SHUTTLESET")
+pytestmark = [pytest.mark.skipif(not ROOT, reason="SHUTTLESET names no folder"), pytest.mark.slow(minutes=30)]
+SIDE = (297 - 2 * 14) * 96 / 25.4
+"""Height of a side of A4 within its margins [px]."""
+PAIRS = 20
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("matches") / "strokes.parquet"
+    write_parquet(path, read_matches(Path(str(ROOT))))
+    return path
+
+
+@pytest.fixture(scope="module")
+def strokes(file: Path) -> pa.Table:
+    return read_matches(file)
+
+
+@pytest.fixture
+def paper(browser: "Browser") -> Iterator["Page"]:
+    page = browser.new_page(viewport={"width": 688, "height": 1000})  # A4 without its margins
+    page.emulate_media(media="print")
+    yield page
+    page.close()
+
+
+def contents(write: Callable[[], bytes]) -> dict[Language, bytes]:
+    found: dict[Language, bytes] = {}
+    for language in LANGUAGES:
+        with speaking(language):
+            found[language] = write()
+    return found
+
+
+def wrong_pages(pages: dict[Language, bytes], paper: "Page", private: Path) -> Iterator[tuple[object, ...]]:
+    """Page 1 on more than a side, a sentence that stands twice, a table of nothing but "no", a raw name or a path."""
+    for language, content in pages.items():
+        paper.set_content(content.decode(), wait_until="domcontentloaded")
+        bottom = paper.evaluate("document.querySelector('section.brief').getBoundingClientRect().bottom")
+        if bottom > SIDE:
+            yield language, "page 1", bottom
+        # Parts of cards may be alike, whole sentences of the text are not.
+        said = paper.locator("p:not(.card p), section:not(.both) li").all_inner_texts()
+        ends = re.compile(r"(?<=[^A-Z]\.)\s+(?=[A-Z])|(?<=\u3002)")
+        sentences = Counter(part.strip() for text in said for part in ends.split(text) if part.strip())
+        yield from ((language, "twice", sentence) for sentence, times in sentences.items() if times > 1)
+        last = "(all) => all.map((t) => [...t.querySelectorAll('tbody td:last-child')].map((cell) => cell.innerText.trim()))"
+        for cells in paper.locator("table").evaluate_all(last):
+            if not cells or {*cells} <= {"no", "否", "tidak"}:
+                yield language, "table", cells
+        text = paper.inner_text("body").replace("shuttle_marl", "")
+        yield from ((language, "raw", text[max(0, i - 40) : i + 40]) for i in [text.find("_")] if i >= 0)
+        if str(private.parent) in text:
+            yield language, "path"
+        # Page 1 printed alone, as `--pdf` prints it.
+        paper.evaluate("document.querySelectorAll('section.brief ~ *').forEach((part) => part.remove())")
+        sides = len(re.findall(rb"/Type\s*/Page\b", paper.pdf(prefer_css_page_size=True, print_background=True)))
+        if sides != 1:
+            yield language, "sides", sides
+
+
+def check_brief(found: Brief) -> None:
+    """Advice with enough strokes that the observed difference does not contradict, and none beside its opposite."""
+    assert len(found.dos) <= DOS
+    assert len(found.donts) <= DONTS
+    for better, options in ((True, found.dos), (False, found.donts)):
+        for each in options:
+            assert min(each.strokes, each.others) >= RELIABLE
+            assert (each.gain > 0) == (each.won / each.strokes > each.usual) == better
+            assert not (better and is_short(each.shot, each.area))
+    assert not {each[:2] for each in found.dos} & {each[:2] for each in found.donts}
+
+
+def check_match(report: MatchReport, numbers: Mapping[int, int], recorded: RealRallies) -> None:
+    """One number for one thing: rallies won by length, by server and in the course."""
+    decided = [row.winner for row in report.rallies if row.winner is not None]
+    assert [sum(each.rallies for each in report.lengths), sum(each.won for each in report.lengths)] == [
+        len(decided),
+        decided.count(0),
+    ]
+    for player in (0, 1):
+        sides = [each for each in report.serving if each.player == player and each.label in ("serving", "receiving")]
+        assert [sum(each.rallies for each in sides), sum(each.won for each in sides)] == [len(decided), decided.count(player)]
+    # The live court shows the rally that has the number.
+    for i in numbers.keys() & {*report.moments}:
+        rally = recorded.rally(numbers[i])
+        shown = dict(zip(rally.names, rally.score.points, strict=True))
+        assert shown == dict(zip(report.players, report.rallies[i].points, strict=True))
+
+
+def check_scout(report: ScoutingReport) -> None:
+    """One number for one thing: answers on page 1 and in the tables, strokes and rallies in all and match by match."""
+    told = {(each.kind, "".join(each.about[:1]), each.answer): each for each in report.habits}
+    for each in report.brief.expected:
+        for answer, share in each.most:
+            habit = told.get((each.kind, each.about, answer))
+            assert habit is None or (habit.strokes, habit.share) == (each.strokes, share)
+    assert report.seen is not None
+    assert report.met is not None
+    assert report.seen == (sum(form.strokes for form in report.season), len(report.season))
+    assert report.player is not None
+    together = [form for form in report.season if form.against == report.player.name]
+    assert (len(together), sum(form.rallies for form in together)) == (report.met.matches, report.met.rallies)
+
+
+T = TypeVar("T")
+
+
+def some(names: Sequence[T]) -> Sequence[T]:
+    """Every tenth one, or every n-th one where ``EVERY`` says n: all of them take ten minutes."""
+    return names[:: int(os.environ.get("EVERY", "10"))]
+
+
+def test_the_report_of_every_match(file: Path, strokes: pa.Table, paper: "Page", unbuilt: None) -> None:
+    game = resolve_game(None)
+    sources.of_strokes(file, game, matches_in(strokes)[0])  # what is computed once in a process
+    recorded = RealRallies(file, game, strokes)
+    seconds: list[float] = []
+    wrong: list[tuple[object, ...]] = []
+    short = 0
+    for name in some(matches_in(strokes)):
+        started = time.monotonic()
+        report, source = sources.of_strokes(file, game, name)
+        pages = contents(lambda report=report, source=source: match_page.match_page(report, source))  # type: ignore[misc]
+        seconds.append(time.monotonic() - started)
+        wrong += [(name, *each) for each in wrong_pages(pages, paper, file)]
+        numbers = match_clips(report, source).numbers
+        check_match(report, numbers, recorded)
+        for each in report.briefs:
+            check_brief(each)
+            short += (len(each.dos), len(each.donts)) != (DOS, DONTS)
+        # Rallies have the numbers of the live court.
+        shown = re.findall(r"Rally (\d+), game", pages["en"].decode())
+        assert shown
+        assert set(map(int, shown)) <= {number + 1 for number in numbers.values()}
+        technique = report.game.catalogue.technique
+        for choice in report.choices:
+            assert report.rallies[choice.rally].winner == 1 - choice.player
+            assert technique[choice.played] == technique[choice.better]
+            assert min(choice.played_behind, choice.better_behind) >= RELIABLE
+    assert not wrong
+    # Few matches are too short or too even for all of them.
+    assert short <= len(seconds) / 10
+    assert float(np.median(seconds)) <= 20
+
+
+def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: "Page", file: Path, unbuilt: None) -> None:
+    listed = players_of()
+    count = {each.name: each.strokes for each in listed}
+    alike = ((a.name, b.name) for a, b in itertools.combinations(listed, 2) if a.discipline == b.discipline)
+    seconds: list[float] = []
+    wrong: list[tuple[object, ...]] = []
+    short = 0
+    for player, opponent in some(sorted(alike, key=lambda pair: -count[pair[0]] - count[pair[1]])[:PAIRS]):
+        started = time.monotonic()
+        report = scout(opponent, player, data=strokes)
+        pages = contents(lambda report=report: scout_page.scouting_page(report))  # type: ignore[misc]
+        seconds.append(time.monotonic() - started)
+        wrong += [(player, opponent, *each) for each in wrong_pages(pages, paper, file)]
+        check_brief(report.brief)
+        check_scout(report)
+        short += (len(report.brief.dos), len(report.brief.donts)) != (DOS, DONTS)
+        for advice, real in zip(report.advice, report.realised, strict=True):
+            assert real is not None
+            assert min(real.strokes, advice.behind) >= RELIABLE
+            assert real.won / real.strokes >= real.others_won / real.others
+            kind = int(report.pair.catalogue.shot[advice.stroke]), int(report.pair.catalogue.area[advice.stroke])
+            assert not any(each.covers(*kind) for each in report.brief.donts)
+            assert not is_short(*kind)
+    assert not wrong
+    assert short <= max(1, len(seconds) / 10)
+    assert float(np.median(seconds)) <= 60

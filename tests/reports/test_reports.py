@@ -1,0 +1,483 @@
+"""Both reports: what they say, that names stay text, that they need no network, and what they refuse."""
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.table_files import read_parquet, write_parquet
+from shuttle_marl.commands.report import main as report_command
+from shuttle_marl.commands.reports import write_report
+from shuttle_marl.commands.scout import main as scout_command
+from shuttle_marl.commands.watch import RallyOptions, _downloads
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.exact import Odds
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.scoring import BWF, Rules, Score
+from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
+from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.reports import charts, sources
+from shuttle_marl.reports import match_page as match_pages
+from shuttle_marl.reports import scout_page as scout_pages
+from shuttle_marl.reports.course import Chances, RallyRow, score_of
+from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
+from shuttle_marl.reports.match import MatchReport, match_report, matches_in
+from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
+from shuttle_marl.reports.summary import AnalysisError, rally_table
+from shuttle_marl.reports.words import Words
+from shuttle_marl.watch import WatchError, clips
+from shuttle_marl.watch.recorded import LogRallies, RealRallies
+from tests import golden
+from tests.reports.conftest import SAMPLE, A, B, read, with_hand
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
+TURNED = "\u202eanaid-nairam"
+LONG = "x" * 200
+
+
+@pytest.fixture(scope="session")
+def scouted(model: str) -> ScoutingReport:
+    return scout(B, A, model=model)
+
+
+@pytest.fixture(scope="session")
+def match(sample: pa.Table) -> pa.Table:
+    return sample.filter(pc.equal(sample["match"], matches_in(sample)[1]))
+
+
+def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str, unbuilt: None) -> None:
+    faults = np.flatnonzero(match["outcome"].to_numpy() == Outcome.FAULT)
+    forced: list[bool | None] = [None] * len(match)
+    for i, kind in zip(faults, (True, False, False, *[True] * len(faults)), strict=False):
+        forced[i] = kind
+    at = match.schema.get_field_index("forced")
+    report = match_report(match.set_column(at, match.schema.field(at), pa.array(forced, pa.bool_())), game=resolve_game(model))
+    assert np.sum(report.faults, axis=0).tolist() == [len(faults) - 2, 2]
+    _, text = read(match_pages.match_page(report))
+    for player, (pressed, own) in zip(report.players, report.faults, strict=True):
+        assert f"{own} unforced errors, {pressed} forced by the opponent" in text, player
+
+
+def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt: None) -> None:
+    tags, text = read(scout_pages.scouting_page(scouted))
+    assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
+        "brief", "how-kento-momota-plays", "serve,-return-and-third-stroke:-what-to-expect", "where-kento-momota-can-be-hurt",
+        "what-to-train-this-week", "how-sure-is-this?",
+    ]  # fmt: skip
+    assert [text.count(f"Drill {number}.") for number in (1, 2, 3, 4)] == [1, 1, 1, 0]
+    assert "By skill alone, Viktor Axelsen wins about" in text
+    assert text.count(f"of {scouted.refits} variations of the model; behind it are at least") == len(scouted.advice) >= 3
+    assert "left out: Node is missing" in text
+    assert text.count("By the model: ") == len(scouted.advice)
+    assert "100 variations" not in text
+
+
+def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, reported: MatchReport, unbuilt: None) -> None:
+    found = {}
+    for name, page in (
+        ("scouting report", scout_pages.scouting_page(scouted)),
+        ("match report", match_pages.match_page(reported)),
+    ):
+        for number, svg in enumerate(re.findall("<svg.*?</svg>", page.decode(), re.DOTALL)):
+            found[f"{name}, {number}"] = golden.drawing(svg)
+    golden.check("report_charts", found, 0.01)
+
+
+def test_the_figures_are_the_written_ones(scouted: ScoutingReport, reported: MatchReport) -> None:
+    for name, report in (("scouting_report", scouted), ("match_report", reported)):
+        figures = json.loads(json.dumps(report.as_json(), allow_nan=False))
+        golden.check(name, figures | {"model": None} if name == "scouting_report" else figures)
+
+
+def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table, model: str, unbuilt: None) -> None:
+    a, b = dict.fromkeys([*match["player"].to_pylist()])
+    report = match_report(with_hand(match, {a: 1, b: None}), game=resolve_game(model))
+    assert report.hands == ("left", None)
+    first, second = map(Words("en").player, (a, b))
+    _, text = read(match_pages.match_page(report))
+    assert f"{first}, left-handed · {second}, hand not known, played as right-handed · Match report" in text
+    assert f"{first} strikes at the bottom of the picture; the opponent's forehand side is on the left" in text
+    assert f"{second} strikes at the bottom of the picture; the opponent's backhand side is on the left" in text
+    people = {
+        name: dataclasses.replace(getattr(scouted, name), hand=hand) for name, hand in (("player", "right"), ("opponent", "left"))
+    }
+    _, text = read(scout_pages.scouting_page(dataclasses.replace(scouted, **people)))
+    assert "Viktor Axelsen, right-handed · Kento Momota, left-handed · Scouting report" in text
+
+
+def test_hands_are_those_of_the_data_and_else_of_the_model(sample: pa.Table, model: str) -> None:
+    others = "chou-tien-chen"
+    assert [scout(name, model=model).opponent.hand for name in (A, B)] == ["right", "left"]
+    unknown: dict[str, int | None] = dict.fromkeys(sample["player"].unique().to_pylist())
+    told, whole, alone = (
+        scout(others, model=model, data=with_hand(sample, {**unknown, others: 1, A: hand})) for hand in (None, 0, 1)
+    )
+    assert told.opponent.hand == "left"
+    # A hand that the model adds counts as one of the data.
+    assert np.array_equal(told.targets, whole.targets)
+    assert not np.array_equal(told.targets, alone.targets)
+
+
+def test_a_court_is_drawn_as_a_receiver_of_the_hand_stands() -> None:
+    """The forehand side of a right-hander is on the left of a striker who looks at them."""
+    shares = np.array([0.0, 0.0, 0.0, 0.77, 0.0, 0.23, 0.0, 0.0, 0.0])
+    for hand in ("right", "left"):
+        drawn = str(charts.court(shares, shares, "court", hand))
+        place = {text: float(x) for x, text in re.findall(r"<text[^>]*translate\(([\d.]+) [^>]*>(77|23)<", drawn)}
+        assert (place["77"] < place["23"]) == (hand == "right")
+        assert "the opponent's forehand side 77" in drawn
+
+
+@pytest.mark.parametrize(("language", "every"), [("en", 1), ("zh", 5), ("id", 5)])
+def test_names_of_strokes_are_those_that_somebody_read(language: Language, every: int) -> None:
+    words, catalogue = Words(language), default_game().catalogue
+    names = {
+        catalogue.names[stroke]: words.stroke(catalogue, stroke, "their", met=stroke % 10 - 1, hands=("right", "left"))
+        for stroke in range(0, len(catalogue.names), every)
+    }
+    golden.check("words", {language: names})
+
+
+def test_a_stroke_between_two_sides_is_straight_or_cross_court() -> None:
+    catalogue = Catalogue.from_names(["smash:middle-right:above:forehand", "net-shot:front-right:below:forehand"])
+    for met, hands, words in (
+        (6, ("right", "right"), "a cross-court smash with the forehand to their forehand side"),
+        (6, ("right", "left"), "a straight smash with the forehand to their forehand side"),
+        (8, ("left", None), "a cross-court smash with the forehand to their forehand side"),
+        (8, (None, None), "a straight smash with the forehand to their forehand side"),
+        (7, ("right", "left"), "a smash with the forehand to their forehand side"),
+        (-1, ("right", "left"), "a smash with the forehand to their forehand side"),
+    ):
+        assert Words("en").stroke(catalogue, 0, "their", met=met, hands=hands) == words
+    assert Words("en").stroke(catalogue, 1, "their", met=0) == "a net shot with the forehand to their front forehand corner"
+    assert Words("zh").stroke(catalogue, 0, "their", met=8) == "正手直线杀球到对方正手位"
+    assert Words("id").stroke(catalogue, 0, "their", met=6) == "smes silang forehand ke sisi forehand lawan"
+
+
+def test_a_drill_is_drawn_as_both_players_stand() -> None:
+    drawn = {hands: str(charts.drill(0, 6, hands, "drill")) for hands in (("right", "right"), ("left", "right"), (None, "left"))}
+    assert len({*drawn.values()}) == 3
+    assert drawn["left", "right"] == str(charts.drill(2, 6, ("right", "right"), "drill"))
+    assert drawn[None, "left"] == str(charts.drill(0, 8, ("right", "right"), "drill"))
+    serves = {str(charts.drill(-1, 6, (hand, "right"), "drill")) for hand in ("right", "left", None)}
+    assert len(serves) == 1
+
+
+def test_drills_name_areas_as_the_player_sees_them(reported: MatchReport, unbuilt: None) -> None:
+    catalogue, choice = reported.game.catalogue, reported.choices[0]
+    stroke = next(k for k in range(len(catalogue)) if catalogue.area[k] == 6 and not catalogue.is_serve[k])
+    met = next(k for k in range(len(catalogue)) if catalogue.area[k] == 0 and not catalogue.is_serve[k])
+    choice = dataclasses.replace(choice, incoming=met, better=stroke)
+    serve = dataclasses.replace(choice, incoming=len(catalogue), better=0)
+    _, text = read(match_pages.match_page(dataclasses.replace(reported, choices=[choice, serve])))
+    assert "to your front forehand corner (blue)" in text
+    assert "to their rear forehand corner (orange)" in text
+    assert Words("en")("drills.serve", number=2, stroke="a")[:12] in text
+
+
+def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
+    report = scout(B, model=model)
+    assert (report.rally, report.player, [*report.advice]) == (None, None, [])
+    _, text = read(scout_pages.scouting_page(report))
+    assert "How Kento Momota plays" in text
+    assert "Strokes of Kento Momota after the serve" in text
+    assert "How the strokes end" in text
+    assert "By the model it gains" not in text
+    assert "Drill" not in text
+
+
+def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None) -> None:
+    few = sample.filter(pc.equal(sample["match"], matches_in(sample)[3])).slice(0, 100)
+    names = few["player"].to_pylist()
+    for column in ("player", "opponent"):
+        new = pa.array(["club-player" if name == names[0] else name for name in few[column].to_pylist()], pa.string())
+        few = few.set_column(few.schema.get_field_index(column), few.schema.field(column), new)
+    report = scout("club-player", model=model, data=few)
+    assert report.opponent.since is None
+    assert report.seen[0] <= 60
+    _, text = read(scout_pages.scouting_page(report))
+    assert f"There are only {report.seen[0]} strokes of Club Player" in text
+    whole = scout("club-player", A if report.discipline == "men" else "an-se-young", model=model, data=few)
+    _, text = read(scout_pages.scouting_page(whole))
+    assert "The data have no strokes of Club Player" in text
+    # Nor is an average player advised, or described, under this name.
+    for unknown in (whole, scout(whole.player.name if whole.player else "", "club-player", model=model, data=few)):
+        assert not [*unknown.advice]
+        _, text = read(scout_pages.scouting_page(unknown))
+        assert "The model has no strokes of Club Player" in text
+
+
+def test_names_of_players(model: str) -> None:
+    assert scout("MOMOTA kento", model=model).opponent == scout(B, model=model).opponent
+    with pytest.raises(AnalysisError, match="did you mean kento-momota"):
+        scout("kento-momoto", model=model)
+    women = next(each.name for each in players_of(model) if each.discipline == "women")
+    with pytest.raises(AnalysisError, match="expected one discipline"):
+        scout(women, A, model=model)
+
+
+def test_scores_and_chances_of_a_match(reported: MatchReport, match: pa.Table) -> None:
+    rows = rally_table(match)
+    winners = rows["winner"].to_pylist()
+    assert [reported.players[row.winner] for row in reported.rallies if row.winner is not None] == [w for w in winners if w]
+    assert sum(map(sum, reported.score)) == len(winners)
+    for before, after in zip(reported.rallies, reported.rallies[1:], strict=False):
+        assert before.after == pytest.approx(after.before)
+        assert (after.before > before.before) == (before.winner == 0)
+    assert reported.rallies[-1].after in (0.0, 1.0)
+    swings = [abs(reported.rallies[i].swing) for i in reported.moments]
+    assert swings == sorted(swings, reverse=True)
+    assert swings[0] == max(abs(row.swing) for row in reported.rallies)
+    games = [reported.rallies[i].key[0] for i in reported.moments]
+    assert max(map(games.count, games)) <= 2
+
+
+def test_advice_stands_beside_what_matches_gave(model: str, sample: pa.Table) -> None:
+    told = scout(B, A, model=model, data=sample)
+    assert len(told.realised) == len(told.advice) > 0
+
+
+def test_a_match_in_the_game_of_its_players(match: pa.Table, model: str) -> None:
+    people = dict(zip(match["player"].unique().to_pylist(), (A, B), strict=True))
+    for column in ("player", "opponent"):
+        named = pa.array([people[name] for name in match[column].to_pylist()])
+        match = match.set_column(match.column_names.index(column), match.schema.field(column), named.cast(match[column].type))
+    one, other = (match_report(match, game=pair_game(*pair, game=model, discipline="men")) for pair in ((A, B), (B, A)))
+    assert one.game.people == other.game.people
+    assert one.rallies == other.rallies
+
+
+def test_rallies_are_counted_by_length_and_server(reported: MatchReport) -> None:
+    decided = [row for row in reported.rallies if row.winner is not None]
+    for group in reported.lengths:
+        low, _, high = group.label.replace("+", "\N{EN DASH}999").partition("\N{EN DASH}")
+        among = [row.winner for row in decided if int(low) <= row.strokes <= int(high)]
+        assert (group.rallies, group.won) == (len(among), among.count(0))
+    assert sum(group.rallies for group in reported.lengths) == len(decided)
+    for group in reported.serving:
+        if group.label in ("serving", "receiving"):
+            among = [row.winner for row in decided if (row.server == group.player) == (group.label == "serving")]
+            assert (group.rallies, group.won) == (len(among), among.count(group.player))
+
+
+def test_chances_follow_the_score() -> None:
+    rules = Rules(points=1, clear=1, cap=1, games=1)
+    chances, score = Chances(Odds(serving=0.8, receiving=0.4, error_bound=0.0), rules), Score(rules=rules)
+    assert [chances.of(score, 0), chances.of(score, 1), chances.of(score.after(1), 1)] == pytest.approx([0.8, 0.4, 0.0])
+
+
+def row(game: int, rally: int, points: tuple[int, int], server: int, winner: int | None) -> RallyRow:
+    last: dict[str, Any] = {"ending": "net", "last_shot": "drop", "last_area": -1, "given": None, "decided": None, "strokes": 3}
+    nothing: dict[str, Any] = {"games": (0, 0), "before": 0.5, "after": 0.5, "seconds": None, **last}
+    return RallyRow(key=(game, rally), points=points, server=server, winner=winner, **nothing)
+
+
+@pytest.mark.parametrize(
+    ("last", "following", "score", "inferred"),
+    [
+        (((22, 22), 0), 0, (24, 22), (1,)),  # 23-22, and the leader serves next
+        (((22, 22), 0), 1, (23, 22), ()),  # who did not lead won it: the rules leave several scores
+        (((18, 9), 0), 0, (19, 9), ()),
+        (((20, 18), 0), 0, (21, 18), ()),
+        (((20, 9), 1), None, (21, 10), (1,)),
+    ],
+)
+def test_the_rules_tell_the_score_of_a_game_whose_last_rally_is_missing(
+    last: tuple[tuple[int, int], int], following: int | None, score: tuple[int, int], inferred: tuple[int, ...]
+) -> None:
+    points, winner = last
+    rows = [row(1, 40, points, 0, winner)]
+    if following is not None:
+        rows.append(row(2, 1, (0, 0), following, 0))
+    found, told = score_of(rows, BWF)
+    assert (found[0], told) == (score, inferred)
+
+
+def test_a_costly_decision_is_one_of_a_lost_rally_and_keeps_the_technique(reported: MatchReport) -> None:
+    technique = reported.game.catalogue.technique
+    assert reported.choices
+    for choice in reported.choices:
+        assert reported.rallies[choice.rally].winner == 1 - choice.player
+        assert technique[choice.played] == technique[choice.better]
+        assert choice.stroke <= 30
+
+
+def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, reported: MatchReport) -> None:
+    assert "By the score" not in read(match_pages.match_page(reported))[1]
+    keep = pc.invert(pc.is_in(match["rally"], value_set=pa.array([3, 4, 9], match.schema.field("rally").type)))
+    report = match_report(match.filter(keep), game=resolve_game(model))
+    played = sum(map(sum, report.score))
+    assert played > len(report.rallies)
+    _, text = read(match_pages.match_page(report))
+    assert f"By the score {played} rallies were played; the data have {len(report.rallies)} of them" in text
+    first = match["game"].to_numpy() == 1
+    late = first & (match["rally"].to_numpy() > match["rally"].to_numpy()[first].max() - 2)
+    assert match_report(match.filter(pa.array(~late)), game=resolve_game(model)).rallies[-1].after == reported.rallies[-1].after
+
+
+def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table, unbuilt: None) -> None:
+    assert sources.gaps(match) == ()
+    n = len(match)
+    returned = np.flatnonzero(match["outcome"].to_numpy() == 0)
+    area: list[int | None] = match["area"].to_pylist()
+    inferred: list[str | None] = [None] * n
+    sure: list[float | None] = [None] * n
+    for row in returned[:3]:
+        area[row] = None
+    for row, share in zip(returned[3:5], (0.25, 0.75), strict=True):
+        inferred[row], sure[row] = "height area", share
+    for row, share in zip(returned[5:8], (0.1, 0.4, 0.9), strict=True):
+        sure[row] = share
+    for name, values in (("area", area), ("inferred", inferred), ("confidence", sure)):
+        field = match.schema.field(name)
+        match = match.set_column(match.schema.get_field_index(name), field, pa.array(values, field.type))
+    places, doubtful = sources.gaps(match)
+    assert places.startswith(f"Of {n:,} strokes of your data, 2 have a place that was inferred")
+    assert "right in 50 of 100 cases, and 3 have none" in places
+    assert doubtful.startswith("A program recognised 2 strokes")
+    write_parquet(tmp_path / "own.parquet", match)
+    _, content = read(match_pages.match_page(*sources.of_strokes(tmp_path / "own.parquet", resolve_game(model))))
+    assert places in content
+    assert doubtful in content
+
+
+def test_numbers_of_the_live_court_are_those_of_its_option(tmp_path: Path, model: str, match: pa.Table, unbuilt: None) -> None:
+    write_parquet(tmp_path / "strokes.parquet", match)
+    report, source = sources.of_strokes(tmp_path / "strokes.parquet", resolve_game(model))
+    rallies = RealRallies(tmp_path / "strokes.parquet", resolve_game(model))
+    numbers = clips.match_clips(report, source).numbers
+    assert sorted(numbers.values()) == list(range(rallies.count))
+    # The page counts from 1, and neither names folders.
+    _, content = read(match_pages.match_page(report, source))
+    assert "--real strokes.parquet" in content
+    assert str(tmp_path) not in content
+    for i in report.moments:
+        assert f"Rally {numbers[i] + 1}, game {report.rallies[i].key[0]}" in content
+
+
+@pytest.mark.parametrize("name", [EVIL, TURNED, LONG], ids=["markup", "right to left", "long"])
+def test_names_stay_text(name: str, scouted: ScoutingReport, reported: MatchReport, unbuilt: None) -> None:
+    opponent = dataclasses.replace(scouted.opponent, name=name)
+    pages = [
+        scout_pages.scouting_page(dataclasses.replace(scouted, opponent=opponent)),
+        match_pages.match_page(dataclasses.replace(reported, players=(name, "b"), match=name)),
+    ]
+    for content in pages:
+        tags, text = read(content)
+        assert not {tag for tag, _ in tags.tags} & {"img", "iframe", "object"}
+        assert [tag for tag, _ in tags.tags].count("script") == 1
+        assert printable(name) in text
+        assert b"\xe2\x80\xae" not in content
+        for _, attributes in tags.tags:
+            assert not any(key.startswith("on") or key == "style" for key in attributes)
+            assert not re.match(r"(?!#|data:,)", attributes.get("href") or "#")
+
+
+def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert scout_command(["--list", "--game", model, "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["players"]
+    assert {"name", "discipline", "strokes", "matches", "last", "imitated"} == set(listed[0])
+    out = tmp_path / "s.html"
+    assert scout_command([A, B, "--game", model, "--out", str(out), "--anonymous"]) == 0
+    content = out.read_text(encoding="utf-8")
+    assert "Player A against Player B" in content
+    for name in (A, B, "Axelsen", "Momota"):
+        assert name not in content
+    assert len(content) < 3_000_000
+    capsys.readouterr()
+    assert scout_command([A, B, "--game", model, "--out", str(out), "--anonymous", "--language", "zh"]) == 0
+    content = out.read_text(encoding="utf-8")
+    assert '<html lang="zh-Hans">' in content
+    assert "球员A 对 球员B" in content
+    assert "Player" not in content
+    out = tmp_path / "m.html"
+    video = "https://example.org/v?t={seconds}"
+    assert report_command([str(SAMPLE), "--match", "SIMULATED 2", "--game", model, "--out", str(out), "--video", video]) == 0
+    content = out.read_text(encoding="utf-8")
+    assert 'href="https://example.org/v?t=' in content
+    for name in ("figures.csv", "figures.parquet"):
+        table_of = ["--out", str(out), "--figures", str(tmp_path / name)]
+        assert report_command([str(SAMPLE), "--match", "SIMULATED 2", "--game", model, *table_of]) == 0
+    table = read_parquet(tmp_path / "figures.parquet")
+    numbers = dict(zip(table["figure"].to_pylist(), table["number"].to_pylist(), strict=True))
+    assert numbers["briefs.0.dos.0.strokes"] >= RELIABLE
+    assert len((tmp_path / "figures.csv").read_text().splitlines()) == len(table) + 1
+    assert report_command([str(SAMPLE), "--match", "SIMULATED 2", "--game", model, "--figures", str(tmp_path / "f.txt")]) == 1
+    assert "Watch the rallies on the live court" in content
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "8 matches; expected words of one of these names"),
+        (["--match", "("], "--match (: 0 matches; expected words"),
+        (["--match", "simulated-99"], "0 matches"),
+        (["--match", "simulated-2", "--pairing", "3"], "only rally logs have pairings"),
+        (["--match", "simulated-2", "--video", "javascript:{seconds}"], "expected an http or https address"),
+        (["--match", "simulated-2", "--video", "https://example.org/"], "with {seconds} once"),
+    ],
+)
+def test_reports_that_are_refused(
+    arguments: list[str], message: str, model: str, unbuilt: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report_command([str(SAMPLE), "--game", model, *arguments]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.CaptureFixture[str]) -> None:
+    from shuttle_marl.league import LeagueConfig
+    from tests.tournaments import play_league
+
+    config = LeagueConfig(pool=("bc", "attacking"), matches=2, game=model, out=tmp_path / "run")
+    log = play_league(config).folder / "rallies.mcap"
+    out = tmp_path / "m.html"
+    assert report_command([str(log), "--match", "1", "--game", model, "--out", str(out)]) == 0
+    _, text = read(out.read_bytes())
+    assert "Watch the rallies on the live court" in text
+    capsys.readouterr()
+    assert report_command([str(log), "--match", "7", "--game", model]) == 1
+    assert "no match 7" in capsys.readouterr().err
+    # The live court serves the same page for each rally of the match.
+    game = resolve_game(model)
+    recorded = LogRallies(log, game)
+    page = _downloads(RallyOptions(replay=log), recorded, game)["report", "text/html"]
+    number = next(k for k in range(recorded.count) if recorded.match(k) == (0, 1))
+    assert read(page(number + 1))[1] == text
+
+
+def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CHROMIUM", "false")
+    with pytest.raises(WatchError, match=r"/false cannot print the report \(.*\); open .*page.html in another browser"):
+        write_report(b"<p>report</p>", tmp_path / "page.html", tmp_path / "page.pdf")
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_reports_fit_a_telephone_and_paper_in_every_language(
+    tmp_path: Path, browser: "Browser", scouted: ScoutingReport, reported: MatchReport, unbuilt: None, language: Language
+) -> None:
+    with speaking(language):
+        contents = scout_pages.scouting_page(scouted), match_pages.match_page(reported)
+    page = browser.new_page()
+    for content in contents:
+        assert f'<html lang="{Words(language)("language.tag")}">'.encode() in content
+        (tmp_path / "page.html").write_bytes(content)
+        page.goto((tmp_path / "page.html").as_uri())
+        for medium, width in (("screen", 390), ("print", 688)):  # A4 without its margins
+            page.emulate_media(media=medium)  # type: ignore[arg-type]
+            page.set_viewport_size({"width": width, "height": 800})
+            assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth"), medium
+        # Names of the rows of a chart are not cut off.
+        inside = "(all) => all.every((e) => e.getBoundingClientRect().left >= e.closest('svg').getBoundingClientRect().left - 1)"
+        assert page.locator(".chart svg text").evaluate_all(inside)
+    page.close()

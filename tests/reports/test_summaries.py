@@ -1,0 +1,246 @@
+"""Figures of strokes: from rallies written down by hand, from logs beside what was recorded, and the commands."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+
+from shuttle_marl.base.errors import OptionError, ShuttleError
+from shuttle_marl.commands.analysis import RallyFilter
+from shuttle_marl.commands.analysis import main as analysis
+from shuttle_marl.commands.options import RallyGameOptions
+from shuttle_marl.commands.recording import main as recording
+from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
+from shuttle_marl.data.simulated import stroke_table
+from shuttle_marl.exact import solve
+from shuttle_marl.game import court
+from shuttle_marl.game.pairs import pair_game, people_of
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.reports import AnalysisError, charts, rally, rally_table, strokes_of, strokes_of_log, summarise
+from shuttle_marl.reports.summary import players_of
+from tests import golden
+from tests.recording.conftest import read_rallies
+from tests.reduced import reduced_model
+
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
+
+
+def by_hand() -> pa.Table:
+    """Two rallies: ann serves, bea lifts, ann smashes a winner; bea serves, of which only her fault in the net was kept."""
+    rows = [
+        ("ann", 1, 1, "short-serve", Outcome.RETURNED, "returned", 0, 0.5, 2.2),
+        ("bea", 1, 2, "lift", Outcome.RETURNED, "returned", 1, -2.0, 6.0),
+        ("ann", 1, 3, "smash", Outcome.WINNER, "landed", 3, 2.0, 4.0),
+        ("bea", 2, 3, "drop", Outcome.FAULT, "net", 30, 0.2, -0.1),
+    ]
+    base = dict.fromkeys(STROKES.names)
+    table = [
+        {
+            **base, "match": "final", "source": "simulated", "discipline": "WS", "game": 1, "rally": rally, "stroke": stroke,
+            "player": player, "opponent": "bea" if player == "ann" else "ann", "shot": SHOTS.index(shot), "height": 0,
+            "technique": 0, "area": 1, "in_court": y > 0, "landing_x": x, "landing_y": y, "clock": clock, "outcome": outcome,
+            "reason": REASONS.index(reason),
+        }
+        for player, rally, stroke, shot, outcome, reason, clock, x, y in rows
+    ]  # fmt: skip
+    return pa.Table.from_pylist(table, schema=STROKES)
+
+
+def test_a_left_handed_receiver_has_the_forehand_side_on_the_left() -> None:
+    table, place = by_hand(), STROKES.get_field_index("hand")
+    for bea, smash in ((None, 2), (0, 2), (1, 0)):
+        hands = pa.array([0, bea, 0, bea], pa.int8())
+        areas = pa.array([1, 8, 5, 1], pa.int8())
+        told = table.set_column(place, STROKES.field(place), hands).set_column(
+            STROKES.get_field_index("area"), STROKES.field("area"), areas
+        )
+        ann, both = summarise(told, "ann"), summarise(told)
+        assert np.flatnonzero(ann.areas).tolist() == [1, 3 + smash]
+        assert ann.points[:, 0] == pytest.approx([0.5, 2.0] if smash == 2 else [-0.5, -2.0])
+        assert both.areas[8] == pytest.approx(1 / 3)  # of bea to ann, who is right-handed
+
+
+def test_a_log_becomes_a_table_of_strokes(tournament: Path) -> None:
+    strokes = strokes_of(tournament, rallies=10**9)
+    assert strokes.schema.equals(STROKES, check_metadata=True)
+    with RallyLog(tournament) as log:
+        catalogue, names = log.catalogue, [player.name for player in log.policies]
+    rallies = read_rallies(tournament)
+    assert strokes.num_rows == len(rallies.stroke)
+    assert (strokes["shot"].to_numpy() == catalogue.shot[rallies.stroke]).all()
+    good = strokes["outcome"].to_numpy() != Outcome.FAULT
+    assert (strokes["area"].to_numpy(zero_copy_only=False)[good] == catalogue.area[rallies.stroke][good]).all()
+    table = rally_table(strokes)
+    assert table["length"].to_pylist() == rallies.length.tolist()
+    seat = np.arange(len(rallies))
+    assert table["server"].to_pylist() == [names[i] for i in rallies.policy[seat, rallies.server]]
+    assert table["winner"].to_pylist() == [names[i] for i in rallies.policy[seat, rallies.winner]]
+    assert list(violations(strokes)) == []
+
+
+def test_samples_of_a_log_depend_on_the_seed(tournament: Path) -> None:
+    with RallyLog(tournament) as log:
+        some = strokes_of_log(log, rallies=1)
+        assert 0 < some.num_rows <= log.strokes.max()
+        assert some.equals(strokes_of_log(log, rallies=1))
+        assert not some.equals(strokes_of_log(log, rallies=1, seed=1))
+
+
+def test_samples_are_balanced_over_pairings(tournament: Path) -> None:
+    with RallyLog(tournament) as log:
+        few, many = (rally_table(strokes_of_log(log, rallies=n)) for n in (30, 600))
+        whole = rally_table(strokes_of_log(log, rallies=10**9))
+    for sample, least in ((few, 10), (many, 200)):
+        pairing = [name.split("-")[0] for name in sample["match"].to_pylist()]
+        counts = {name: pairing.count(name) for name in set(pairing)}
+        assert len(counts) == 3
+        assert min(counts.values()) >= least
+        assert max(counts.values()) < 1.6 * least + 130, "no more than a match too many"
+    # Matches are whole.
+    match = few["match"].to_pylist()
+    assert match.count(match[0]) == whole["match"].to_pylist().count(match[0])
+
+
+def test_an_empty_table_is_refused(tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    pq.write_table(STROKES.empty_table(), tmp_path / "none.parquet")
+    with pytest.raises(AnalysisError, match="no strokes; record or convert"):
+        strokes_of(tmp_path / "none.parquet")
+
+
+def test_figures_of_a_tournament(valued: pa.Table) -> None:
+    weight = np.arange(len(valued)) % 17
+    columns = {}
+    for name, column in zip(valued.column_names, valued.columns, strict=True):
+        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            columns[name] = (np.nan_to_num(pc.fill_null(column, 0).to_numpy()) * weight).sum()
+    found = {name: summarise(valued, name) for name in players_of(valued)}
+    golden.check(
+        "summaries",
+        {name: dataclasses.asdict(each) | {"points": each.points.mean(axis=0)} for name, each in found.items()} | columns,
+    )
+
+
+def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
+    found = {name: summarise(valued, name) for name in players_of(valued)}
+    drawn = {
+        "landings.png": charts.landings(found, summarise(valued), "all together"),
+        "replies.svg": charts.transitions(found["bc"], "bc"),
+        "shots.pdf": charts.shot_mix(found),
+    }
+    golden.check("pictures", {name: golden.artists(figure) for name, figure in drawn.items()})
+    for name, figure in drawn.items():
+        charts.save(figure, tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 5000
+    with pytest.raises(OptionError, match="pictures are written as"):
+        charts.save(drawn["landings.png"], tmp_path / "landings.bmp")
+
+
+@pytest.mark.parametrize(
+    "people", [("viktor-axelsen", "chou-tien-chen"), ("kento-momota", "viktor-axelsen"), ("viktor-axelsen", "kento-momota")]
+)
+def test_best_replies_are_drawn_where_players_of_the_hands_see_them(people: tuple[str, str]) -> None:
+    pair = pair_game(*people, game=reduced_model())
+    hands, solution = people_of(pair).hands, solve(pair)
+    catalogue = solution.games[0].catalogue
+    incoming = next(k for k in range(1, len(catalogue)) if catalogue.area[k] == 0 and k in solution.games[0].edge_incoming)
+    drawn = charts.best_replies(solution, incoming)
+    side = {"right": 1, "left": -1}
+    for axes, aim in zip(drawn.axes, rally.aims(solution, incoming), strict=True):
+        (met,) = (text for text in axes.texts if text.get_text() == "incoming\nfront\nforehand")
+        assert met.get_position()[0] * side[hands[0]] > 0  # the striker's own forehand side, at the bottom
+        for area in np.flatnonzero(aim.stroke >= 0).tolist():
+            shown = [text for text in axes.texts if text.get_text().startswith(f"{100 * aim.win[area]:.1f} %\n")]
+            x, y = court.area_centre(np.array(area))
+            assert (x * side[hands[1]], y) in {tuple(text.get_position()) for text in shown}
+    assert f"the opponent's {'forehand' if hands[1] == 'right' else 'backhand'} side is on the left" in drawn.get_supxlabel()
+
+
+def test_rallies_are_chosen_by_game_score_server_and_length() -> None:
+    strokes = strokes_of(SAMPLE)
+    rallies = rally_table(strokes).to_pylist()
+    server = rallies[0]["server"]
+    for chosen, wanted in (
+        (RallyFilter(games=(2,)), [r for r in rallies if r["game"] == 2]),
+        (RallyFilter(server=server, length=(4, 7)), [r for r in rallies if r["server"] == server and 4 <= r["length"] <= 7]),
+    ):
+        found = rally_table(chosen.of(strokes)).to_pylist()
+        assert [{**r, "first": 0} for r in found] == [{**r, "first": 0} for r in wanted]
+    first = rally_table(RallyFilter(leading=(0, 0)).of(strokes))
+    games = {(r["match"], r["game"]) for r in rallies}
+    assert {(r["match"], r["game"]) for r in first.to_pylist()} == games
+    assert len(first) == len(games)
+    assert set(first["rally"].to_pylist()) == {1}
+    with pytest.raises(AnalysisError, match="no rally of"):
+        RallyFilter(games=(4,)).of(strokes)
+
+
+@pytest.mark.slow
+def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert analysis([str(tournament), "--against", str(SAMPLE), "--out", str(tmp_path / "out"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found)[-1] == "strokes.parquet"
+    assert {"bc", "attacking", "random"} < set(found)
+    assert found["attacking"]["rating"] > found["random"]["rating"]
+    assert found["strokes.parquet"]["rating"] is None
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "landings.png", "rallies.csv", "rallies.parquet", "shots.png", "strokes.csv", "strokes.parquet",
+        *(f"replies-{name}.png" for name in ("attacking", "bc", "random", "strokes.parquet")),
+    }  # fmt: skip
+    assert analysis([str(tournament)]) == 0
+    assert "attacking" in capsys.readouterr().out
+    assert analysis([str(tmp_path / "nothing.mcap")]) == 1
+
+
+def test_a_number_of_rallies_that_cannot_be_meant(tournament: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert analysis([str(tournament), "--rallies", "-1"]) == 1
+    assert capsys.readouterr().err == "error: python -m shuttle_marl.analysis: rallies -1: expected a whole number, 1 or more\n"
+
+
+def test_scores_that_no_match_has(tournament: Path) -> None:
+    with RallyLog(tournament) as log:
+        rallies, names = log.batch(0)[1], [player.name for player in log.policies]
+        score = rallies.score.copy()
+        score[:, 2:] = 200
+        forged = dataclasses.replace(rallies, score=score)
+        with pytest.raises(ShuttleError, match="a score or a length of a rally that no match has"):
+            stroke_table(forged, log.catalogue, names, ["match"] * len(rallies), np.random.default_rng(0), looks=log.header.looks)
+
+
+def test_the_game_is_that_of_the_log_and_never_silently_the_shipped_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from shuttle_marl.league import LeagueConfig, run_league
+    from tests.reduced import reduced_model
+
+    config = LeagueConfig(pool=("random", "safe"), matches=2, exact=False, game="default:men", out=tmp_path / "men")
+    log = str(run_league(config).folder / "rallies.mcap")
+    for command in (analysis, recording):
+        words = [log, "--json"] if command is analysis else ["check", log]
+        assert command(words) == 0
+        assert "replayed with equal outcomes" in capsys.readouterr().out or command is analysis
+    assert RallyGameOptions().load_for(Path(log)).hash == load_game("default:men").hash
+    own = run_league(dataclasses.replace(config, game=reduced_model(), out=tmp_path / "own")).folder / "rallies.mcap"
+    assert analysis([str(own)]) == 1
+    assert "which is not shipped; name its model with --game" in capsys.readouterr().err
+    assert analysis([str(own), "--game", reduced_model(), "--json"]) == 0
+    assert "game:" not in capsys.readouterr().err
+    assert analysis([str(SAMPLE), "--json"]) == 0
+    assert "game: the shipped one, of elite men's and women's singles; --game MODEL" in capsys.readouterr().err
+
+
+def test_a_drawn_court_is_symmetric_and_as_large_as_a_court() -> None:
+    axes = charts.figure(4, 8).subplots()
+    charts.draw_court(axes)
+    lines = {tuple(sorted(zip(*map(tuple, line.get_data()), strict=True))) for line in axes.lines}
+    for across, along in ((-1, 1), (1, -1)):
+        assert {tuple(sorted((across * x, along * y) for x, y in line)) for line in lines} == lines
+    (mat,) = axes.patches
+    assert {tuple(np.abs(corner)) for corner in mat.get_xy()} == {(court.WIDTH / 2, court.HALF_LENGTH)}
