@@ -376,33 +376,33 @@ class Block(NamedTuple):
 
     Attributes:
         bits: uint64 draw of the stroke.
-        player: int64 number of the striker among :class:`~shuttle_marl.kernel.players.Players`.
-        other: int64 the same of the receiver.
-        place: int64 number of the receiver's feasible position.
-        rank: int64 position of the stroke among the legal strokes.
-        effort: int64 effort block of the state.
-        pair: int64 first legal pair of the state, then that of the stroke.
-        reply: int64 index of its first reply, then of the stroke.
-        limit: int64 index of the thresholds of its first stroke.
-        choices: int64 number of thresholds of a stroke.
+        player: int32 number of the striker among :class:`~shuttle_marl.kernel.players.Players`.
+        other: int32 the same of the receiver.
+        place: int32 number of the receiver's feasible position.
+        rank: int32 position of the stroke among the legal strokes.
+        effort: int32 effort block of the state.
+        pair: int32 first legal pair of the state, then that of the stroke.
+        reply: int32 index of its first reply, then of the stroke.
+        limit: int32 index of the thresholds of its first stroke, then of the stroke.
+        choices: int32 number of thresholds of a stroke.
         limits: uint64 thresholds of the stroke.
-        arrival: int64 state of the next striker, contact below and not hurried.
+        arrival: int32 state of the next striker, contact below and not hurried.
         outcome: int64 outcome, 0 to 5.
         listed: int64 indices of rows, see :func:`list_where`.
     """
 
     bits: U64
-    player: I64
-    other: I64
-    place: I64
-    rank: I64
-    effort: I64
-    pair: I64
-    reply: I64
-    limit: I64
-    choices: I64
+    player: I32
+    other: I32
+    place: I32
+    rank: I32
+    effort: I32
+    pair: I32
+    reply: I32
+    limit: I32
+    choices: I32
     limits: U64
-    arrival: I64
+    arrival: I32
     outcome: I64
     listed: I64
 
@@ -411,39 +411,31 @@ class Block(NamedTuple):
 def new_block(size: int = BLOCK) -> Block:
     """Allocate a block; nobody waits where there is a choice."""
     return Block(
-        np.empty(size, np.uint64), np.empty(size, np.int64), np.empty(size, np.int64), np.zeros(size, np.int64),
-        np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64),
-        np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.uint64), np.empty(size, np.int64),
+        np.empty(size, np.uint64), np.empty(size, np.int32), np.empty(size, np.int32), np.zeros(size, np.int32),
+        np.empty(size, np.int32), np.empty(size, np.int32), np.empty(size, np.int32), np.empty(size, np.int32),
+        np.empty(size, np.int32), np.empty(size, np.int32), np.empty(size, np.uint64), np.empty(size, np.int32),
         np.empty(size, np.int64), np.empty(size, np.int64),
     )  # fmt: skip
 
 
 @inlined
-def put_legal(block: Block, j: int, legal: Legal) -> None:
-    """Note where the legal strokes of row j are found."""
-    block.effort[j], block.pair[j], block.reply[j] = legal.block, legal.pair, legal.reply
-    block.limit[j], block.choices[j] = legal.limit, legal.choices
+def put_stroke(tables: Tables, block: Block, j: int, legal: Legal, k: int, seat: int) -> None:
+    """Set the stroke of row j, struck by a seat, to the k-th of its legal strokes."""
+    block.limit[j] = legal.limit + k * legal.choices + tables.seat * seat
+    block.pair[j], block.reply[j], block.arrival[j] = legal.pair + k, legal.reply + k, arrival_of(tables, legal, k)
 
 
 @inlined
-def find_legal(tables: Tables, state: Ints, block: Block, count: int) -> None:
-    """Look up the legal strokes of the first ``count`` states."""
-    for j in range(count):
-        put_legal(block, j, legal_strokes(tables, state[j]))
+def strike(tables: Tables, state: Ints, block: Block, count: int) -> None:
+    """Decide the strokes of the first ``count`` rows against the positions of ``place``, and move on to the next state.
 
-
-@inlined
-def strike(tables: Tables, state: Ints, seat: Ints, block: Block, count: int) -> None:
-    """Decide the strokes of ``rank`` against the positions of ``place``, and move on to the next state.
-
-    This is the one pass by which everything compiled plays, after :func:`find_legal`.
+    This is the one pass by which everything compiled plays, after :func:`put_stroke`.
     """
+    if with_recovery(tables):
+        for j in range(count):
+            block.limit[j] += block.place[j]
     for j in range(count):
-        legal = Legal(np.uint64(block.effort[j]), 0, block.pair[j], block.reply[j], block.limit[j], block.choices[j])
-        k = block.rank[j]
-        at = legal.limit + k * legal.choices + block.place[j] + tables.seat * seat[j]
-        block.limits[j], block.arrival[j] = tables.limits[np.uint64(at)], arrival_of(tables, legal, k)
-        block.pair[j], block.reply[j] = legal.pair + k, legal.reply + k
+        block.limits[j] = tables.limits[np.uint64(block.limit[j])]
     for j in range(count):
         outcome = outcome_of(block.limits[j], block.bits[j])
         block.outcome[j], state[j] = outcome, next_state(block.arrival[j], outcome)
@@ -461,10 +453,10 @@ def list_where(block: Block, count: int, over: bool) -> int:
 
 @compiled
 def _strike_all(tables: Tables, state: I64, seat: I8, position: I64, block: Block) -> None:
-    find_legal(tables, state, block, state.size)
     for j in range(state.size):
+        put_stroke(tables, block, j, legal_strokes(tables, state[j]), block.rank[j], seat[j])
         block.place[j] = place_of(tables, state[j], position[j])
-    strike(tables, state, seat, block, state.size)
+    strike(tables, state, block, state.size)
 
 
 def struck(

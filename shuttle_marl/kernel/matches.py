@@ -205,17 +205,17 @@ def _play(
         part = part_of(lanes, 0, live)
         draw_strokes(part, block.bits)
         if asked:
-            core.find_legal(tables, part.state, block, live)
             for j in range(live):
-                block.rank[j], block.place[j] = given[0, j], core.place_of(tables, part.state[j], given[1, j])
+                core.put_stroke(tables, block, j, core.legal_strokes(tables, part.state[j]), given[0, j], part.striker[j])
+                block.place[j] = core.place_of(tables, part.state[j], given[1, j])
         else:
             for j in range(live):
                 match, seat = np.uint64(part.rally[j]), part.striker[j]
                 block.player[j], block.other[j] = entrant[match, np.uint64(seat)], entrant[match, np.uint64(1 - seat)]
-            choose(tables, setup.players, part.state, block, live)
+            choose(tables, setup.players, part.state, part.striker, block, live)
         if keep:
             for j in range(live):
-                noted = tables.stroke[np.uint64(block.reply[j] + block.rank[j])] | core.hurried_in(part.state[j]) << HURRIED_BIT
+                noted = tables.stroke[np.uint64(block.reply[j])] | core.hurried_in(part.state[j]) << HURRIED_BIT
                 noted |= core.position_at(tables, part.state[j], block.place[j]) << POSITION_BIT
                 log.stroke[np.uint64(part.rally[j]), step] = noted
         strike(tables, part, block)

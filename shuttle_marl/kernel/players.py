@@ -14,10 +14,12 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.core import (
     Block,
     KernelError,
+    Legal,
     Tables,
     checked_array,
-    find_legal,
     int64,
+    legal_strokes,
+    put_stroke,
     tables_of,
     with_recovery,
 )
@@ -90,22 +92,27 @@ def table_choice(players: Players, player: int, s: int, start: int, bits: np.uin
 
 
 @inlined
-def choose_strokes(tables: Tables, players: Players, state: Ints, block: Block, count: int) -> None:
+def choose_strokes(tables: Tables, players: Players, state: Ints, seat: Ints, block: Block, count: int) -> None:
     """Choose the stroke of ``player`` in the first ``count`` states by its table.
 
     Each pass reads tables at unpredictable places in many rows at once.
     """
-    find_legal(tables, state, block, count)
     for j in range(count):
+        legal = legal_strokes(tables, state[j])
+        block.effort[j], block.pair[j], block.reply[j] = legal.block, legal.pair, legal.reply
+        block.limit[j], block.choices[j] = legal.limit, legal.choices
         block.rank[j] = first_guess(players, block.player[j], state[j], block.bits[j])
     for j in range(count):
         block.rank[j] = find_rank(players, block.player[j], block.pair[j], block.rank[j], block.bits[j])
+    for j in range(count):
+        legal = Legal(np.uint64(block.effort[j]), 0, block.pair[j], block.reply[j], block.limit[j], block.choices[j])
+        put_stroke(tables, block, j, legal, block.rank[j], seat[j])
 
 
 @inlined
-def choose(tables: Tables, players: Players, state: Ints, block: Block, count: int) -> None:
+def choose(tables: Tables, players: Players, state: Ints, seat: Ints, block: Block, count: int) -> None:
     """:func:`choose_strokes`, and the position of ``other``."""
-    choose_strokes(tables, players, state, block, count)
+    choose_strokes(tables, players, state, seat, block, count)
     if with_recovery(tables):
         for j in range(count):
             block.place[j] = place_choice(players, block.other[j], state[j], block.bits[j])

@@ -170,8 +170,8 @@ def _reply(
             at = np.uint64(block.listed[r])
             block.bits[r] = core.draw(rows.key[at], rows.stroke[at])
             block.player[r], state[r], seat[r], block.place[r] = opponents.opponent[at], rows.state[at], rows.striker[at], 0
-        choose_strokes(tables, opponents.players, state, block, replies)
-        core.strike(tables, state, seat, block, replies)
+        choose_strokes(tables, opponents.players, state, seat, block, replies)
+        core.strike(tables, state, block, replies)
         for r in range(replies):
             at = np.uint64(block.listed[r])
             rows.state[at] = state[r]
@@ -240,15 +240,15 @@ def _reset(
 
 
 @inlined
-def _decide(opponents: Opponents, part: Rows, first: int, rank: I16, block: Block) -> None:
+def _decide(tables: Tables, opponents: Opponents, part: Rows, first: int, rank: I16, place: I16, block: Block) -> None:
     """Split the learner's actions of a block into strokes and positions, and let the opponents choose the others."""
     for r in range(_list_deciding(opponents, part, first, block, strikes=True)):
         j = block.listed[r]
-        block.place[j] = place_choice(opponents.players, opponents.opponent[first + j], part.state[j], block.bits[j])
+        place[j] = place_choice(opponents.players, opponents.opponent[first + j], part.state[j], block.bits[j])
     for r in range(_list_deciding(opponents, part, first, block, strikes=False)):
         j = block.listed[r]
-        opponent, block.place[j] = opponents.opponent[first + j], rank[j]
-        block.rank[j] = table_choice(opponents.players, opponent, part.state[j], block.pair[j], block.bits[j])
+        s, opponent, place[j] = part.state[j], opponents.opponent[first + j], rank[j]
+        rank[j] = table_choice(opponents.players, opponent, s, core.legal_strokes(tables, s).pair, block.bits[j])
 
 
 @inlined
@@ -304,12 +304,13 @@ def _step(
         part, size = part_of(rows, first, last), last - first
         results = Output(output.reward[first:last], output.done[first:last], output.observed)
         draw_strokes(part, block.bits)
-        core.find_legal(tables, part.state, block, size)
-        for j in range(size):
-            block.rank[j] = rank[first + j]
-            block.place[j] = place[first + j]
+        ranks, places = rank[first:last], place[first:last]
         if opponents is not None and core.with_recovery(tables):
-            _decide(opponents, part, first, rank[first:last], block)
+            _decide(tables, opponents, part, first, ranks, places, block)
+        for j in range(size):
+            core.put_stroke(tables, block, j, core.legal_strokes(tables, part.state[j]), ranks[j], part.striker[j])
+            if core.with_recovery(tables):
+                block.place[j] = places[j]
         play(tables, part, block)
         if opponents is not None:
             _count(tables, rows, matches, opponents, work, first, results)
@@ -338,9 +339,9 @@ def _run(tables: Tables, rows: Rows, serving: Serving, strokes: int, start: int,
             draw_strokes(part, block.bits)
             for j in range(count):
                 legal = core.legal_strokes(tables, part.state[j])
-                core.put_legal(block, j, legal)
-                block.rank[j] = core.uniform_choice(legal.n, block.bits[j])
-                block.place[j] = core.uniform_place(legal.choices, block.bits[j])
+                core.put_stroke(tables, block, j, legal, core.uniform_choice(legal.n, block.bits[j]), part.striker[j])
+                if core.with_recovery(tables):
+                    block.place[j] = core.uniform_place(legal.choices, block.bits[j])
             play(tables, part, block)
             for i in range(core.list_where(block, count, over=True)):
                 begin(rows, first + block.listed[i], serving)

@@ -115,7 +115,7 @@ def draw_strokes(part: Rows, bits: U64) -> None:
 @inlined
 def play(tables: Tables, part: Rows, block: Block) -> None:
     """Strike in every row of a block, and hand over to the receiver."""
-    core.strike(tables, part.state, part.striker, block, part.state.size)
+    core.strike(tables, part.state, block, part.state.size)
     for j in range(part.state.size):
         part.stroke[j] += 1
         part.striker[j] ^= 1

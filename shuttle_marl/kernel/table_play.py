@@ -233,8 +233,8 @@ def advance(
         count = _admit(tables, learned, played, lanes, block, size, schedule.oldest)
         while count and tape.used[0] + count <= tape.state.size:
             before[:count] = lanes.state[:count]
-            choose(tables, learned.players, lanes.state, block, count)
-            core.strike(tables, lanes.state, lanes.seat, block, count)
+            choose(tables, learned.players, lanes.state, lanes.seat, block, count)
+            core.strike(tables, lanes.state, block, count)
             count = _note(played, lanes, block, before, count, tape)
             count = _admit(tables, learned, played, lanes, block, count, schedule.oldest)
         for i in range(count):  # the tape is full

@@ -69,14 +69,13 @@ class RunLog(LogContext):
             columns=columns_of(game, "update", *(_FIGURES if figures else ())),
         )
         self._recorder = RallyRecorder(resume(path, self._header, rallies)) if self._sampling.every else None
-        self._thread = ThreadPoolExecutor(1, "recording replays")
+        self._thread = ThreadPoolExecutor(1, "recording rallies")
         self._pending: Future[Rallies] | None = None
 
     def record(self, sampler: RallySampler, segment: int, update: int) -> None:
         """Record the rallies of the last iteration that began with a serve.
 
-        A thread builds the columns while the learner learns; :meth:`settle` waits for it. If all rallies are recorded, the
-        sampler records the next iteration while it plays; a sample is replayed.
+        A thread builds the columns while the learner learns; :meth:`settle` waits for it.
 
         Args:
             sampler: sampler of the rallies; it must not change until :meth:`settle`.
