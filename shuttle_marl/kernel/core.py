@@ -422,7 +422,7 @@ def new_block(size: int = BLOCK) -> Block:
 def put_stroke(tables: Tables, block: Block, j: int, legal: Legal, k: int, seat: int) -> None:
     """Set the stroke of row j, struck by a seat, to the k-th of its legal strokes."""
     block.limit[j] = legal.limit + k * legal.choices + tables.seat * seat
-    block.pair[j], block.reply[j], block.arrival[j] = legal.pair + k, legal.reply + k, arrival_of(tables, legal, k)
+    block.arrival[j] = arrival_of(tables, legal, k)
 
 
 @inlined

@@ -206,7 +206,9 @@ def _play(
         draw_strokes(part, block.bits)
         if asked:
             for j in range(live):
-                core.put_stroke(tables, block, j, core.legal_strokes(tables, part.state[j]), given[0, j], part.striker[j])
+                legal = core.legal_strokes(tables, part.state[j])
+                core.put_stroke(tables, block, j, legal, given[0, j], part.striker[j])
+                block.reply[j] = legal.reply + given[0, j]
                 block.place[j] = core.place_of(tables, part.state[j], given[1, j])
         else:
             for j in range(live):

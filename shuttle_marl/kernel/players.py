@@ -92,8 +92,8 @@ def table_choice(players: Players, player: int, s: int, start: int, bits: np.uin
 
 
 @inlined
-def choose_strokes(tables: Tables, players: Players, state: Ints, seat: Ints, block: Block, count: int) -> None:
-    """Choose the stroke of ``player`` in the first ``count`` states by its table.
+def choose(tables: Tables, players: Players, state: Ints, seat: Ints, block: Block, count: int) -> None:
+    """Choose the stroke of ``player`` and the position of ``other`` in the first ``count`` states by their tables.
 
     Each pass reads tables at unpredictable places in many rows at once.
     """
@@ -107,12 +107,8 @@ def choose_strokes(tables: Tables, players: Players, state: Ints, seat: Ints, bl
     for j in range(count):
         legal = Legal(np.uint64(block.effort[j]), 0, block.pair[j], block.reply[j], block.limit[j], block.choices[j])
         put_stroke(tables, block, j, legal, block.rank[j], seat[j])
-
-
-@inlined
-def choose(tables: Tables, players: Players, state: Ints, seat: Ints, block: Block, count: int) -> None:
-    """:func:`choose_strokes`, and the position of ``other``."""
-    choose_strokes(tables, players, state, seat, block, count)
+        block.pair[j] += block.rank[j]
+        block.reply[j] += block.rank[j]
     if with_recovery(tables):
         for j in range(count):
             block.place[j] = place_choice(players, block.other[j], state[j], block.bits[j])

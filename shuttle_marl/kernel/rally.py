@@ -20,7 +20,6 @@ from shuttle_marl.kernel import core
 from shuttle_marl.kernel.core import BLOCK, OPEN, Block, KernelError, Tables, checked_array, checked_number, int64
 from shuttle_marl.kernel.players import (
     Players,
-    choose_strokes,
     empty_players,
     pack,
     place_choice,
@@ -104,7 +103,6 @@ class _Work(NamedTuple):
     row: I64
     reward: F32
     state: I64
-    seat: I64
 
 
 @inlined
@@ -113,7 +111,6 @@ def _new_work(size: int) -> _Work:
         core.new_block(size),
         np.empty(size, np.int64),
         np.zeros(size, np.float32),
-        np.empty(size, np.int64),
         np.empty(size, np.int64),
     )
 
@@ -132,24 +129,27 @@ def _begin_rally(rows: Rows, matches: MatchRows, i: int, server: int) -> None:
 
 
 @inlined
-def _end_rally(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcome: int) -> np.float32:
-    """Count a rally after its last stroke; if its match continues, start the next one. Returns the learner's reward."""
+def _end_stroke(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcome: int) -> np.float32:
+    """Count a stroke: at the end of a rally the reward of the learner, and the next rally of a match that continues."""
     winner = int64(rows.striker[i]) ^ outcome  # the striker is already the receiver of the last stroke
-    over = True
-    if matches is not None:
-        matches.reason[i] = outcome
-        counted = _count_rally(matches.points[i, winner], matches.points[i, 1 - winner], matches.games[i, winner], matches.rules)
-        matches.points[i, winner], matches.games[i, winner] = counted.points, counted.games
-        over = bool(counted.match_won)
-        if over:
-            matches.server[i] = winner
-        else:
-            if counted.game_won:
-                matches.points[i, 0] = matches.points[i, 1] = 0
-            matches.rally[i] += 1
-            _begin_rally(rows, matches, i, winner)
-    rows.live[i] = not over
-    return np.float32(2 * (winner == seat) - 1) * np.float32(over if matches is None else max(matches.each, over))
+    won, over = np.float32(2 * (winner == seat) - 1), outcome < OPEN
+    if matches is None:  # without branches, see above
+        rows.live[i] = not over
+        return won * np.float32(over)
+    if not over:
+        return np.float32(0)
+    matches.reason[i] = outcome
+    counted = _count_rally(matches.points[i, winner], matches.points[i, 1 - winner], matches.games[i, winner], matches.rules)
+    matches.points[i, winner], matches.games[i, winner] = counted.points, counted.games
+    rows.live[i] = not counted.match_won
+    if counted.match_won:
+        matches.server[i] = winner
+    else:
+        if counted.game_won:
+            matches.points[i, 0] = matches.points[i, 1] = 0
+        matches.rally[i] += 1
+        _begin_rally(rows, matches, i, winner)
+    return won * np.float32(max(matches.each, counted.match_won))
 
 
 @inlined
@@ -157,29 +157,40 @@ def _reply(
     tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, work: _Work, first: int, count: int
 ) -> None:
     """Let opponents play in ``count`` rows of ``work`` until the learner is to decide or the episode is over."""
-    block, state, seat = work.block, work.state, work.seat
-    while True:
-        replies = 0
-        for r in range(count):
-            at = first + work.row[r]
-            block.listed[replies] = at
-            replies += rows.live[at] & (rows.striker[at] != opponents.seat[at]) & (core.choices_in(tables, rows.state[at]) == 1)
-        if replies == 0:
-            return
+    block, state, replies = work.block, work.state, 0
+    for r in range(count):
+        block.listed[replies] = first + work.row[r]
+        replies += _replies(tables, rows, opponents, first + work.row[r])
+    while replies > 0:
         for r in range(replies):
             at = np.uint64(block.listed[r])
             block.bits[r] = core.draw(rows.key[at], rows.stroke[at])
-            block.player[r], state[r], seat[r], block.place[r] = opponents.opponent[at], rows.state[at], rows.striker[at], 0
-        choose_strokes(tables, opponents.players, state, seat, block, replies)
+        for r in range(replies):
+            at = np.uint64(block.listed[r])
+            s = rows.state[at]
+            state[r], block.place[r] = s, 0
+            legal = core.legal_strokes(tables, s)
+            k = table_choice(opponents.players, opponents.opponent[at], s, legal.pair, block.bits[r])
+            core.put_stroke(tables, block, r, legal, k, rows.striker[at])
         core.strike(tables, state, block, replies)
+        again = 0
         for r in range(replies):
             at = np.uint64(block.listed[r])
             rows.state[at] = state[r]
             rows.stroke[at] += 1
             rows.striker[at] ^= 1
-            if block.outcome[r] < OPEN:
-                learner = int64(opponents.seat[at])
-                work.reward[at - np.uint64(first)] += _end_rally(rows, matches, learner, int64(at), block.outcome[r])
+            reward = _end_stroke(rows, matches, int64(opponents.seat[at]), int64(at), block.outcome[r])
+            work.reward[at - np.uint64(first)] += reward
+            block.listed[again] = at
+            again += _replies(tables, rows, opponents, int64(at))
+        replies = again
+
+
+@inlined
+def _replies(tables: Tables, rows: Rows, opponents: Opponents, i: int) -> bool:
+    """Whether the opponent is to strike in row i, and the learner has no choice of a position."""
+    replies: bool = rows.live[i] & (rows.striker[i] != opponents.seat[i]) & (core.choices_in(tables, rows.state[i]) == 1)
+    return replies
 
 
 @inlined
@@ -276,8 +287,7 @@ def _count(
                 rows.live[i] = False
                 work.reward[j] -= 1
                 continue
-        if outcome < OPEN:
-            work.reward[j] += _end_rally(rows, matches, int64(opponents.seat[i]), i, outcome)
+        work.reward[j] += _end_stroke(rows, matches, int64(opponents.seat[i]), i, outcome)
     _reply(tables, rows, matches, opponents, work, first, size)
     for j in range(size):
         output.reward[j], output.done[j] = work.reward[j], not rows.live[first + j]
