@@ -42,7 +42,6 @@ FILE: Final = Path(__file__).parent / "measured.json"
 """Timing and places measured in the training matches, see ``docs/truth_record.md``; its ``provenance`` names them."""
 DISTANCES: Final = tuple(float(d) for d in range(14))
 """Edges of the classes of length of a stroke [m]."""
-QUARTILES: Final = (0.25, 0.5, 0.75)
 QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of places."""
 _TRIES: Final = 10
