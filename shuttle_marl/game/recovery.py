@@ -25,10 +25,9 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.tensor_files import Tensors, checked
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, N_SIDES
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, ONE, odds_of_steps, with_fault_odds
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.stroke import N_SHOTS, frozen
-from shuttle_marl.game.thresholds import ONE, odds_of_steps, with_fault_odds
 
 POSITIONS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand") for area in AREAS)
 """Names of the nine positions; index = 3 * depth + side, as for areas."""

@@ -27,11 +27,10 @@ from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
-from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
+from shuttle_marl.game.draws import CHOICE_ONE, ONE, with_fault_odds
+from shuttle_marl.game.layout import ALL, LONGEST_DUEL, GameError, Indices, Layout
 from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, Recovery, Waiting, in_the_middle, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
-from shuttle_marl.game.thresholds import ONE, with_fault_odds
 
 if TYPE_CHECKING:
     from shuttle_marl.game.pairs import People
@@ -44,10 +43,6 @@ _TYPES: Final = {"threshold": np.uint16, "hurry": np.uint8}
 _NO_TABLES: Final = ("catalogue", "recovery", "people", "whole", "seat")
 _MOST_LEVELS: Final = 8
 _MOST_ODDS: Final = 1 << 20
-
-
-class GameError(ShuttleError):
-    """Tables that cannot be read or do not form a game."""
 
 
 RECOVERY: Final = "recovery"
@@ -463,3 +458,24 @@ def _game_of_seat(whole: Game, seat: int) -> Game:
 
 def _within(array: Ints, low: int, high: int) -> bool:
     return bool(((array >= low) & (array <= high)).all())
+
+
+def thresholds(p_good: F64, p_returned: F64, p_above: F64) -> U16:
+    """Fixed-point thresholds ``[P, 3]`` from the three probabilities, each rounded to the nearest 1/65536.
+
+    The first three outcomes together never reach 1, so the last one keeps at least 1/65536.
+    """
+    fault = 1 - p_good
+    winner = fault + p_good * (1 - p_returned)
+    below = winner + p_good * p_returned * (1 - p_above)
+    cumulative = np.rint(np.stack([fault, winner, below], axis=-1) * ONE)
+    if not np.isfinite(cumulative).all():
+        raise GameError("a probability of the dynamics is not a number; the model is damaged")
+    return np.clip(cumulative, 0, ONE - 1).astype(np.uint16)
+
+
+def hurry_units(p: F64) -> U8:
+    """Fixed-point probabilities of a hurried receiver, each rounded to the nearest 1/256 and at most 255/256."""
+    if not np.isfinite(p).all():
+        raise GameError("a probability of a hurried receiver is not a number; the model is damaged")
+    return np.clip(np.rint(p * HURRY_ONE), 0, HURRY_ONE - 1).astype(np.uint8)

@@ -18,21 +18,25 @@ from shuttle_marl.base.tensor_files import Tensors, read_tensors
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import shipped
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import (
     BC,
     OPPOSITE,
+    STEP,
     VARIANTS,
     load_game,
     model_folder,
+    moved,
     origin_of,
+    packed,
     read_model_card,
     refits_of,
     resolve_game,
+    steps_between,
+    unpacked,
 )
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import thresholds
-from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpacked
+from shuttle_marl.game.tables import Game, thresholds
 from shuttle_marl.policy import baselines
 from tests.exact.exact_games import tiring_game
 from tests.reduced import reduced_game, reduced_model
