@@ -30,8 +30,8 @@ from shuttle_marl.game.policy import Policy, position_shares, tabulate
 from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
-from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tables import RECOVERY, ROOT, Game
+from shuttle_marl.game.shipped import RECOVERY, resolve_game
+from shuttle_marl.game.tables import ROOT, Game
 
 __all__ = ["NAME", "RECOVERY_NAME", "RallyGame", "RallyState", "open_spiel_policy"]
 

@@ -103,6 +103,8 @@ def chosen(cumulative: U16 | F64, draw: Ints) -> Intp:
 
 ONE: Final = 1 << 16
 """Probability 1 in fixed point."""
+HURRY_ONE: Final = 1 << 8
+"""Probability 1 of a hurried receiver in fixed point."""
 Odds = tuple[U64, U64]
 """What odds are multiplied and divided by, in units of 1/65536."""
 

@@ -26,8 +26,11 @@ from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import (
     OPPOSITE,
     PROFILES,
+    RECOVERY,
     SKILL,
+    Origin,
     between_hands,
+    game_of,
     hands_of_variant,
     is_refit,
     load_game,
@@ -41,7 +44,7 @@ from shuttle_marl.game.shipped import (
     with_odds,
 )
 from shuttle_marl.game.stroke import N_SHOTS, frozen
-from shuttle_marl.game.tables import RECOVERY, Game, Origin
+from shuttle_marl.game.tables import Game
 
 COMPONENTS: Final = ("success", "return", "contact")
 """Components of a stroke, in the order of the offsets."""
@@ -249,14 +252,13 @@ class People:
     @property
     def average(self) -> Game:
         """The game of the model, without skill and discipline, whose agents can play this one."""
-        return load_game(self.origin._replace(variant=None).name_in(str(self.origin.folder)))
+        return game_of(self.origin._replace(variant=None))
 
     @property
     def profile(self) -> Game:
         """The game of their discipline and hands, without skill, in which imitated players choose as they do here."""
-        folder = self.origin.folder
-        known = self.discipline if self.discipline in variants(str(folder)) else None
-        return load_game(self.origin._replace(variant=variant_of(known, opposite=self.opposite)).name_in(str(folder)))
+        known = self.discipline if self.discipline in variants(self.origin.folder) else None
+        return game_of(self.origin._replace(variant=variant_of(known, opposite=self.opposite)))
 
     @property
     def skill(self) -> Skill:
@@ -274,7 +276,7 @@ class People:
             GameError: a file of the model is damaged.
         """
         origin = origin_named(self.model)
-        names = () if origin.variant is not None else variants(str(origin.folder))
+        names = () if origin.variant is not None else variants(origin.folder)
         model = self.model.removesuffix(f":{RECOVERY}")
         return tuple(self.game(origin._replace(variant=name).name_in(model)) for name in names if is_refit(name))
 
@@ -359,7 +361,7 @@ def game_between(game: Game, policies: tuple[str, str]) -> Game:
     skill = load_skill(origin.folder)
     if set(map(skill.hand_of, _persons(skill, policies))) != set(HANDS):
         return game
-    return load_game(origin._replace(variant=variant_of(origin.variant, opposite=True)).name_in(str(origin.folder)))
+    return game_of(origin._replace(variant=variant_of(origin.variant, opposite=True)))
 
 
 def _persons(skill: Skill, policies: tuple[str, str]) -> list[str]:
@@ -372,7 +374,7 @@ def trained_game(game: Game) -> Game:
     """The game on which agents that play a game were trained: the average game, or a variant, of equal hands."""
     average, origin = game.average, origin_of(game.average)
     equal, opposite = (None, False) if origin is None else hands_of_variant(origin.variant)
-    return average if origin is None or not opposite else load_game(origin._replace(variant=equal).name_in(str(origin.folder)))
+    return average if origin is None or not opposite else game_of(origin._replace(variant=equal))
 
 
 def without_skill(game: Game) -> Game:
@@ -382,7 +384,7 @@ def without_skill(game: Game) -> Game:
     people = people_of(game)
     if not people.opposite:
         return game.average
-    return load_game(people.origin._replace(variant=OPPOSITE).name_in(str(people.origin.folder)))
+    return game_of(people.origin._replace(variant=OPPOSITE))
 
 
 def without_recovery(game: Game) -> Game:
@@ -392,7 +394,7 @@ def without_recovery(game: Game) -> Game:
         return game
     if origin is None or game.people is not None or game.whole is not None:
         return dataclasses.replace(game, recovery=None)
-    return load_game(origin._replace(recovery=False).name_in(str(origin.folder)))
+    return game_of(origin._replace(recovery=False))
 
 
 def opponent_tables(game: Game, seat: int | Ints) -> Game:
@@ -459,7 +461,7 @@ def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> Gam
     if origin is None:
         return None
     try:
-        return pair_game(*people, date=date, game=origin.name_in(str(origin.folder)))
+        return pair_game(*people, date=date, game=origin.name_in(origin.folder))
     except GameError:
         return None
 
@@ -469,8 +471,8 @@ def _base(game: str, discipline: str | None, *, opposite: bool) -> Game:
     """The tables without skill: of a model or a refit, in one discipline if the model tells them apart."""
     tables, (folder, variant, _) = load_game(game), origin_named(game)
     recovery = tables.recovery
-    if discipline in variants(str(folder)):
-        model, profile = load_game(str(folder)), load_game(f"{folder}:{discipline}")
+    if discipline in variants(folder):
+        model, profile = game_of(Origin(folder)), game_of(Origin(folder, discipline))
         tables = profile if variant is None else moved(tables, steps_between(model, profile), profile.fault_odds)
     return dataclasses.replace(between_hands(tables, folder) if opposite else tables, recovery=recovery)
 

@@ -48,7 +48,6 @@ PARTS: Final = {"incoming_shot": N_SHOTS + 1, "own_area": N_AREAS + 1, "incoming
 """What people's positions depend on, and the number of its values; the last one of a previous stroke: none."""
 _ROUNDS: Final = 6
 """Rounds of the fixed point; more change no table of the shipped model."""
-_HURRY_ONE: Final = 1 << 8
 
 
 def position_of(x: F64, y: F64) -> I64:
@@ -196,7 +195,7 @@ def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recover
     met = weight * (1 - wins)
     above = spread.shares((ONE - below) / returned, ratio[1], met)
     late = [
-        spread.shares(hurry[:, contact] / np.float64(_HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
+        spread.shares(hurry[:, contact] / np.float64(HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
         for contact in (0, 1)
     ]
     faults = old[pair, 0]
@@ -205,7 +204,7 @@ def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recover
     ends = np.minimum(ends, ONE - 1)
     low = np.clip(ends + np.rint((1 - above) * (ONE - ends)).astype(np.int64), ends, ONE - 1)
     limits = np.stack([faults, ends, low], axis=1).astype(np.uint16)
-    late_draw = np.stack([np.minimum(np.rint(p * _HURRY_ONE), _HURRY_ONE - 1) for p in late], axis=1).astype(np.uint8)
+    late_draw = np.stack([np.minimum(np.rint(p * HURRY_ONE), HURRY_ONE - 1) for p in late], axis=1).astype(np.uint8)
     return Waiting(
         choices=frozen(count),
         position=frozen(position),

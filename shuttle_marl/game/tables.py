@@ -18,7 +18,7 @@ import dataclasses
 import functools
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -27,41 +27,21 @@ from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
-from shuttle_marl.game.draws import CHOICE_ONE, ONE, with_fault_odds
+from shuttle_marl.game.draws import CHOICE_ONE, HURRY_ONE, ONE, with_fault_odds
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, GameError, Indices, Layout
 from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, Recovery, Waiting, in_the_middle, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 
 if TYPE_CHECKING:
     from shuttle_marl.game.pairs import People
+    from shuttle_marl.game.shipped import Origin
 
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
-HURRY_ONE: Final = 1 << 8
-"""Probability 1 of a hurried receiver in fixed point."""
 _TYPES: Final = {"threshold": np.uint16, "hurry": np.uint8}
-_NO_TABLES: Final = ("catalogue", "recovery", "people", "whole", "seat")
+_NO_TABLES: Final = ("catalogue", "recovery", "people", "whole", "seat", "origin")
 _MOST_LEVELS: Final = 8
 _MOST_ODDS: Final = 1 << 20
-
-
-RECOVERY: Final = "recovery"
-"""In names of games: the one in which receivers choose where to wait (``default:recovery``, ``default:men-recovery``)."""
-
-
-class Origin(NamedTuple):
-    """The model and the variant that a game was loaded from."""
-
-    folder: Path
-    """The model folder."""
-    variant: str | None
-    """Name of the variant; None: the game of the model itself."""
-    recovery: bool = False
-    """Whether receivers choose where to wait."""
-
-    def name_in(self, model: str) -> str:
-        """Name of the game in a model of this name or folder."""
-        return ":".join(filter(None, (model, "-".join(filter(None, (self.variant, RECOVERY if self.recovery else None))))))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -81,6 +61,7 @@ class Game(Layout):
         people: the players of the game of a pair; None: both seats have the same tables, or these are those of one seat.
         whole: the game of the pair that these are the tables of one seat of; None: of none.
         seat: that seat.
+        origin: where the game was loaded from; None for any other, also for a changed copy.
     """
 
     threshold: U16
@@ -90,6 +71,7 @@ class Game(Layout):
     people: "People | None" = None
     whole: "Game | None" = None
     seat: int = 0
+    origin: "Origin | None" = dataclasses.field(default=None, init=False)
 
     def __post_init__(self) -> None:
         for name, array in self._arrays().items():

@@ -16,8 +16,8 @@ from shuttle_marl.base.files import FileReadError, hash_in, problem, read_sealed
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.game.pairs import trained_game, without_recovery, without_skill
 from shuttle_marl.game.policy import Policy, PolicyError, TabulatedPolicy
-from shuttle_marl.game.shipped import folder_of
-from shuttle_marl.game.tables import RECOVERY, Game
+from shuttle_marl.game.shipped import RECOVERY, folder_of
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.computed import cached_table
 
 NETWORK: Final = "network.safetensors"
