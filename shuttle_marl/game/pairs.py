@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, U16, Ints
-from shuttle_marl.base.tensor_files import Tensors, checked, parsed
+from shuttle_marl.base.tensor_files import checked, parsed
 from shuttle_marl.game.court import HANDS, Hands
 from shuttle_marl.game.draws import odds_of_steps
 from shuttle_marl.game.layout import GameError
@@ -171,32 +171,32 @@ def load_skill(folder: Path) -> Skill:
     if not has_skill(folder):
         raise GameError(f"{folder}: this model has no skill of players ({SKILL}); fit the model again, or name one that has it")
     try:
-        return _skill(read_model(folder, SKILL))
+        tensors = read_model(folder, SKILL)
+        (text,) = tensors.metadata.values()
+        names = parsed(text)["players"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or AVERAGE in names:
+            raise ValueError("the players are no list of names")
+        m, k = len(names), len(tensors.arrays["day"])
+        shape = (k, len(COMPONENTS), len(ROLES), 1 + len(GROUPS))
+        wanted = {
+            "offset": (np.float32, shape), "deviation": (np.float32, shape), "player": (np.int32, (k,)), "day": (np.int32, (k,)),
+            "group": (np.int8, (N_SHOTS,)), "discipline": (np.int8, (m,)), "hand": (np.int8, (m,)), "strokes": (np.int32, (m,)),
+            "matches": (np.int32, (m,)),
+        }  # fmt: skip
+        skill = Skill(players=tuple(names), **{name: checked(tensors.arrays[name], *kind) for name, kind in wanted.items()})
+        if (np.unique(skill.player) != np.arange(m)).any() or (np.diff(skill.player) < 0).any():
+            raise ValueError("a player without knots, or knots that are not sorted by player")
+        if (np.diff(skill.day)[np.diff(skill.player) == 0] <= 0).any():
+            raise ValueError("knots that are not sorted by day")
+        for numbers, least, end in (
+            (skill.group, 0, len(GROUPS)),
+            (skill.discipline, 0, len(DISCIPLINES)),
+            (skill.hand, -1, len(HANDS)),
+        ):
+            if not np.isin(numbers, range(least, end)).all():
+                raise ValueError("a group of shot types, a discipline or a hand that does not exist")
     except (OSError, KeyError, ValueError) as error:
         raise GameError(f"{folder / SKILL}: no readable skill of players ({error}); fit or install the model again") from error
-
-
-def _skill(tensors: Tensors) -> Skill:
-    (text,) = tensors.metadata.values()
-    names = parsed(text)["players"]
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or AVERAGE in names:
-        raise ValueError("the players are no list of names")
-    m, k = len(names), len(tensors.arrays["day"])
-    shape = (k, len(COMPONENTS), len(ROLES), 1 + len(GROUPS))
-    wanted = {
-        "offset": (np.float32, shape), "deviation": (np.float32, shape), "player": (np.int32, (k,)), "day": (np.int32, (k,)),
-        "group": (np.int8, (N_SHOTS,)), "discipline": (np.int8, (m,)), "hand": (np.int8, (m,)), "strokes": (np.int32, (m,)),
-        "matches": (np.int32, (m,)),
-    }  # fmt: skip
-    skill = Skill(players=tuple(names), **{name: checked(tensors.arrays[name], *kind) for name, kind in wanted.items()})
-    if (np.unique(skill.player) != np.arange(m)).any() or (np.diff(skill.player) < 0).any():
-        raise ValueError("a player without knots, or knots that are not sorted by player")
-    if (np.diff(skill.day)[np.diff(skill.player) == 0] <= 0).any():
-        raise ValueError("knots that are not sorted by day")
-    if not (np.isin(skill.group, range(len(GROUPS))).all() and np.isin(skill.discipline, range(len(DISCIPLINES))).all()):
-        raise ValueError("a group of shot types or a discipline that does not exist")
-    if not np.isin(skill.hand, range(-1, len(HANDS))).all():
-        raise ValueError("a hand that does not exist")
     return skill
 
 

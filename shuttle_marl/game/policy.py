@@ -3,10 +3,11 @@
 A table is one 16-bit cumulative probability for each legal pair of a state and a stroke.
 """
 
+import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -31,7 +32,10 @@ LAGS: Final = 4
 STAGES: Final = {"length": 2, "end": 1}
 """Stages of a rally and of a game in which people choose differently, and their numbers; see :func:`stages_of`."""
 _LONG: Final = (19, 27)
-"""Strokes with which the stages of a rally begin."""
+SUM_TOLERANCE: Final = 1e-6
+"""Tolerance of the sum of the probabilities of the strokes of a state, which is 1."""
+_CHUNK: Final = 4096
+_LEVEL: Final = 9
 
 
 class PolicyError(ShuttleError):
@@ -54,6 +58,14 @@ class States:
         history: ``[B, 4]`` int32 catalogue index of the last strokes of the rally, the incoming one first, n for none; None where
             only the state is known.
         number: ``[B]`` int32 number of the stroke in the rally, from 1; None where only the state is known.
+        own: ``[B]`` catalogue index of the striker's own last stroke, n for none.
+        incoming: ``[B]`` catalogue index of the incoming stroke, n for none: the striker serves.
+        contact: ``[B]`` contact offered: 0 below, 1 above the net.
+        duel: ``[B]`` net shots in a row that end with the incoming stroke; 3: three or more.
+        effort: ``[B]`` the striker's effort: own attacking strokes so far in the rally.
+        opponent_effort: ``[B]`` the same of the receiver.
+        hurried: ``[B]`` whether the striker is hurried, 0 or 1.
+        mask: ``[B, n]`` legal strokes.
     """
 
     game: Game
@@ -64,53 +76,21 @@ class States:
 
     def __post_init__(self) -> None:
         # Copies that cannot be written to: a policy must not reach into the matches that it plays.
-        object.__setattr__(self, "state", frozen(np.asarray(self.state)))
-        for name in ("score", "history", "number"):
+        for name in ("state", "score", "history", "number"):
             if (given := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen(np.asarray(given)))
 
     def __len__(self) -> int:
         return len(self.state)
 
-    @functools.cached_property
-    def own(self) -> I32:
-        """``[B]`` catalogue index of the striker's own last stroke, n for none."""
-        return frozen(self.game.own(self.state))
-
-    @functools.cached_property
-    def incoming(self) -> I32:
-        """``[B]`` catalogue index of the incoming stroke, n for none: the striker serves."""
-        return frozen(self.game.incoming(self.state))
-
-    @functools.cached_property
-    def contact(self) -> I32:
-        """``[B]`` contact offered: 0 below, 1 above the net."""
-        return frozen(self.game.contact(self.state))
-
-    @functools.cached_property
-    def duel(self) -> I32:
-        """``[B]`` net shots in a row that end with the incoming stroke; 3: three or more."""
-        return frozen(self.game.duel(self.state))
-
-    @functools.cached_property
-    def effort(self) -> I32:
-        """``[B]`` the striker's effort: own attacking strokes so far in the rally."""
-        return frozen(self.game.effort(self.state))
-
-    @functools.cached_property
-    def opponent_effort(self) -> I32:
-        """``[B]`` the same of the receiver."""
-        return frozen(self.game.opponent_effort(self.state))
-
-    @functools.cached_property
-    def hurried(self) -> I32:
-        """``[B]`` whether the striker is hurried, 0 or 1."""
-        return frozen(self.game.hurried(self.state))
-
-    @functools.cached_property
-    def mask(self) -> Bools:
-        """``[B, n]`` legal strokes."""
-        return frozen(self.game.mask(self.state))
+    own = functools.cached_property[I32](lambda self: frozen(self.game.own(self.state)))
+    incoming = functools.cached_property[I32](lambda self: frozen(self.game.incoming(self.state)))
+    contact = functools.cached_property[I32](lambda self: frozen(self.game.contact(self.state)))
+    duel = functools.cached_property[I32](lambda self: frozen(self.game.duel(self.state)))
+    effort = functools.cached_property[I32](lambda self: frozen(self.game.effort(self.state)))
+    opponent_effort = functools.cached_property[I32](lambda self: frozen(self.game.opponent_effort(self.state)))
+    hurried = functools.cached_property[I32](lambda self: frozen(self.game.hurried(self.state)))
+    mask = functools.cached_property[Bools](lambda self: frozen(self.game.mask(self.state)))
 
 
 def stages_of(number: Ints | None, points: Ints | None) -> dict[str, I64]:
@@ -157,7 +137,8 @@ def reads_score(policy: Policy) -> bool:
     Raises:
         PolicyError: asking it raised.
     """
-    return _says(policy, "reads_score")
+    with _blamed(f"reads_score of {type(policy).__name__} raised"):
+        return bool(getattr(policy, "reads_score", False))
 
 
 def reads_history(policy: Policy) -> bool:
@@ -166,16 +147,19 @@ def reads_history(policy: Policy) -> bool:
     Raises:
         PolicyError: asking it raised.
     """
-    return _says(policy, "reads_history")
+    with _blamed(f"reads_history of {type(policy).__name__} raised"):
+        return bool(getattr(policy, "reads_history", False))
 
 
-def _says(policy: Policy, name: str) -> bool:
+@contextlib.contextmanager
+def _blamed(what: str) -> Iterator[None]:
+    """Turn what a policy raises into a PolicyError."""
     try:
-        return bool(getattr(policy, name, False))
+        yield
     except (KeyboardInterrupt, PolicyError):
         raise
-    except BaseException as error:
-        raise PolicyError(f"{name} of {type(policy).__name__} raised {described(error)}") from error
+    except BaseException as error:  # sys.exit too: no policy ends the program
+        raise PolicyError(f"{what} {described(error)}") from error
 
 
 def called(policy: Policy) -> str:
@@ -212,49 +196,33 @@ def checked_positions(policy: Policy, states: States) -> F64:
 
 def _checked(ask: Callable[[States], object], who: str, states: States, legal: Bools, what: str) -> F64:
     """Ask a policy and check that its answer is a distribution over legal strokes, or positions, in every row."""
-    try:
+    with _blamed(f"{who} raised"):
         raw = ask(states)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # sys.exit too: no policy ends the program
-        raise PolicyError(f"{who} raised {described(error)}") from error
     try:
-        p = _as_numbers(raw)
+        found = np.asarray(raw)
+        if found.dtype.kind not in "fiub":
+            raise TypeError(f"numbers of type {found.dtype}")
+        with np.errstate(over="ignore"):
+            p = found.astype(np.float64)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
         raise PolicyError(f"{who} returned {type(raw).__name__}, no array of real numbers") from error
     if p.shape != legal.shape:
         raise PolicyError(f"{who} returned shape {p.shape}, expected {legal.shape}")
-    describe = states.game.describe
-    bad = ~np.isfinite(p).all(axis=1)
-    if bad.any():
-        row = int(bad.argmax())
-        raise PolicyError(f"{who} returned NaN or infinity in state: {describe(int(states.state[row]))}")
-    illegal = (p != 0) & ~legal
-    if illegal.any():
-        row, k = map(int, np.argwhere(illegal)[0])
-        name = (states.game.catalogue.names if what == "stroke" else POSITIONS)[k]
-        raise PolicyError(
-            f"{who} plays the illegal {what} {name} with probability {p[row, k]:g} in state: {describe(int(states.state[row]))}"
-        )
+
+    def refuse(bad: Bools, says: Callable[[int], str]) -> None:
+        if bad.any():
+            row = int(bad.argmax())
+            raise PolicyError(f"{who} {says(row)} in state: {states.game.describe(int(states.state[row]))}")
+
+    refuse(~np.isfinite(p).all(axis=1), lambda _: "returned NaN or infinity")
+    illegal, names = (p != 0) & ~legal, states.game.catalogue.names if what == "stroke" else POSITIONS
+    first = illegal.argmax(axis=1)
+    refuse(illegal.any(axis=1), lambda i: f"plays the illegal {what} {names[first[i]]} with probability {p[i, first[i]]:g}")
     wrong = (p < 0).any(axis=1) | (np.abs(p.sum(axis=1) - 1) > 1e-4)
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise PolicyError(
-            f"{who} returned no distribution (sum {p[row].sum():g}, least {p[row].min():g}) in state: "
-            f"{describe(int(states.state[row]))}"
-        )
+    refuse(wrong, lambda i: f"returned no distribution (sum {p[i].sum():g}, least {p[i].min():g})")
     return p
-
-
-def _as_numbers(raw: object) -> F64:
-    """The return value of a policy, as real numbers; nothing is dropped or made finite on the way."""
-    found = np.asarray(raw)
-    if found.dtype.kind not in "fiub":
-        raise TypeError(f"numbers of type {found.dtype}")
-    with np.errstate(over="ignore"):
-        return found.astype(np.float64)
 
 
 def drawn_strokes(p: F64, draw: Ints) -> Intp:
@@ -264,8 +232,7 @@ def drawn_strokes(p: F64, draw: Ints) -> Intp:
         p: rows that sum to about 1.
         draw: ``[B]`` uniform integers in [0, 65535); cumulative probabilities are rounded to 1/65535 as in a table.
     """
-    total = np.cumsum(p, axis=1)
-    return chosen(np.rint(total / total[:, -1:] * CHOICE_ONE), draw)
+    return chosen(cumulative_positions(p), draw)
 
 
 Observation = npt.ArrayLike | Mapping[str, npt.ArrayLike]
@@ -411,14 +378,6 @@ class TemperedPolicy:
             weight = (p / best) ** (1 / self.temperature)  # the best stroke keeps weight 1, so nothing overflows
         tempered: F64 = weight / weight.sum(axis=1, keepdims=True)
         return tempered
-
-
-SUM_TOLERANCE: Final = 1e-6
-"""Tolerance of the sum of the probabilities of the strokes of a state, which is 1."""
-
-
-_CHUNK = 4096
-_LEVEL: Final = 9
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -577,7 +536,12 @@ class TabulatedPolicy:
         if falls.any():
             raise PolicyError(f"{where}: a cumulative probability falls; the file is damaged, save the policy again")
         if waits is not None:
-            _check_positions(waits, game, where)
+            if waits.shape != (game.n_states, N_POSITIONS) or waits.dtype != np.uint16 or (waits[:, -1] != CHOICE_ONE).any():
+                raise PolicyError(f"{where}: no table of nine positions in the {game.n_states:,} states of this game")
+            steps = np.diff(waits.astype(np.int32), axis=1, prepend=0)
+            infeasible = np.tile(~game.waiting.mask(np.arange(game.n_base_states)), (game.n_blocks, 1))
+            if (steps < 0).any() or steps[infeasible].any():
+                raise PolicyError(f"{where}: a position that is not feasible, or a cumulative probability that falls")
         return cls(game=game, cumulative=cumulative, waits=waits)
 
     @classmethod
@@ -601,20 +565,6 @@ class TabulatedPolicy:
         if header.get("hash") != table.hash:
             raise PolicyError(f"{path}: the table does not match its hash; the file is damaged, save the policy again")
         return table
-
-
-def _check_positions(waits: npt.NDArray[Any], game: Game, where: str) -> None:
-    """Check untrusted cumulative probabilities of positions.
-
-    Raises:
-        PolicyError: they are no distributions over feasible positions; ``where`` begins the message.
-    """
-    if waits.shape != (game.n_states, N_POSITIONS) or waits.dtype != np.uint16 or (waits[:, -1] != CHOICE_ONE).any():
-        raise PolicyError(f"{where}: no table of nine positions in the {game.n_states:,} states of this game")
-    steps = np.diff(waits.astype(np.int32), axis=1, prepend=0)
-    infeasible = np.tile(~game.waiting.mask(np.arange(game.n_base_states)), (game.n_blocks, 1))
-    if (steps < 0).any() or steps[infeasible].any():
-        raise PolicyError(f"{where}: a position that is not feasible, or a cumulative probability that falls")
 
 
 def tabulate(policy: Policy, game: Game) -> TabulatedPolicy:
@@ -644,9 +594,11 @@ def _tabulated_positions(policy: Policy, game: Game) -> U16 | None:
     if not (game.hides and isinstance(policy, Waits)):
         return None
     states = np.arange(game.n_states, dtype=np.int32)
-    found = np.concatenate([checked_positions(policy, States(game=game, state=part)) for part in np.array_split(states, 16)])
-    table = cumulative_positions(found)
-    return None if np.array_equal(table, cumulative_positions(game.people_positions(states))) else table
+    people, who = game.people_positions(states), called(policy)
+    parts = zip(np.array_split(states, 16), np.array_split(people > 0, 16), strict=True)
+    found = [_checked(policy.positions, who, States(game=game, state=part), legal, "position") for part, legal in parts]
+    table = cumulative_positions(np.concatenate(found))
+    return None if np.array_equal(table, cumulative_positions(people)) else table
 
 
 def cumulative_positions(p: F64) -> U16:

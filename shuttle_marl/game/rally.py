@@ -18,14 +18,13 @@ of :mod:`shuttle_marl.game.rules`, without the cost of numpy calls on single num
 import bisect
 import dataclasses
 import functools
-from array import array
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, U64, Bools, Ints, UInts
+from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.court import HANDS, Hands, area_box, seen_by, service_area, service_box
 from shuttle_marl.game.draws import ONE, choice_draw, draw, first_server, outcome_draw, position_draw, stream
@@ -411,12 +410,6 @@ class Stroke(NamedTuple):
     p_ret: float
 
 
-class _Flat(Protocol):
-    """A flat table."""
-
-    def __getitem__(self, entry: int, /) -> int: ...
-
-
 class Stepper:
     """A game, or that of a pair, prepared for playing strokes one at a time; read-only. :func:`stepper_of` shares one per game.
 
@@ -431,27 +424,19 @@ class Stepper:
         self.game = game
         seen = features(game)
         self.observations = np.pad(np.concatenate([seen, seen[:, SWAP]]), ((0, 0), (0, game.hides)))
-        self._n, self._one = game.n_strokes, ONE
-        self.n_actions = game.n_actions
+        self._n, self._one, self.n_actions = game.n_strokes, ONE, game.n_actions
         masks = game.reply_mask.reshape(-1, self._n).astype(np.int8)
         self._masks = np.pad(masks, ((0, 0), (0, self.n_actions - self._n)))
-        # A memoryview yields Python integers four times as fast as an array, without the memory of a list.
-        self._rank = _view(game.reply_rank)
-        self._limits: Sequence[Sequence[_Flat]] = [[_view(limits) for limits in tables.limits] for tables in game.seats]
-        self._pair_start = _view(game.base_pair_start)
-        self._first_reply = _view(game.first_reply)
-        self._hurry: Sequence[_Flat] = [_view(tables.hurry) for tables in game.seats]
+        self._rank, self._pair_start, self._first_reply = map(_view, (game.reply_rank, game.base_pair_start, game.first_reply))
         self._arrival = _view(4 * game.reply_edge + game.edge_attack[game.reply_edge])
         self._incoming = _view(game.edge_incoming)
         self._size, self._levels = game.n_base_states, game.levels
         self._next_block = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
         waiting = [tables.waiting for tables in game.seats]
-        self._met: Sequence[Sequence[_Flat]] = [[_view(limits) for limits in tables.limits] for tables in waiting]
-        self._late: Sequence[_Flat] = [_view(tables.hurry) for tables in waiting]
+        self._limits, self._met = ([[_view(limits) for limits in one.limits] for one in each] for each in (game.seats, waiting))
+        self._hurry, self._late = ([_view(one.hurry) for one in each] for each in (game.seats, waiting))
         self._feasible = waiting[0].place >= 0
-        self._place, self._choices, self._first_row = (
-            _view(table) for table in (waiting[0].place, waiting[0].choices, waiting[0].start)
-        )
+        self._place, self._choices, self._first_row = map(_view, (waiting[0].place, waiting[0].choices, waiting[0].start))
         self._only = _view(np.where(waiting[0].choices > 1, -1, waiting[0].position[:, 0]))
         highest = max(1, game.levels - 1)
         self._efforts = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]
@@ -468,7 +453,7 @@ class Stepper:
         row: F32 = self.observations[base + self._size * receiver].copy()
         if block:
             efforts = self._efforts[block]
-            row[_EFFORTS] = efforts[::-1] if receiver else efforts
+            row[EFFORT : EFFORT + 2] = efforts[::-1] if receiver else efforts
         return row
 
     def legal_action_mask(self, state: int) -> I8:
@@ -541,13 +526,6 @@ class Stepper:
         return 2 * self._incoming[state % self._size >> 2] + (state & 1)
 
 
-_EFFORTS: Final = slice(EFFORT, EFFORT + 2)
-
-
-def _view(table: npt.NDArray[Any]) -> memoryview:
-    return np.ascontiguousarray(table).ravel().data
-
-
 @functools.lru_cache(maxsize=8)
 def stepper_of(game: Game) -> Stepper:
     """The stepper of a game, built once."""
@@ -598,6 +576,7 @@ def choose(
 
 _RALLIES: Final = 32
 _STROKES: Final = 32
+_PARTS: Final = (outcome_draw, choice_draw, position_draw, first_server)
 
 
 class RallyDraws:
@@ -610,58 +589,37 @@ class RallyDraws:
 
     def __init__(self, seed: int, *numbers: int) -> None:
         self._name = (seed, *numbers)
-        self._block = -1
-        self._bits: U64 = np.empty(0, np.uint64)
-        self._outcomes = array("I")
-        self._choices, self._positions = array("H"), array("H")
-        self._first_servers = b""
+        self._block, self._parts = -1, list[memoryview]()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return RallyDraws, self._name
 
-    def first_server(self, rally: int) -> int:
-        """Random seat that serves in a rally: 0 or 1."""
-        if rally // _RALLIES != self._block:
-            self._prepare(rally // _RALLIES)
-        return self._first_servers[rally % _RALLIES]
-
     def outcome(self, rally: int, stroke: int) -> int:
         """Number in [0, 2^24) that decides the outcome of a stroke."""
-        if stroke >= _STROKES:
-            return self._single(rally, stroke)[0]
-        if rally // _RALLIES != self._block:
-            self._prepare(rally // _RALLIES)
-        return self._outcomes[rally % _RALLIES * _STROKES + stroke]
+        return self._part(0, rally, stroke)
 
     def choice(self, rally: int, stroke: int) -> int:
         """Number in [0, 65535) by which a policy chooses a stroke."""
-        if stroke >= _STROKES:
-            return self._single(rally, stroke)[1]
-        if rally // _RALLIES != self._block:
-            self._prepare(rally // _RALLIES)
-        if not self._choices:
-            self._choices = array("H", choice_draw(self._bits).astype(np.uint16).tobytes())
-        return self._choices[rally % _RALLIES * _STROKES + stroke]
+        return self._part(1, rally, stroke)
 
     def position(self, rally: int, stroke: int) -> int:
         """Number in [0, 65535) by which a policy chooses where it waits for a stroke."""
+        return self._part(2, rally, stroke)
+
+    def first_server(self, rally: int) -> int:
+        """Random seat that serves in a rally: 0 or 1."""
+        return self._part(3, rally, 0)
+
+    def _part(self, part: int, rally: int, stroke: int) -> int:
         if stroke >= _STROKES:
-            return self._single(rally, stroke)[2]
-        if rally // _RALLIES != self._block:
-            self._prepare(rally // _RALLIES)
-        if not self._positions:
-            self._positions = array("H", position_draw(self._bits).astype(np.uint16).tobytes())
-        return self._positions[rally % _RALLIES * _STROKES + stroke]
+            return int(_PARTS[part](draw(stream(*self._name, rally), stroke))[0])
+        block, row = divmod(rally, _RALLIES)
+        if block != self._block:
+            bits = draw(stream(*self._name, np.arange(_RALLIES) + rally - row)[:, None], np.arange(_STROKES))
+            self._block, self._parts = block, [_view(of(bits)) for of in _PARTS]
+        return self._parts[part][row * _STROKES + stroke]
 
-    def _single(self, rally: int, stroke: int) -> tuple[int, int, int]:
-        """Outcome, choice and position of a stroke beyond the block."""
-        bits = draw(stream(*self._name, rally), stroke)
-        return int(outcome_draw(bits)[0]), int(choice_draw(bits)[0]), int(position_draw(bits)[0])
 
-    def _prepare(self, block: int) -> None:
-        rallies = np.arange(block * _RALLIES, (block + 1) * _RALLIES)
-        bits = draw(stream(*self._name, rallies)[:, None], np.arange(_STROKES))
-        self._outcomes = array("I", outcome_draw(bits).astype(np.uint32).tobytes())
-        self._bits, self._choices, self._positions = bits, array("H"), array("H")
-        self._first_servers = first_server(bits[:, 0]).astype(np.uint8).tobytes()
-        self._block = block
+def _view(table: npt.NDArray[Any]) -> memoryview:
+    # A memoryview yields Python integers four times as fast as an array, without the memory of a list.
+    return np.ascontiguousarray(table).ravel().data

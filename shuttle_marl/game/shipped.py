@@ -3,18 +3,17 @@
 A model is named by its folder, or by its name if it is shipped. Its game is the average of men's and women's singles; a name
 such as ``default:men`` means one of its variants: the game of one discipline, or of a refit on resampled matches.
 
-A variant has the same strokes and rules and other probabilities. For every base pair it says by how many steps of :data:`STEP` the
-log-odds of five probabilities differ from those of the model: of a fault, of a winner given a good stroke, of a return from below
-given a return, and of a hurried receiver given a return from below and from above. They are applied in whole numbers, so a variant
-has the same tables, and the same hash, on every machine.
+A variant has the same strokes and rules and other probabilities. For every base pair it says by how many steps of :data:`STEP`
+the log-odds of five probabilities differ from those of the model: of a fault, of a winner given a good stroke, of a return from
+below given a return, and of a hurried receiver given a return from below and from above. They are applied in whole numbers, so a
+variant has the same tables, and the same hash, on every machine.
 """
 
-import copyreg
 import dataclasses
 import functools
 import itertools
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -102,6 +101,11 @@ class Origin(NamedTuple):
         """Name of the game."""
         return self.name_in(self.folder.name if self.folder.parent == _MODELS else self.folder)
 
+    @property
+    def loader(self) -> Callable[[], Game] | None:
+        """What loads the game in another process; None for a model that is not shipped."""
+        return functools.partial(load_game, self.name) if self.folder.parent == _MODELS else None
+
 
 _ORIGINS: dict[str, Origin] = {}
 """Origins by hash, for copies of a loaded game: two models may have the same tables and other refits."""
@@ -139,12 +143,11 @@ def game_of(origin: Origin) -> Game:
         GameError: the model or variant does not exist, or its file is damaged.
     """
     folder, variant, recovery = origin
+    tables = {None: GAME, OPPOSITE: OPPOSITE_GAME}.get(variant)
     if recovery:
         game = dataclasses.replace(game_of(Origin(folder, variant)), recovery=load_positions(folder))
-    elif variant is None:
-        game = Game.load(folder / GAME)
-    elif variant == OPPOSITE and (folder / OPPOSITE_GAME).is_file():
-        game = Game.load(folder / OPPOSITE_GAME)
+    elif tables is not None and (folder / tables).is_file():
+        game = Game.load(folder / tables)
     else:
         tensors, (equal, opposite) = _variants(folder), hands_of_variant(variant)
         known = {} if tensors is None else _hashes_of(tensors, folder)
@@ -170,7 +173,8 @@ def load_positions(folder: Path) -> Recovery:
     if not (folder / POSITIONS).is_file():
         raise GameError(f"{folder}: a model without positions of receivers; fit it to strokes that have them")
     try:
-        return Recovery.checked(read_model(folder, POSITIONS))
+        tensors = read_model(folder, POSITIONS)
+        return Recovery.checked(tensors)
     except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
         raise GameError(f"{folder / POSITIONS}: no readable positions ({error}); fit or install the model again") from error
 
@@ -393,7 +397,8 @@ def read_model(folder: Path, name: str) -> Tensors:
         GameError: the model card cannot be read.
         OSError, ValueError: the file cannot be read, or is not the one of the model card.
     """
-    return read_tensors(folder / name, hash_in(read_model_card(folder), name))
+    card = read_model_card(folder)
+    return read_tensors(folder / name, hash_in(card, name))
 
 
 class Estimate(NamedTuple):
@@ -497,29 +502,6 @@ def _origin_of_hash(digest: str) -> Origin | None:
         if (tensors := _variants(folder)) is not None:
             _ORIGINS.update({value: Origin(folder, name) for name, value in _hashes_of(tensors, folder).items()})
     return _ORIGINS.get(digest)
-
-
-def _reduced(game: Game) -> tuple[Any, ...]:
-    """Pickle a shipped game by its name and its hash instead of its tables, which are megabytes."""
-    origin = None if game.whole else game.origin or _ORIGINS.get(game.hash)
-    if origin is None or origin.folder.parent != _MODELS:
-        return game.__reduce__()
-    return _of_hash, (origin.name, game.hash)
-
-
-def _of_hash(name: str, value: str) -> Game:
-    """A shipped game that was pickled.
-
-    Raises:
-        GameError: this version of the package ships another one.
-    """
-    game = load_game(name)
-    if game.hash != value:
-        raise GameError(f"game {name!r}: pickled with game {value[:12]}, and this package ships {game.hash[:12]}; make it again")
-    return game
-
-
-copyreg.pickle(Game, _reduced)
 
 
 def refits_of(game: Game) -> tuple[Game, ...]:
