@@ -28,7 +28,8 @@ from benchmarks.machine import this_machine
 from benchmarks.motion_life import Life, measure_life, summary_of_life
 from docs.tools.results import show
 from shuttle_marl.court.recorded import RealRallies
-from shuttle_marl.court.staging import ATHLETES, Motion, continue_motion, stage
+from shuttle_marl.court.staging import Motion, continue_motion, stage
+from shuttle_marl.court.staging.skeleton import ATHLETES
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
@@ -37,6 +38,7 @@ from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
 from tests.staging.flight_metrics import Flight, flights_of, summary_of_flights
 from tests.staging.motion_metrics import Metrics, measure
+from tests.staging.reader import Read, read
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
@@ -78,7 +80,7 @@ def run(rallies: int, seed: int, console: Console, data: Path | None = None) -> 
         umpire.award(rally.winner)
         packed = motion.pack()
         size += len(packed)
-        error = max(error, pack_error(motion, Motion.unpack(packed)))
+        error = max(error, pack_error(motion, read(packed)))
         if i % _CONTINUED == 0:
             extensions += continued(rally, i, athletes)
     figures = summary(found, lives)
@@ -165,8 +167,8 @@ def real_rallies(data: Path | None) -> Iterator[tuple[str, Rally]]:
         yield from ((real.match(k), real.rally(k)) for k in range(0, real.count, -(-real.count // _REAL)))
 
 
-def pack_error(motion: Motion, again: Motion) -> float:
-    """Maximum distance between strings, bones and shuttles of two motions [m]."""
+def pack_error(motion: Motion, again: Read) -> float:
+    """Maximum distance between strings, bones and shuttles of a motion and what is read of it [m]."""
     names = ("sweet_spot", "position", "shuttle")
     return max(float(np.linalg.norm(getattr(motion, name) - getattr(again, name), axis=-1).max()) for name in names)
 

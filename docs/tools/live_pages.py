@@ -18,11 +18,11 @@ from shuttle_marl.commands import cli
 from shuttle_marl.commands.watch import GAME, MatchOptions
 from shuttle_marl.court.answers import Answers
 from shuttle_marl.court.building import build
+from shuttle_marl.court.match import PolicyTables
 from shuttle_marl.court.messages import AnalysisRequest, HelloRequest, MatchRequest, RallyRequest, Request, StylesRequest
 from shuttle_marl.court.plan import Plan
-from shuttle_marl.court.policies import PolicyTables
-from shuttle_marl.court.stager import Stager
-from shuttle_marl.court.staging import ATHLETES, model_file
+from shuttle_marl.court.staging import model_file
+from shuttle_marl.court.staging.skeleton import ATHLETES
 from shuttle_marl.game.shipped import load_game
 
 FOLDER: Final = ROOT / "docs" / "site" / "extra" / "live"
@@ -111,7 +111,7 @@ def main(*, out: Path = FOLDER) -> None:
     built = build(lambda words: sys.stderr.write(f"{words}\n"))
     game = load_game(GAME)
     plan = MatchOptions().plan(game)
-    answers = Answers(PolicyTables(game), plan, Stager())
+    answers = Answers(PolicyTables(game), plan)
     out.mkdir(parents=True, exist_ok=True)
     for name, (rallies, stroke) in PAGES.items():
         page = saved_page(answers, plan, rallies, stroke, built).encode()

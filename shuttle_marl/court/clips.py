@@ -11,14 +11,12 @@ from shuttle_marl import __version__
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.court import messages
 from shuttle_marl.court.building import BuildError, build
-from shuttle_marl.court.facts import hall_facts, rally_facts
-from shuttle_marl.court.match import CourtRally, play_rally
+from shuttle_marl.court.match import CourtRally, PolicyTables, play_rally
 from shuttle_marl.court.plan import Plan
-from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.court.recorded import LogRallies, RealRallies
 from shuttle_marl.court.staging import stage
 from shuttle_marl.court.staging.skeleton import model_file
-from shuttle_marl.court.values import ELITE, StrokeValues
+from shuttle_marl.court.values import ELITE, StrokeValues, hall_facts, rally_facts
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import looks_of
@@ -78,11 +76,7 @@ def viewer() -> Viewer:
 
 
 def shared(rallies: Sequence[CourtRally], game: Game, players: Players) -> tuple[str, int]:
-    """Rallies as the content of a saved page of the live court.
-
-    Args:
-        rallies: in the order of their numbers, from 0.
-        game: in which they are valued.
+    """Rallies, in the order of their numbers, as the content of a saved page of the live court.
 
     Returns:
         JSON without characters that end a script element, and the number of rallies that it contains.
@@ -118,12 +112,7 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players) -> tuple
 
 
 def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: tuple[str, str]) -> list[CourtRally]:
-    """A simulated rally for each advice: the situation occurs, and seat 0 plays the advised stroke.
-
-    Args:
-        home: the imitated players.
-        names: printable names of the players.
-    """
+    """A simulated rally for each advice: the situation occurs, and seat 0 of the imitated players plays the advised stroke."""
     found: list[CourtRally] = []
     looks = looks_of(pair, names)._asdict()
 
