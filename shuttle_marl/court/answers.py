@@ -36,7 +36,6 @@ from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import history, registry
-from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.reports.rally import Players, decision, match_win_after
 from shuttle_marl.reports.rating import MARKS, Rating
 
@@ -155,7 +154,7 @@ class Answers:
 
     def opening(self, line: tuple[int, ...]) -> messages.OpeningReply:
         """Strokes that follow the first strokes of a rally between two average pros, or the two people of a pair."""
-        return self._values.opening(line, self._imitated(self._values))
+        return self._values.opening(line, self._values.imitated())
 
     def warm(self) -> None:
         """Compute the first rally, the walk to the next one, and its analysis, so that no page waits for them.
@@ -358,15 +357,7 @@ class Answers:
         if isinstance(self._recorded, LogRallies) and (found := self._recorded.players(query.rally)) is not None:
             return found
         # Rallies of unknown players have the values of imitated ones.
-        return self._imitated(self._values_of(query))
-
-    @staticmethod
-    def _imitated(values: StrokeValues) -> Players:
-        """The imitated people of a pair, or two average elite players."""
-        if values.game.people is not None:
-            first, second = map(imitation, values.game.people.players, values.game.seats)
-            return values.players((Side(policy=first), Side(policy=second)))
-        return values.players((ELITE, ELITE))
+        return self._values_of(query).imitated()
 
     def _values_of(self, query: messages.Query) -> StrokeValues:
         """Values of strokes in the game of a rally.

@@ -22,6 +22,7 @@ from shuttle_marl.game.shipped import RELIABLE, factor_of, real_strokes, waiting
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import position_shares
+from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.reports.rally import Decision, Players, analyse_rally, decision
 from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of
 
@@ -256,6 +257,13 @@ class StrokeValues:
         """
         first, second = (self.policies.table(side, seat) for seat, side in enumerate(sides))
         return Players(tables=(first, second), value=self.policies.values(sides))
+
+    def imitated(self) -> Players:
+        """The imitated people of a pair, or two average elite players."""
+        if self.game.people is None:
+            return self.players((ELITE, ELITE))
+        first, second = map(imitation, self.game.people.players, self.game.seats)
+        return self.players((Side(policy=first), Side(policy=second)))
 
     def rated(self, choice: Decision) -> Rated:
         """The strokes of a decision with the ratings that people see, in the same order."""

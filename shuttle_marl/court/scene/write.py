@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
 from foxglove import Context, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from foxglove.messages import SceneEntity
@@ -25,7 +24,7 @@ from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
-from shuttle_marl.recording.reader import RallyLog, rally_rows
+from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.reports import LogPlayers
 from shuttle_marl.reports.rally import Resolve
 
@@ -295,10 +294,6 @@ def write_scene(
         start = staged.end + CUT
     for path in LAYOUTS:
         writer.attach(log_time=EPOCH, create_time=EPOCH, name=path.name, media_type="application/json", data=path.read_bytes())
-    rows = _rows(log, numbers)
-    writer.attach(
-        log_time=EPOCH, create_time=EPOCH, name="rallies.arrow", media_type="application/vnd.apache.arrow.file", data=rows
-    )
     # Origin of the rallies: log, seeds, game and policies.
     seated = sorted({int(policy) for number in numbers for policy in log.rally(int(number)).policy[0]})
     facts = {
@@ -312,11 +307,3 @@ def write_scene(
     writer.write_metadata("shuttle_marl.court.scene", facts)
     writer.close()
     return buffer.getvalue(), policies.unknown
-
-
-def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
-    table = pa.concat_tables([rally_rows(log, int(number), log.rally(int(number))) for number in numbers])
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, table.schema) as file:
-        file.write_table(table.unify_dictionaries())
-    return sink.getvalue().to_pybytes()
