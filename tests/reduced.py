@@ -21,6 +21,8 @@ from safetensors.numpy import save
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
+from shuttle_marl.game.layout import base_pairs, layout
+from shuttle_marl.game.pairs import COMPONENTS, GROUPS, ROLES
 from shuttle_marl.game.shipped import (
     BC,
     CARD,
@@ -39,14 +41,12 @@ from shuttle_marl.game.shipped import (
     default_game,
     load_game,
     model_folder,
+    packed,
     read_model,
     read_model_card,
 )
-from shuttle_marl.game.skill import COMPONENTS, GROUPS, ROLES
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import base_pairs, layout
-from shuttle_marl.game.variants import packed
 
 Ints = npt.NDArray[np.integer[Any]]
 
