@@ -23,13 +23,11 @@ from shuttle_marl.court.plan import Person, Plan, Side
 from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, visits
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.pairs import game_between, looks_of
-from shuttle_marl.game.policy import Policy, TemperedPolicy
-from shuttle_marl.game.rally.record import Rallies, Rally, columns_of, stroke_dtype
-from shuttle_marl.game.rally.stepper import choose, stepper_of
+from shuttle_marl.game.policy import Policy, TabulatedPolicy, TemperedPolicy, tabulate
+from shuttle_marl.game.rally import Rallies, Rally, choose, columns_of, stepper_of, stroke_dtype
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import history
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording.header import LogHeader, Pair, Player

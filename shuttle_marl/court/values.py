@@ -14,14 +14,13 @@ from shuttle_marl.court.staging import skeleton as body
 from shuttle_marl.exact import Solution
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import looks_of, seat_names
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import stepper_of, waited_at
+from shuttle_marl.game.policy import position_shares
+from shuttle_marl.game.rally import Rally, stepper_of, waited_at
 from shuttle_marl.game.recovery import position_box
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import RELIABLE, factor_of, real_strokes, waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import position_shares
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.reports.rally import Decision, Players, analyse_rally, decision
 from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of

@@ -22,11 +22,11 @@ from shuttle_marl.base.cluster import Cluster, open_cluster
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import csv_bytes, write_parquet
-from shuttle_marl.game.rally.record import columns_of
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import least_support, refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.curves import Curve, read_curve
 from shuttle_marl.league.entrants import PAIRINGS, REPORT, Entrant, LeagueConfig, LeagueError, default_pool, enter

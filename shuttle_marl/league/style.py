@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy, tabulate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
 PEOPLE: Final = "bc"

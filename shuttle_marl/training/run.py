@@ -24,9 +24,9 @@ from shuttle_marl.base.files import StoredCount
 from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game import draws
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import REFERENCE

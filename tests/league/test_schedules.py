@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from shuttle_marl.base import runs
 from shuttle_marl.game import draws, load_game
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.entrants import Format
 from shuttle_marl.league.run import continued

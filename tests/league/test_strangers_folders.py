@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from shuttle_marl.base.runs import CONFIG, MANIFEST
-from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy, tabulate
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.policy.registry import resolve
 from tests.reduced import reduced_game, reduced_model

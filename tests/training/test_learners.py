@@ -11,7 +11,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from shuttle_marl.base import runs
-from shuttle_marl.game.tabulated import from_pair_probabilities
+from shuttle_marl.game.policy import from_pair_probabilities
 from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.checkpoints import last_checkpoint, save_checkpoint
 from shuttle_marl.training.learner import set_learning_rate

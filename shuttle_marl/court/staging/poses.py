@@ -298,7 +298,7 @@ def own_frame(facing: float, right_handed: bool = True) -> F64:
     """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander.
 
     Args:
-        facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.record.Rally.facing`.
+        facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.Rally.facing`.
     """
     return np.array([facing if right_handed else -facing, facing, 1.0])
 

@@ -19,7 +19,7 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.court.staging.flight import GRAVITY, Flights, fall, shoot
 from shuttle_marl.court.staging.poses import HELD, Stance
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally import Rally
 
 LEAD_IN: Final = 1.2
 """Time before the serve [s]."""
