@@ -119,23 +119,15 @@ PERSON, FRIEND = "you", "friend"
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class CourtRally(Rally):
-    """A rally as the page shows it; one that continues waits for the choice of a person.
+    """A rally as the page shows it; one that continues waits for the choice of a person."""
 
-    Attributes:
-        names, athletes: printable names, and ``male`` or ``female``, of seats 0 and 1.
-        turn: state in which a person has to choose; None: the rally is over.
-        receives: whether they are the receiver there, of a stroke that is not told, and choose a position if they can.
-        chosen: numbers of the strokes that no policy chose.
-        key: random seed of the staging.
-    """
-
-    names: tuple[str, str]
+    names: tuple[str, str]  # printable, of seats 0 and 1
     athletes: tuple[str, str] = ("male", "male")
     score: Score
-    turn: int | None = None
-    receives: bool = False
-    chosen: tuple[int, ...] = ()
-    key: int
+    turn: int | None = None  # state in which a person has to choose; None: the rally is over
+    receives: bool = False  # they are the receiver there, of a stroke that is not told, and choose a position if they can
+    chosen: tuple[int, ...] = ()  # numbers of the strokes that no policy chose
+    key: int  # random seed of the staging
 
     @property
     def chooser(self) -> int:

@@ -65,21 +65,14 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A match.
+    """A match."""
 
-    Attributes:
-        seed: random seed; JavaScript represents integers up to 2^53.
-        sides: players of seats 0 and 1 in the first rally.
-        chosen, waited: by rally, the strokes that no policy chose, and the positions that a person chose.
-        points: points that win a duel, a match of one game; None: a match by the rules of the sport.
-    """
-
-    seed: Annotated[int, Meta(ge=0, lt=1 << 53)]
-    sides: tuple[Side, Side]
+    seed: Annotated[int, Meta(ge=0, lt=1 << 53)]  # random seed; JavaScript represents integers up to 2^53
+    sides: tuple[Side, Side]  # players of seats 0 and 1 in the first rally
     changes: Annotated[tuple[Change, ...], Meta(max_length=MAX_CHANGES)] = ()
-    chosen: dict[RallyNumber, Chosen] = {}
-    waited: dict[RallyNumber, Waited] = {}
-    points: Annotated[int, Meta(ge=1, le=21)] | None = None
+    chosen: dict[RallyNumber, Chosen] = {}  # by rally, the strokes that no policy chose
+    waited: dict[RallyNumber, Waited] = {}  # by rally, the positions that a person chose
+    points: Annotated[int, Meta(ge=1, le=21)] | None = None  # points that win a duel; None: the rules of the sport
 
     def __post_init__(self) -> None:
         if sum(map(len, (*self.chosen.values(), *self.waited.values()))) > MAX_CHOSEN:

@@ -27,29 +27,19 @@ SECOND: Final = 1_000_000_000
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class RallyReport:
-    """A rally of a log.
-
-    Attributes:
-        names, athletes: printable names of the policies, and ``male`` or ``female``, of seats 0 and 1.
-        reason: outcome of the last stroke, in words.
-        before: interval or change of ends before the rally, in words; empty: neither.
-        analysis: values of the strokes; NaN where a policy is not known.
-        key: random seed of the staging.
-        logged: ``[2, T]`` what the log of a training run has of each stroke, else NaN: the probability with which the learner
-            chose it, and the value of the state that it estimated before, from -1 to 1.
-    """
+    """A rally of a log."""
 
     number: int
-    names: tuple[str, str]
+    names: tuple[str, str]  # printable, of seats 0 and 1
     game: Game
     played: Rally
     winner: int
-    reason: str
-    before: str
-    analysis: RallyAnalysis
-    key: int
+    reason: str  # outcome of the last stroke, in words
+    before: str  # interval or change of ends before the rally, in words; empty: neither
+    analysis: RallyAnalysis  # values of the strokes; NaN where a policy is not known
+    key: int  # random seed of the staging
     athletes: tuple[str, str]
-    logged: F64
+    logged: F64  # [2, T] in a log of training, else NaN: probability of each stroke, and estimate of the state, -1 to 1
 
     @property
     def points_after(self) -> tuple[int, int]:
@@ -72,11 +62,11 @@ class RallyReport:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class StagedRally:
-    """A staged rally; ``start``: time of its first frame in the scene [ns]."""
+    """A staged rally at its time in the scene."""
 
     report: RallyReport
     motion: Motion
-    start: int
+    start: int  # time of the first frame [ns]
 
     def at(self, seconds: float) -> int:
         """Time in the scene [ns] of a time in the rally [s]."""

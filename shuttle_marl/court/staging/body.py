@@ -80,10 +80,10 @@ _MOST_EFFORT: Final = 6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Habits:
-    """Idle movement over F frames: ``[F, 27]`` to trunk and arms [rad], and ``[F, 3]`` to the hips [m]."""
+    """Idle movement over F frames, in the player's own frame, as a right-hander."""
 
-    pose: F64
-    place: F64
+    pose: F64  # [F, 27] to trunk and arms [rad]
+    place: F64  # [F, 3] to the hips [m]
 
 
 def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int) -> Habits:
@@ -128,37 +128,26 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Prepared:
-    """State before the bones are solved: F frames, H hits.
+    """State before the bones are solved: F frames, H hits."""
 
-    Attributes:
-        hips, path: ``[F, 3]`` the hips, and ``[F, 2]`` their path over the floor without shifts of weight [m].
-        miss: ``[H, 3]`` vector from strings to shuttle at each hit [m].
-    """
-
-    hips: F64
-    path: F64
+    hips: F64  # [F, 3] position of the hips [m]
+    path: F64  # [F, 2] their path over the floor, without shifts of weight [m]
     feet: Feet
     plants: Plants
     keys: Keys
-    miss: F64
+    miss: F64  # [H, 3] vector from strings to shuttle at each hit [m]
     timeline: Timeline
     added: Habits
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Course:
-    """Inputs of the bones of one player over F frames, in the player's own frame, as a right-hander.
+    """Inputs of the bones of one player over F frames, in the player's own frame, as a right-hander."""
 
-    Attributes:
-        hips: ``[F, 3]`` position of the hips [m].
-        pose: ``[F, 27]`` trunk and arms.
-        gaze: ``[F, 2]`` yaw and pitch of the head against the chest [rad].
-    """
-
-    hips: F64
-    pose: F64
+    hips: F64  # [F, 3] position of the hips [m]
+    pose: F64  # [F, 27] trunk and arms
     feet: Feet
-    gaze: F64
+    gaze: F64  # [F, 2] yaw and pitch of the head against the chest [rad]
 
     def part(self, rows: slice) -> "Course":
         """A range of frames."""
@@ -167,15 +156,12 @@ class Course:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlayerMotion:
-    """Motion of a player: inputs of the bones, and what is needed to continue it.
-
-    ``shift`` ``[n, 3]`` of the hips at each stroke, so that the racket reaches the shuttle [m]; ``rhythm`` of :func:`habits`.
-    """
+    """Motion of a player over F frames: inputs of the bones, and what is needed to continue it."""
 
     course: Course
     prepared: Prepared
-    shift: F64
-    rhythm: int
+    shift: F64  # [n, 3] of the hips at each stroke, so that the racket reaches the shuttle [m]
+    rhythm: int  # random seed of breathing and shifts of weight
 
     def past(self, frame: int, strokes: int) -> tuple[Past, Plants]:
         """Plan and plants up to a frame, with ``strokes`` strokes struck."""

@@ -127,23 +127,16 @@ class _Choice:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Try:
-    """A random point and time of a stroke, in the striker's frame.
-
-    Attributes:
-        ticks, least, most: drawn, shortest and longest time of flight [frames].
-        met: 0: below the net or on the floor, 1: above the net.
-        aside: how far a fast shuttle passes a defender on the other side than that of their racket [m].
-        late: distance by which the receiver misses the shuttle at the drawn time [m].
-    """
+    """A random point and time of a stroke, in the striker's frame."""
 
     point: F64
-    ticks: int
-    least: int
-    most: int
-    met: int
+    ticks: int  # drawn time of flight [frames]
+    least: int  # shortest time of flight in the matches [frames]
+    most: int  # longest one
+    met: int  # 0: below the net or on the floor, 1: above the net
     stance: Stance | None
-    aside: float
-    late: float
+    aside: float  # how far a fast shuttle passes a defender on the other side than that of their racket [m]
+    late: float  # distance by which the receiver misses the shuttle at the drawn time [m]
 
 
 class TrajectoryBuilder:

@@ -25,24 +25,16 @@ _SOON, _SETTLED = 5, 12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stand:
-    """Both feet on the floor, planted from one frame to another.
+    """Both feet on the floor."""
 
-    Attributes:
-        place, yaw: ``[2, 2]`` the ball of each foot, left and right [m], and ``[2]`` headings [rad].
-        last: the foot that lands last.
-        hop: whether the feet come here together, through the air.
-        stride: longest step of a pair of steps on the way here [m].
-        stays: distance below which a foot does not step here [m].
-    """
-
-    begin: int
-    end: int
-    place: F64
-    yaw: F64
-    last: int = RIGHT
-    hop: bool = False
-    stride: float = 1.25
-    stays: float = 0.14
+    begin: int  # frame from which both are planted
+    end: int  # last frame at which both are
+    place: F64  # [2, 2] left and right, the ball of each foot [m]
+    yaw: F64  # [2] headings [rad]
+    last: int = RIGHT  # the foot that lands last
+    hop: bool = False  # the feet come here together, through the air
+    stride: float = 1.25  # longest step of a pair of steps on the way here [m]
+    stays: float = 0.14  # distance below which a foot does not step here [m]
 
 
 @dataclasses.dataclass(eq=False)

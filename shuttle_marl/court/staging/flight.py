@@ -40,23 +40,15 @@ _TOUCHES, _KMH = 100.0, 0.01
 
 
 class Flights(NamedTuple):
-    """N flights, each known at K instants from its launch.
+    """N flights, each known at K instants from its launch."""
 
-    Attributes:
-        start: ``[N, 3]`` start of each flight [m].
-        heading: ``[N, 2]`` unit direction on the floor.
-        time: ``[N, K]`` instants since the launch [s].
-        along, rise: ``[N, K]`` distance along the floor, and height gained [m].
-        speed_along, speed_up: ``[N, K]`` [m/s].
-    """
-
-    start: F64
-    heading: F64
-    time: F64
-    along: F64
-    rise: F64
-    speed_along: F64
-    speed_up: F64
+    start: F64  # [N, 3] start of each flight [m]
+    heading: F64  # [N, 2] unit direction on the floor
+    time: F64  # [N, K] instants since the launch [s]
+    along: F64  # [N, K] distance along the floor [m]
+    rise: F64  # [N, K] height gained [m]
+    speed_along: F64  # [N, K] [m/s]
+    speed_up: F64  # [N, K] [m/s]
 
     def at(self, flight: int, time: F64) -> tuple[F64, F64]:
         """Position and velocity, each ``[..., 3]``, of one flight at times since its launch (held at both ends)."""
@@ -151,19 +143,13 @@ def net_height(x: F64 | float) -> F64:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """Least and greatest values of the flights of one shot type.
+    """Least and greatest values of the flights of one shot type."""
 
-    Attributes:
-        over, over_high: height above the net of shuttles met below it, or that land, and of those met above: loose ones [m].
-        varied: share of the range of ``over`` by which its upper end is lowered at most, as drawn for each stroke.
-        kmh, apex: launch speed [km/h], and greatest height above the floor [m].
-    """
-
-    over: tuple[float, float] = (CLEARANCE, np.inf)
-    over_high: tuple[float, float] = (CLEARANCE, np.inf)
-    varied: float = 0.0
-    kmh: tuple[float, float] = _ANY
-    apex: tuple[float, float] = _ANY
+    over: tuple[float, float] = (CLEARANCE, np.inf)  # height above the net of shuttles met below it, or that land [m]
+    over_high: tuple[float, float] = (CLEARANCE, np.inf)  # of shuttles met above the net: loose ones [m]
+    varied: float = 0.0  # share of the range of over by which its upper end is lowered at most, as drawn for each stroke
+    kmh: tuple[float, float] = _ANY  # launch speed [km/h]
+    apex: tuple[float, float] = _ANY  # greatest height above the floor [m]
 
     def excess(self, flights: Flights, met: int, u: float, *, crosses: bool) -> F64:
         """``[N]`` distance from the bounds, 0 inside them [m].

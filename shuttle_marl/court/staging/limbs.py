@@ -81,33 +81,22 @@ _HOLD: Final = 0.03
 
 
 class ArmPose(NamedTuple):
-    """Bones of N arms, all in the frame of the chest.
+    """Bones of N arms, all in the frame of the chest."""
 
-    ``rotation`` ``[5, N, 3, 3]`` and start ``position`` ``[5, N, 3]`` of collar bone, upper arm, forearm, hand, racket; of each
-    angle the axis ``axes`` ``[N, 10, 3]`` and a point ``pivot`` ``[N, 10, 3]`` on it.
-    """
-
-    rotation: F64
-    position: F64
-    axes: F64
-    pivot: F64
+    rotation: F64  # [5, N, 3, 3] of collar bone, upper arm, forearm, hand, racket
+    position: F64  # [5, N, 3] start of each, relative to the collar bone at rest
+    axes: F64  # [N, 10, 3] axis about which each angle turns what hangs on it
+    pivot: F64  # [N, 10, 3] a point on that axis
 
 
 class Arm(NamedTuple):
-    """The right arm of a skeleton, in the frame of the chest (axes of the body, origin where the collar bone begins).
+    """The right arm of a skeleton, in the frame of the chest (axes of the body, origin where the collar bone begins)."""
 
-    Attributes:
-        axes: ``[10, 3]`` axis of each angle in its own frame; the last one is the shaft.
-        offset: ``[4, 3]`` from collar bone to shoulder, elbow, hand and grip at rest [m].
-        to_middle, rest_bend: rotation of the arm at rest into :data:`MIDDLE`, and bend of the elbow at rest [rad].
-        normal: ``[3]`` side of the strings that a forehand strikes with, at rest.
-    """
-
-    axes: F64
-    offset: F64
-    to_middle: F64
-    rest_bend: float
-    normal: F64
+    axes: F64  # [10, 3] axis of each angle in its own frame; the last one is the shaft
+    offset: F64  # [4, 3] from collar bone to shoulder, elbow, hand and grip at rest [m]
+    to_middle: F64  # [3, 3] rotation of the arm at rest into MIDDLE
+    rest_bend: float  # bend of the elbow at rest [rad]
+    normal: F64  # [3] side of the strings that a forehand strikes with, at rest
 
     @property
     def axis(self) -> F64:
@@ -151,21 +140,14 @@ def arm_of(skeleton: Skeleton) -> Arm:
 
 
 class Goal(NamedTuple):
-    """Goals of N arms, in the frame of the chest; arrays without N are goals of all of them.
+    """Goals of N arms, in the frame of the chest; arrays without N are goals of all of them."""
 
-    Attributes:
-        point: ``[N, 3]`` target of the point at ``reach`` ``[N]`` along the shaft: 0 for the grip, SWEET_SPOT for the strings.
-        elbow: ``[N, 3]`` direction from the shoulder to the elbow.
-        weight: ``[N, 4]`` of point (1/m), shaft, normal, elbow.
-        shaft, normal: ``[N, 3]`` directions of the shaft, and of the side of the strings that a forehand strikes with.
-    """
-
-    point: F64
-    elbow: F64
-    weight: F64 | tuple[float, float, float, float]
-    reach: F64 | float = 0.0
-    shaft: F64 = np.zeros(3)
-    normal: F64 = np.zeros(3)
+    point: F64  # [N, 3] target of the point at reach along the shaft
+    elbow: F64  # [N, 3] direction from the shoulder to the elbow
+    weight: F64 | tuple[float, float, float, float]  # [N, 4] of point (1/m), shaft, normal, elbow
+    reach: F64 | float = 0.0  # [N] 0 for the middle of the grip, SWEET_SPOT for the strings
+    shaft: F64 = np.zeros(3)  # [N, 3] direction of the shaft
+    normal: F64 = np.zeros(3)  # [N, 3] direction of the side of the strings that a forehand strikes with
 
 
 @compiled
@@ -405,14 +387,14 @@ _TURN: Final = np.radians(48)
 
 
 class _Leg(NamedTuple):
-    """Geometry of one leg at rest: ``rest`` from hip to knee, to ankle, to toes, ``aligned`` frames of thigh and shank."""
+    """Geometry of one leg."""
 
-    rest: F64
-    aligned: F64
+    rest: F64  # [3, 3] from hip to knee, to ankle, to toes at rest [m]
+    aligned: F64  # [2, 3, 3] frames of thigh and shank at rest
     thigh: float
     shank: float
     toe_height: float
-    sign: float
+    sign: float  # 1 for the right leg, -1 for the left one
 
 
 @functools.cache

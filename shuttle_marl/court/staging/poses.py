@@ -65,18 +65,12 @@ HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
 
 
 class Manner(NamedTuple):
-    """How a shot type is played.
+    """How a shot type is played."""
 
-    Attributes:
-        below, above: range of the contact height below and above the net [m].
-        ratio: speed of the strings relative to the launch speed of the shuttle; in soft strokes the incoming shuttle adds speed.
-        soft: fraction of the way to the contact that the racket has completed at the take-back; 0 for full swings.
-    """
-
-    below: tuple[float, float]
-    above: tuple[float, float]
-    ratio: float
-    soft: float = 0.0
+    below: tuple[float, float]  # range of the contact height below the net [m]
+    above: tuple[float, float]  # the same above the net [m]
+    ratio: float  # speed of the strings relative to the launch speed; in soft strokes the incoming shuttle adds speed
+    soft: float = 0.0  # fraction of the way to the contact that the racket has completed at the take-back; 0: full swing
 
 
 MANNERS: Final = {
@@ -134,19 +128,12 @@ def motion_of(shot: int, technique: int, z: float, from_net: float) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class Stance:
-    """Place and motion of the striker.
+    """Place and motion of the striker."""
 
-    Attributes:
-        motion: index into :data:`MOTIONS`.
-        heading: rotation of the stroke frame to the left against the player's own frame [rad].
-        root: ``[2]`` position of the hips over the floor, in the player's own frame [m].
-        reach: lateral stretch, 0 to 1.
-    """
-
-    motion: int
-    heading: float
-    root: F64
-    reach: float
+    motion: int  # index into MOTIONS
+    heading: float  # rotation of the stroke frame to the left against the player's own frame [rad]
+    root: F64  # [2] position of the hips over the floor, in the player's own frame [m]
+    reach: float  # lateral stretch, 0 to 1
 
 
 def stance_of(motion: int, contact: F64, base: F64, right_handed: bool, natural: F64) -> Stance:
@@ -178,35 +165,24 @@ position of the grip, which follows from the shuttle."""
 
 
 class Key(msgspec.Struct, frozen=True, kw_only=True):
-    """One key pose.
+    """One key pose."""
 
-    Attributes:
-        hips: height of the hips [m], and how far they turn left, bow forward, lean right [degrees].
-        spine: how far the chest turns left, bows forward, leans right against the hips [degrees].
-        grip, free: middle of the grip, and the free hand [m].
-        elbow, free_elbow: directions from the shoulder to the elbow.
-    """
-
-    hips: tuple[float, float, float, float]
-    spine: Triple
-    grip: Triple = (0.0, 0.0, 0.0)
+    hips: tuple[
+        float, float, float, float
+    ]  # height of the hips [m], and how far they turn left, bow forward, lean right [degrees]
+    spine: Triple  # how far the chest turns left, bows forward, leans right against the hips [degrees]
+    grip: Triple = (0.0, 0.0, 0.0)  # middle of the grip [m]
     shaft: Triple
-    elbow: Triple
-    free: Triple
-    free_elbow: Triple = (-0.6, -0.3, -0.75)
+    elbow: Triple  # direction from the shoulder to the elbow of the racket arm
+    free: Triple  # the free hand [m]
+    free_elbow: Triple = (-0.6, -0.3, -0.75)  # direction from the shoulder to the elbow of the free arm
 
 
 class Stroke(msgspec.Struct, frozen=True, kw_only=True):
-    """A kind of motion.
+    """A kind of motion."""
 
-    Attributes:
-        aim: approximate contact in the stroke frame [m]; the solver moves it within the comfort of the arm.
-        feet: left and right foot at the contact (x, y, heading in degrees), and the foot that lands last.
-        keys: key poses, see :data:`CONTACT`.
-    """
-
-    aim: Triple
-    feet: tuple[Triple, Triple, int]
+    aim: Triple  # approximate contact in the stroke frame [m]; the solver moves it within the comfort of the arm
+    feet: tuple[Triple, Triple, int]  # left and right at the contact (x, y, heading in degrees), and which lands last
     keys: tuple[Key, Key, Key, Key, Key, Key]
 
 
@@ -268,23 +244,15 @@ def pointed(motion: int, need: F64) -> tuple[F64, F64]:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Library:
-    """Poses of one athlete.
+    """Poses of one athlete."""
 
-    Attributes:
-        stroke: ``[13, 6, 27]`` key poses by motion and phase.
-        ready, wait, rest: ``[27]`` between strokes, of the receiver before the serve, and after the rally.
-        wins, loses: ``[2, 27]`` reactions of who has won it, and lost it.
-        contact: ``[13, 7, 3]`` where each motion meets the shuttle best, in the stroke frame [m]: at its own height, and
-            at heights from 0.5 m below to 0.6 m above it.
-    """
-
-    stroke: F64
-    ready: F64
-    wait: F64
-    rest: F64
-    wins: F64
-    loses: F64
-    contact: F64
+    stroke: F64  # [13, 6, 27] key poses by motion and phase
+    ready: F64  # [27] between strokes
+    wait: F64  # [27] before the serve, the receiver
+    rest: F64  # [27] after the rally
+    wins: F64  # [2, 27] reactions of who has won it
+    loses: F64  # [2, 27] reactions of who has lost it
+    contact: F64  # [13, 7, 3] best contact in the stroke frame [m]: at its own height, and 0.5 m below to 0.6 m above it
 
     def natural(self, motion: int, z: float) -> F64:
         """``[3]`` natural contact of a motion for a shuttle at height ``z``, in the stroke frame [m]."""

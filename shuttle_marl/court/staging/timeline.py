@@ -52,66 +52,50 @@ WAIT: Final = np.array([(-0.10, 0.24, 0), (0.12, -0.22, -28)])
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Hit:
-    """One contact of this player.
-
-    Attributes:
-        point: ``[3]`` position of the shuttle [m].
-        normal, shaft, elbow: ``[3]`` directions of the strings, of the shaft, and from shoulder to elbow.
-        swing: ``[3]`` target velocity of the strings [m/s].
-        soft: fraction of the way from take-back to contact completed at the load; 0 for full swings.
-    """
+    """One contact of this player."""
 
     frame: int
     stroke: int
     stance: Stance
-    point: F64
-    normal: F64
-    shaft: F64
-    elbow: F64
-    swing: F64
-    soft: float
+    point: F64  # [3] position of the shuttle [m]
+    normal: F64  # [3] direction that the strings face
+    shaft: F64  # [3] preferred direction of the shaft
+    elbow: F64  # [3] preferred direction from shoulder to elbow
+    swing: F64  # [3] target velocity of the strings [m/s]
+    soft: float  # fraction of the way from take-back to contact completed at the load; 0 for full swings
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Keys:
-    """K solved key poses of a player: ``[K]`` frames, ascending, ``[K, 27]`` poses, and their slopes per frame."""
+    """K solved key poses of a player."""
 
-    frame: I64
-    pose: F64
-    slope: F64
+    frame: I64  # [K] of each pose, ascending
+    pose: F64  # [K, 27]
+    slope: F64  # [K, 27] per frame
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Timeline:
-    """Movements of a player over F frames.
+    """Movements of a player over F frames."""
 
-    Attributes:
-        frame, pose: ``[K]`` and ``[K, 27]`` key poses; racket arm and spine at contacts are still to be solved.
-        known: the first of them, already solved.
-        lift, air: ``[F]`` heights of the hips in jumps, relative to standing, and of the feet over the floor [m].
-    """
-
-    frame: I64
-    pose: F64
-    known: Keys
+    frame: I64  # [K] of each key pose, ascending
+    pose: F64  # [K, 27] the key poses; racket arm and spine at contacts are still to be solved
+    known: Keys  # the first of them, already solved
     hits: tuple[Hit, ...]
-    lift: F64
-    air: F64
+    lift: F64  # [F] height of the hips in jumps, relative to standing [m]
+    air: F64  # [F] height of the feet over the floor in jumps [m]
     stands: list[Stand]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Past:
-    """Unchanged part of the plan of a player, up to a frame with a number of strokes.
+    """Unchanged part of the plan of a player."""
 
-    ``keys``: up to that frame, the last one in it; ``planned``: the timeline, whose jumps may last.
-    """
-
-    frame: int
-    strokes: int
-    keys: Keys
+    frame: int  # the last unchanged one
+    strokes: int  # struck by then
+    keys: Keys  # key poses up to that frame, the last one in it
     stand: Stand
-    planned: Timeline
+    planned: Timeline  # the timeline, whose jumps may last
 
 
 def half_time(height: float) -> float:
