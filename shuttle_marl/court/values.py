@@ -154,25 +154,17 @@ class Opening:
 
     A stroke reaches the receiver below or above the net at random, and hurries them at random. A stroke that is legal in several
     of these states has the mean of its values, weighted by the probabilities of the states.
-
-    Attributes:
-        stroke: ``[K]`` catalogue indices.
-        available, share: ``[K]`` probabilities that the stroke is legal, and that the striker's policy chooses it.
-        p_succ, p_ret: ``[K]`` probabilities that the stroke is good, and that the opponent returns a good one.
-        support: ``[K]`` number of real strokes behind these two, the smaller of both contacts; NaN if unknown.
-        win, optimal: ``[K]`` probabilities that the striker wins the rally with the stroke, under both policies from then on, and
-            if both play perfectly.
     """
 
     seat: int
-    stroke: I32
-    available: F64
-    share: F64
-    p_succ: F64
-    p_ret: F64
-    support: F64
-    win: F64
-    optimal: F64
+    stroke: I32  # [K] catalogue indices
+    available: F64  # [K] probability that the stroke is legal, given that the line was played
+    share: F64  # [K] probability with which the striker's policy chooses it, given that the line was played
+    p_succ: F64  # [K] probability that it is good
+    p_ret: F64  # [K] probability that the opponent returns a good one
+    support: F64  # [K] number of real strokes behind these two, the smaller of both contacts; NaN if unknown
+    win: F64  # [K] probability that the striker wins the rally with it, under both policies from then on
+    optimal: F64  # [K] the same if both play perfectly from then on
 
 
 def opening(game: Game, line: Sequence[int], players: Players, solution: Solution) -> Opening:

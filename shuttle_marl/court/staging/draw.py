@@ -66,26 +66,15 @@ _SLOT: Final = 8
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Measured:
-    """Times and places in the matches.
+    """Times and places in the matches."""
 
-    Attributes:
-        flight_time: ``[13, 3]`` quartiles of the time until the receiver strikes [s], by shot type.
-        flight_time_by_length: ``[13, 2, 13, 3]`` the same by shot type, height at which the shuttle is met (0 below, 1
-            above the net), and length in metres (class k: from k to k + 1).
-        places: ``[13, 9, 2, 5]`` quantiles of x and y where the receiver meets the shuttle, in the striker's frame [m].
-        base: ``[13, 9, 2]`` where a player stands when the opponent answers, by their own stroke and area [m].
-        net_share: ``[13]`` share of the faults of a shot type that do not cross the net.
-        out_by: ``[2, 5]`` quantiles of the distance by which shuttles land beyond the side and the back line [m].
-        serve: ``[2, 2, 2, 5]`` quantiles by serve, (server, receiver), (distance from the centre line, from the net) [m].
-    """
-
-    flight_time: F64
-    flight_time_by_length: F64
-    places: F64
-    base: F64
-    net_share: F64
-    out_by: F64
-    serve: F64
+    flight_time: F64  # [13, 3] quartiles of the time until the receiver strikes [s], by shot type
+    flight_time_by_length: F64  # [13, 2, 13, 3] by shot type, height met (0 below, 1 above the net), length (k: k to k + 1 m)
+    places: F64  # [13, 9, 2, 5] quantiles of x and y where the receiver meets it, in the striker's frame [m], by shot type, area
+    base: F64  # [13, 9, 2] where a player stands when the opponent answers, by their own stroke [m]
+    net_share: F64  # [13] share of the faults of a shot type that do not cross the net
+    out_by: F64  # [2, 5] quantiles of the distance by which shuttles land beyond the side and the back line [m]
+    serve: F64  # [2, 2, 2, 5] quantiles by serve, (server, receiver), (distance from the centre line, from the net) [m]
 
     def seconds(self, shot: int, met: int, length: float, u: float) -> float:
         """Flight time [s] at a share ``u`` of the interquartile range, by shot type, height met (0/1) and length."""

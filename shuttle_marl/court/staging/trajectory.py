@@ -52,31 +52,20 @@ _LATE: Final = 0.12
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory:
-    """Times, places and flights of a rally of n strokes, in the frame of the court.
-
-    Attributes:
-        time, end_time: ``[n]`` of each contact, on the grid of frames, and end of each flight [s].
-        contact: ``[n, 3]`` position of the shuttle at each contact [m].
-        end: ``[n]`` index into :data:`ENDS`.
-        chosen_point, end_point: ``[n, 3]`` drawn end of each flight, and the end [m]: the same, unless no racket reaches it.
-        stance: n stances, each in its striker's own frame.
-        base, before: ``[n, 2, 2]`` base positions of seats 0 and 1 at each stroke, and ``[2, 2]`` before the serve, each in their
-            own frame [m].
-        reply: expected stance of the next striker in an open rally.
-    """
+    """Times, places and flights of a rally of n strokes, in the frame of the court."""
 
     rally: Rally
-    time: F64
-    contact: F64
-    end: I64
-    end_time: F64
-    chosen_point: F64
-    end_point: F64
+    time: F64  # [n] time of each contact, on the grid of frames [s]
+    contact: F64  # [n, 3] position of the shuttle at each contact [m]
+    end: I64  # [n] index into ENDS
+    end_time: F64  # [n] end of the flight at the receiver's racket, on the floor, or in the net [s]
+    chosen_point: F64  # [n, 3] drawn end point of each flight [m]
+    end_point: F64  # [n, 3] end point [m]: the chosen point, unless the receiver's racket does not reach it
     flight: Flights
-    stance: tuple[Stance, ...]
-    base: F64
-    before: F64
-    reply: Stance | None = None
+    stance: tuple[Stance, ...]  # n stances, each in its striker's own frame
+    base: F64  # [n, 2, 2] base positions of seats 0 and 1 at each stroke, each in their own frame [m]
+    before: F64  # [2, 2] positions of seats 0 and 1 before the serve, each in their own frame [m]
+    reply: Stance | None = None  # expected stance of the next striker in an open rally
 
 
 def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajectory:
@@ -88,9 +77,8 @@ def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajector
             end_point[k - 1] += change
     rows = sorted({row for k in by for row in (k - 1, k) if row >= 0})
     flight = Flights(*(part.copy() for part in trajectory.flight))
-    for part, new in zip(
-        flight, shoot(contact[rows], end_point[rows], (trajectory.end_time - trajectory.time)[rows]), strict=True
-    ):
+    again = shoot(contact[rows], end_point[rows], (trajectory.end_time - trajectory.time)[rows])
+    for part, new in zip(flight, again, strict=True):
         part[rows] = new
     return dataclasses.replace(trajectory, contact=contact, end_point=end_point, flight=flight)
 
