@@ -10,12 +10,11 @@ of cores.
 import statistics
 import time
 from collections.abc import Callable
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import tyro
 
-from benchmarks.machine import this_machine
-from docs.tools.results import show
+from docs.tools.results import Json, show, this_machine
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, solve_robust, solve_soft, visits
 from shuttle_marl.exact.sweeps import warm_up
 from shuttle_marl.game import default_game
@@ -78,7 +77,7 @@ def measure(repeat: int) -> list[dict[str, Any]]:
     return [{"what": what, "seconds": wall, "cpu_s": cpu} for what, (wall, cpu) in times.items()]
 
 
-def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+def main(*, repeat: int = 5, as_json: Json = False) -> None:
     """Measure and print.
 
     Args:

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import functools
 import socket
-import sys
 import threading
 import webbrowser
 from pathlib import Path
@@ -315,7 +314,7 @@ def _save_site(folder: Path, page: Path, answers: "Answers", language: Language)
             folder, page, answers, lambda done: status.update(f"saving the rallies … {done}"), language=language
         )
     rest = f"; {left:,} more did not fit" if left else ""
-    sys.stdout.write(f"{printable(str(folder))}: {count:,} rallies, {size / 1e6:.1f} MB{rest}\n")
+    cli.say(f"{folder}: {count:,} rallies, {size / 1e6:.1f} MB{rest}")
 
 
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:
@@ -331,7 +330,7 @@ def _film(server: "Server", listener: socket.socket, address: str, path: Path) -
     finally:
         server.should_exit = True
         running.join()
-    sys.stdout.write(f"{printable(str(path))}: {frames} frames, {path.stat().st_size / 1e6:.1f} MB\n")
+    cli.say(f"{path}: {frames} frames, {path.stat().st_size / 1e6:.1f} MB")
 
 
 COMMANDS: Final = watch

@@ -38,8 +38,8 @@ from shuttle_marl.league.tournament import MatchOptions, Pairing, PairResult, To
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.policy.sources import source_hashes
 from shuttle_marl.recording import LogHeader, Pair, Player, RallyRecorder, Sampling
-from shuttle_marl.recording.recover import rallies_of_pairings
-from shuttle_marl.recording.recover import resume as resume_log
+from shuttle_marl.recording.recorder import rallies_of_pairings
+from shuttle_marl.recording.recorder import resume as resume_log
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.regret import Holes

@@ -37,7 +37,7 @@ sharpness = st.sampled_from([0.5, 1.0, 8.0])
 
 @settings(max_examples=15, deadline=None)
 @given(games, seeds, sharpness)
-def test_profiles_equal_a_dense_linear_system(game: Game, seed: int, sharp: float) -> None:
+def test_profiles_equal_a_linear_system(game: Game, seed: int, sharp: float) -> None:
     other = with_probabilities(game, seed + 7)
     policies = random_policy(game, seed, sharp), random_policy(other, seed + 1, sharp)
     value = evaluate(*policies, tolerance=1e-10)

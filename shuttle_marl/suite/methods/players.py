@@ -1,34 +1,40 @@
-"""Methods of ``exploit`` and ``equilibrium`` that solve: references and methods that estimate.
+"""Methods of ``exploit`` and ``equilibrium``: references, methods that estimate, and learners.
 
 References compute from the tables of the game, and use no strokes. The other methods estimate something from play, and solve what
 they estimated. The argument is the restriction of the response, or what the function says. Strokes are those of the learner, and
 with recovery its positions too, one for each stroke of the opponent.
+
+Learners are PPO, A2C and SAC of :mod:`shuttle_marl.training` with its default settings, against the opponent or in self-play.
+They train in the game of a model, so not in the drawn game of a round.
 """
 
 import dataclasses
+import json
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from shuttle_marl.base import runs
 from shuttle_marl.exact import best_response as exact_response
 from shuttle_marl.exact import restricted_response, solve
 from shuttle_marl.exact.lists import cells_of, lists
 from shuttle_marl.exact.profile import PairPolicy, positions_of, tabulated_pairs
-from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.policy.mixtures import deterministic, mixture
 from shuttle_marl.recording.logs import Log, play_log
 from shuttle_marl.suite.adapt import observed
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
-from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.method import find
 from shuttle_marl.suite.methods.adapters import chances, counted, mean_of, mixture_weights, respond, struck
-from shuttle_marl.suite.methods.learned import boosted, boosted_game
+from shuttle_marl.suite.methods.logs import boosted, boosted_game
 from shuttle_marl.suite.offline import fitted, in_game
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.tabular import SHRINK, cloned, estimated_game, game_of
-from shuttle_marl.suite.task import Setting
+from shuttle_marl.suite.task import WEIGHT, Setting
 
 _STEPS: Final = 30
 """Iterations of fictitious play."""
@@ -160,3 +166,66 @@ def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
         found = TabulatedPolicy(game=game, cumulative=respond(estimate, float(argument)).cumulative)
         player = mixture([found, uniform], [1 - _EXPLORE, _EXPLORE])
     return Trained(player=found, strokes=used)
+
+
+_SHARE: Final = 0.94
+"""Fraction of the budget that is planned; the rest is for the ends of rallies, and for choices that are not the learner's."""
+_LESS: Final = 0.97
+"""Factor of the planned strokes until they fit."""
+_SHARES: Final = {50_000: 0.5, 200_000: 0.65}
+"""The same of budgets up to these: rallies become longer while a player learns, and few batches follow late."""
+_ITERATIONS: Final = 12
+"""Iterations of a run with a small budget."""
+
+
+def learner(setting: PlayerSetting, argument: str, **options: Any) -> Trained:
+    """The agent of a learning algorithm, with options of its configuration.
+
+    PPO (Schulman et al. 2017, arXiv 1707.06347), A2C (Mnih et al. 2016, arXiv 1602.01783), or SAC (Haarnoja et al. 2018, arXiv
+    1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207).
+    """
+    from shuttle_marl.training import train  # noqa: PLC0415  torch
+    from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
+
+    if load_game(setting.model).hash != setting.game.hash:
+        raise SuiteError(f"{argument} trains in the game of a model, and this game is drawn")
+    default, folder = CONFIGS[argument], setting.folder / argument
+    config = default(
+        opponent=(setting.opponent or "self",),
+        strokes=setting.budget,
+        batch=min(default().batch, max(256, setting.budget // _ITERATIONS)),
+        seed=setting.seed,
+        game=setting.model,
+        record="none",
+        exploitability=False,
+        out=folder,
+        resume=(folder / runs.CONFIG).exists(),
+        **options,
+    )
+    # Rallies are played to their end, so iterations are a little longer than their batches.
+    share = next((share for most, share in _SHARES.items() if setting.budget <= most), _SHARE)
+    while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
+        config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
+    done = train(config)
+    points = [json.loads(line) for line in (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()]
+    figure = "normalised_score" if setting.opponent is not None else "exploitability"
+    curve = tuple((int(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
+    return Trained(player=done.policy, strokes=done.strokes, curve=curve)
+
+
+def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
+    """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
+    # Rallies that start in a state of the best response are of another length, so more strokes are kept back.
+    planned = dataclasses.replace(setting, budget=setting.budget * 49 // 50) if argument == "restarts" else setting
+    return learner(planned, "ppo", variant=argument)
+
+
+def ppo_self_play(setting: PlayerSetting) -> Trained:
+    """PPO in self-play, which does not look at the opponent."""
+    return learner(dataclasses.replace(setting, opponent=None), "ppo")
+
+
+def ppo_deterministic(setting: PlayerSetting) -> Trained:
+    """PPO in self-play, whose agent always makes its likeliest choice."""
+    found = learner(setting, "ppo")
+    return dataclasses.replace(found, player=deterministic(tabulate(found.player, setting.game)), curve=())
