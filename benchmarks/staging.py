@@ -22,7 +22,8 @@ from rich.progress import track
 
 from benchmarks.motion_life import Life, measure_life, summary_of_life
 from docs.tools.results import Json, show, this_machine
-from shuttle_marl.court.staging import ATHLETES, Motion, continue_motion, stage
+from shuttle_marl.court.staging import Motion, continue_motion, stage
+from shuttle_marl.court.staging.skeleton import ATHLETES
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.rally import Rally
@@ -30,6 +31,7 @@ from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
 from tests.staging.motion_metrics import Metrics, measure
+from tests.staging.reader import Read, read
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
@@ -54,7 +56,7 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
         lives.append(measure_life(motion))
         packed = motion.pack()
         size += len(packed)
-        error = max(error, pack_error(motion, Motion.unpack(packed)))
+        error = max(error, pack_error(motion, read(packed)))
         if i % _CONTINUED == 0:
             extensions += continued(rally, i, athletes)
     figures = summary(found, lives)
@@ -124,8 +126,8 @@ def match_rallies(seed: int) -> Iterator[Rally]:
         yield from (dataclasses.replace(rallies.row(k, game.catalogue), match=match) for k in range(len(rallies)))
 
 
-def pack_error(motion: Motion, again: Motion) -> float:
-    """Maximum distance between strings, bones and shuttles of two motions [m]."""
+def pack_error(motion: Motion, again: Read) -> float:
+    """Maximum distance between strings, bones and shuttles of a motion and what is read of it [m]."""
     names = ("sweet_spot", "position", "shuttle")
     return max(float(np.linalg.norm(getattr(motion, name) - getattr(again, name), axis=-1).max()) for name in names)
 

@@ -11,9 +11,8 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.base.tensor_files import tensor_bytes
-from shuttle_marl.court.match import play_rally
+from shuttle_marl.court.match import PolicyTables, play_rally
 from shuttle_marl.court.plan import Side
-from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.simulated import simulate, simulated_rallies
 from shuttle_marl.dynamics.card import write_card
