@@ -142,7 +142,7 @@ def league_training(
         config: what to train.
         save: also write the results here.
     """
-    from shuttle_marl.training.study import side_by_side  # noqa: PLC0415  torch
+    from shuttle_marl.training.run import train_all  # noqa: PLC0415  torch
 
     config = config.sized()
     console = Console(stderr=True, highlight=False, markup=False)
@@ -150,7 +150,7 @@ def league_training(
         training = config.training(folder)
         # All variants of one seed before the next seed, so that an unfinished study can be compared.
         ordered = [configs[seed] for seed in range(config.seeds) for configs in training.values() if seed < len(configs)]
-        side_by_side(train_one, ordered, config.jobs, console)
+        train_all(ordered, config.jobs, console, train_one)
         result = {"game_hash": load_game(config.game).hash, **config.fixed(), "rows": measure(training)}
         finish(folder, json.loads(json.dumps(result)), "league_training", copy=save)
 

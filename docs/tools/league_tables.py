@@ -14,7 +14,7 @@ from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.away import of_pair, over
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.league import report
+from shuttle_marl.league import page
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.policy.registry import resolve
 
@@ -50,7 +50,7 @@ def ranking(folder: Path) -> str:
         f"{len(standings)} players, {config['matches']:,} matches a pair, seed {config['seed']}, "
         f"game `{manifest['game']['hash'][:12]}`."
     )
-    shown = report.ranking(standings)
+    shown = page.ranking(standings)
     headings = tuple(column.heading for column in shown.columns)
     rows = [tuple(cell.text for cell in row) for row in shown.rows]
     return f"{markdown(headings, rows, left=('player',))}\n\n{played}"

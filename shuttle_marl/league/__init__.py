@@ -5,7 +5,7 @@ Names are imported when first used: the statistics take longer to import than a 
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.league.entrants import LeagueConfig, LeagueError, default_pool
