@@ -20,9 +20,9 @@ from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret
 from shuttle_marl.exact.sweeps import warm_up
 from shuttle_marl.game import default_game
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league.pairs import players_of, predict
 from shuttle_marl.policy import history, registry
 

@@ -21,10 +21,9 @@ from torch import nn
 
 import shuttle_marl  # noqa: F401  registers the environments
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.game.observation import features, with_efforts
-from shuttle_marl.game.policy import States
+from shuttle_marl.game.layout import features, with_efforts
+from shuttle_marl.game.policy import States, TabulatedPolicy, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.training.config import SHARP
 
 OPPONENT: Final = "bc"

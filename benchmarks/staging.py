@@ -30,9 +30,9 @@ from docs.tools.results import show
 from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.court.staging import ATHLETES, Motion, continue_motion, stage
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.policy import tabulate
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
 from tests.staging.flight_metrics import Flight, flights_of, summary_of_flights

@@ -61,7 +61,7 @@ def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
 def tournament(batch: int, threads: int) -> Play:
     """Whole matches between two policies, with all strokes in memory; the batch is the number of matches."""
     from shuttle_marl.game import draws
-    from shuttle_marl.game.tabulated import tabulate
+    from shuttle_marl.game.policy import tabulate
     from shuttle_marl.kernel import Matches, pack, play_matches
     from shuttle_marl.policy.registry import resolve
 

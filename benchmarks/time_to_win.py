@@ -27,7 +27,7 @@ from benchmarks.machine import machine, this_machine
 from benchmarks.peers import OPPONENT, PEERS, Watch
 from docs.tools.results import show
 from shuttle_marl.game import default_game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, train
 

@@ -21,8 +21,8 @@ import tyro
 from benchmarks.machine import this_machine
 from docs.tools.results import show
 from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
 from shuttle_marl.training.learner import Callback, Learner

@@ -31,9 +31,9 @@ from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.exact.away import of_pair, over
 from shuttle_marl.game import load_game
+from shuttle_marl.game.policy import from_pair_probabilities
 from shuttle_marl.game.shipped import model_folder, refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.policy import Scorer, baselines
 from shuttle_marl.reports import charts
 

@@ -46,9 +46,8 @@ from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.dynamics.skill import YEAR, days_of, slope_on_offset, summary
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.pairs import AVERAGE, load_skill, pair_game
 from shuttle_marl.game.shipped import CARD, PROFILES, model_folder, variants
-from shuttle_marl.game.skill import AVERAGE, load_skill
 from shuttle_marl.policy import baselines
 from shuttle_marl.reports.scouting import EARNED, earned
 

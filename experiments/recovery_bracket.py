@@ -38,10 +38,10 @@ from shuttle_marl.exact.saddles import Saddle, largest_continuation_by_position
 from shuttle_marl.exact.solver import BlockLinear, solve_players, successors
 from shuttle_marl.exact.sweeps import Choices, after_block_choices, block_choices
 from shuttle_marl.game import load_game, model_folder
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import hidden_depth
 

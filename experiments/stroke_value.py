@@ -25,9 +25,9 @@ from shuttle_marl.data import anonymised
 from shuttle_marl.exact.away import Values, over
 from shuttle_marl.exact.profile import moved
 from shuttle_marl.game import load_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import PlayerValue, add_values, charts, rank_players, strokes_of
 from shuttle_marl.reports.charts import COLOURS, INK

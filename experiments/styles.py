@@ -26,10 +26,10 @@ from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.court.staging.draw import load_measured
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.run import train_all

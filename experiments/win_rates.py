@@ -31,9 +31,9 @@ from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.exact.away import Values, of_pair, over
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game import load_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.agents import read_card

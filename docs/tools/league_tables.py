@@ -12,8 +12,8 @@ from docs.tools.markdown import markdown
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import load_game, refits_of
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import page
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.policy.registry import resolve

@@ -27,9 +27,8 @@ from shuttle_marl.data import Split, clean_matches, read_matches
 from shuttle_marl.data.simulated import simulate
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
-from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.policy import UniformPolicy, tabulate
 from shuttle_marl.game.shipped import factors_of, model_folder
-from shuttle_marl.game.tabulated import tabulate
 
 _SIMULATED: Final = 4
 """Simulated matches for every real one."""

@@ -22,9 +22,9 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import calibration_error
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tabulated import TabulatedPolicy
 
 HORIZONS: Final = (1, 4, 8)
 """Strokes after which the promise is compared with what happened, beside the end of the rally."""

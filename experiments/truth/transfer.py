@@ -15,7 +15,7 @@ from experiments.truth.matches import Strokes, folds_of
 from experiments.truth.worlds import Fitter, World
 from shuttle_marl.exact import best_response, evaluate, solve, visits
 from shuttle_marl.exact.profile import moved
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.policy import TabulatedPolicy
 
 
 def transfer(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int) -> dict[str, dict[str, float]]:

@@ -25,9 +25,9 @@ from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.dynamics.recovery import FittedRecovery, fit_recovery, load_recovery
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.shipped import CARD, NETWORKS, PROFILES, load_game, model_folder, variant_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines, history
 from shuttle_marl.policy.history import HistoryPolicy
 

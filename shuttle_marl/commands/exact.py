@@ -26,7 +26,7 @@ from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.regret import Hole
-    from shuttle_marl.game.rally.record import Rallies
+    from shuttle_marl.game.rally import Rallies
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
 

@@ -14,9 +14,9 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import Seed, check_bounds
 from shuttle_marl.commands.cli import console
 from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY ...]")]

@@ -8,8 +8,7 @@ from shuttle_marl.court import messages, staging
 from shuttle_marl.court.match import CourtRally
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import seat_names
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import waited_at
+from shuttle_marl.game.rally import Rally, waited_at
 from shuttle_marl.game.recovery import position_box
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import real_strokes, waiting_places

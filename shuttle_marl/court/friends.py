@@ -18,7 +18,7 @@ from shuttle_marl.court.match import CourtRally, Match
 from shuttle_marl.court.messages import FriendReply, FriendRequest, Query
 from shuttle_marl.court.plan import DUEL, Person, Plan, Side
 from shuttle_marl.court.policies import PolicyTables
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 
 MAX_GAMES: Final = 64
 """Maximum number of games of a server."""

@@ -20,8 +20,7 @@ from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import choose, stepper_of
+from shuttle_marl.game.rally import Rally, choose, stepper_of
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game

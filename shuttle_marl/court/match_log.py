@@ -11,7 +11,7 @@ import numpy as np
 from shuttle_marl.court.match import FRIEND, PERSON, CourtRally
 from shuttle_marl.court.plan import Plan
 from shuttle_marl.court.policies import PolicyTables
-from shuttle_marl.game.rally.record import Rallies, columns_of, stroke_dtype
+from shuttle_marl.game.rally import Rallies, columns_of, stroke_dtype
 from shuttle_marl.policy import history
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder

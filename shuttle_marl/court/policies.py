@@ -11,9 +11,8 @@ from typing import Any, Final, TypeVar
 from shuttle_marl.court.plan import Side
 from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, visits
 from shuttle_marl.game.pairs import game_between
-from shuttle_marl.game.policy import Policy, TemperedPolicy
+from shuttle_marl.game.policy import Policy, TabulatedPolicy, TemperedPolicy, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import history
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 

@@ -14,12 +14,11 @@ from shuttle_marl.court.plan import Side
 from shuttle_marl.court.policies import OnceCache, PolicyTables
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import looks_of
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import stepper_of, waited_at
+from shuttle_marl.game.policy import position_shares
+from shuttle_marl.game.rally import Rally, stepper_of, waited_at
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.shipped import RELIABLE, factor_of
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tabulated import position_shares
 from shuttle_marl.reports.rally import Decision, Players, analyse_rally
 from shuttle_marl.reports.rally import decision as analyse_decision
 from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of

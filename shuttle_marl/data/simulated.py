@@ -18,11 +18,10 @@ from shuttle_marl.data.schema import REASONS, Outcome, outcome_of
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks, looks_of
-from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.policy import SUM_TOLERANCE, Policy, TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import SUM_TOLERANCE, TabulatedPolicy, from_pair_probabilities
 
 FLIGHT: Final = np.array([0.73, 1.90, 1.17, 1.27, 0.80, 0.47, 0.53, 0.53, 1.00, 0.37, 0.87, 0.90, 0.92])
 """Median time from a stroke to the next [s], by shot type."""

@@ -48,12 +48,11 @@ from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.situations import LONG_DUEL
 from shuttle_marl.game import shipped
 from shuttle_marl.game.court import BACK, FOREHAND, N_AREAS, N_SIDES, N_THIRDS, mirrored, third_of
-from shuttle_marl.game.layout import ALL
-from shuttle_marl.game.rally.stepper import Stepper
+from shuttle_marl.game.draws import ONE, with_fault_odds
+from shuttle_marl.game.layout import ALL, base_pairs, layout
+from shuttle_marl.game.rally import Stepper
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresholds
-from shuttle_marl.game.thresholds import ONE, with_fault_odds
+from shuttle_marl.game.tables import Game, hurry_units, thresholds
 
 THREADS: Final = 1
 """Threads of PyTorch; fixed, because another order of summation gives other numbers. More would not be faster."""

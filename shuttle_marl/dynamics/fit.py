@@ -55,7 +55,8 @@ from shuttle_marl.dynamics.situations import fit_situations
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.layout import GameError
+from shuttle_marl.game.tables import Game
 
 Report = Callable[[str], None]
 """Called with a line before each stage."""

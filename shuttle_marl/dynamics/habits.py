@@ -26,9 +26,9 @@ from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
 from shuttle_marl.data.schema import DISCIPLINES, Outcome
 from shuttle_marl.dynamics.features import mirrored_where, rows_from_strokes
 from shuttle_marl.game.court import AREAS, HANDS, N_AREAS, N_SIDES
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import HABITS, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS
-from shuttle_marl.game.tables import GameError
 
 NONE: Final = N_SHOTS
 """Code of a previous stroke that does not exist; larger codes are unknown."""

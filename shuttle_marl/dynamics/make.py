@@ -47,9 +47,9 @@ from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_s
 from shuttle_marl.dynamics.splits import MIN_MATCHES_FOR_REFITS, require_enough, resampled, rows_of, train_and_validation
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game import shipped
+from shuttle_marl.game.shipped import packed
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.variants import packed
 
 ENOUGH_STROKES: Final = 20_000
 """Strokes that fill most cells, and show what people play in 1 % of cases; with fewer, both are a warning."""

@@ -21,9 +21,9 @@ from shuttle_marl.dynamics.models import judged, labelled, labels_of, log_odds, 
 from shuttle_marl.dynamics.network import Ensemble
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.skill import COMPONENTS
+from shuttle_marl.game.pairs import COMPONENTS
+from shuttle_marl.game.shipped import MOST_STEPS, STEP, moved, steps_between
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.variants import MOST_STEPS, STEP, moved, steps_between
 
 PRECISION: Final = 4.0
 """Precision of the normal prior of a shift of log-odds; its standard deviation is 0.5."""

@@ -31,10 +31,10 @@ from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recovery, position_of
 from shuttle_marl.game.shipped import POSITIONS, read_model, read_model_card
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
-from shuttle_marl.game.tables import GameError
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "smash": ("smash", "half-smash"),

@@ -43,8 +43,8 @@ from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances, posterior
 from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.network import fold_of_match
+from shuttle_marl.game.pairs import AVERAGE, COMPONENTS, GROUPS, ROLES, Skill
 from shuttle_marl.game.shipped import SKILL
-from shuttle_marl.game.skill import AVERAGE, COMPONENTS, GROUPS, ROLES, Skill
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 
 SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
@@ -55,7 +55,7 @@ SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
     "block": ("block", "drive"),
     "serve": ("short-serve", "long-serve"),
 }
-"""Shot types that share an offset, by the group (:data:`~shuttle_marl.game.skill.GROUPS`)."""
+"""Shot types that share an offset, by the group (:data:`~shuttle_marl.game.pairs.GROUPS`)."""
 GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS].index(True) for shot in SHOTS], dtype=np.int8)
 """``[13]`` group of each shot type."""
 VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
@@ -99,7 +99,7 @@ class FittedSkill:
     sd: F64
 
     def save(self, folder: Path) -> None:
-        """Write the offsets to a model folder; :func:`shuttle_marl.game.skill.load_skill` reads them."""
+        """Write the offsets to a model folder; :func:`shuttle_marl.game.pairs.load_skill` reads them."""
         arrays = {f.name: getattr(self.skill, f.name) for f in dataclasses.fields(Skill) if f.name != "players"}
         header = json.dumps({"players": self.skill.players}, sort_keys=True)
         replace_file(folder / SKILL, save(arrays, metadata={"skill": header}))

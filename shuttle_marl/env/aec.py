@@ -21,9 +21,9 @@ from shuttle_marl.base.errors import ActionError, OptionError, seed_number, whol
 from shuttle_marl.base.extras import hinted
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import RallyDraws, Stepper, Stroke, choose, stepper_of
+from shuttle_marl.game.rally import RallyDraws, Stepper, Stroke, choose, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game

@@ -20,12 +20,11 @@ from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Belief, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.pairs import opponent_tables
-from shuttle_marl.game.policy import Policy, called, reads_history, reads_score
-from shuttle_marl.game.rally.stepper import choose
+from shuttle_marl.game.policy import Policy, called, reads_history, reads_score, tabulate
+from shuttle_marl.game.rally import choose
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 
 Seat = Literal[0, 1]
@@ -60,7 +59,7 @@ class Opponent:
         *,
         waits: bool = False,
     ) -> int:
-        """The opponent's action in a state; see :func:`shuttle_marl.game.rally.stepper.choose`.
+        """The opponent's action in a state; see :func:`shuttle_marl.game.rally.choose`.
 
         Raises:
             PolicyError: a policy that has no table raised, or returned an invalid distribution.

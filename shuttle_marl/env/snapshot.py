@@ -12,7 +12,7 @@ import numpy as np
 
 from shuttle_marl.game.court import AREA_WORDS, N_SIDES, SHORT_SERVICE, Hands, area_box, area_centre, seen_by
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.rally.stepper import Stroke
+from shuttle_marl.game.rally import Stroke
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import serves_from_right

@@ -17,9 +17,9 @@ from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
 from shuttle_marl.base.errors import ActionError, OptionError, suggesting
 from shuttle_marl.env.aec import ILLEGAL, ILLEGAL_POSITION, refuse_options
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP_TOKENS, with_efforts
+from shuttle_marl.game.layout import RALLY_WIDTH, SCORE_WIDTH, SWAP_TOKENS, with_efforts
 from shuttle_marl.game.pairs import opponent_tables
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
 from shuttle_marl.game.shipped import resolve_game

@@ -16,7 +16,7 @@ from shuttle_marl.env import rally_v0
 from shuttle_marl.env.aec import CheckedEnv, ShuttleEnv
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.snapshot import area_in_words
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game

@@ -12,7 +12,7 @@ from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 from shuttle_marl.base.arrays import I8
 from shuttle_marl.base.errors import ActionError, OptionError, did_you_mean
 from shuttle_marl.env.aec import Belief, CheckedEnv, Observation, ShuttleEnv
-from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
+from shuttle_marl.game.layout import PARTS, STROKE_WIDTH
 from shuttle_marl.game.recovery import N_POSITIONS
 
 ActionView = Literal["flat", "components"]

@@ -19,9 +19,9 @@ from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response
 from shuttle_marl.exact.profile import Crossplay, evaluate, moved
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Values = float | F64
 GameT = TypeVar("GameT", bound=Game)

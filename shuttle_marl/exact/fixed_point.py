@@ -37,8 +37,8 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
 
 ROUNDING: Final = 2.0**-40
 """Bound of the rounding of two applications: a term passes through K + 8 roundings at most, as a product of three numbers, in the

@@ -16,7 +16,7 @@ from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_response, restricted_response, restricted_value
 from shuttle_marl.exact.profile import Crossplay, crossplay_by, odds_of_pairs
 from shuttle_marl.exact.version import sources_hash
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.policy import TabulatedPolicy
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]
 T = TypeVar("T")

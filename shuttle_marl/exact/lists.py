@@ -14,8 +14,8 @@ from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import pure_policy
 from shuttle_marl.exact.profile import StatePolicy, evaluate, met_by
 from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 
 _ROUNDS = 6
 _TOLERANCE = 1e-6
@@ -44,7 +44,7 @@ def lists(opponent: StatePolicy, cell: Ints, waits: U16 | None = None) -> Iterat
     Args:
         opponent: on the game that is played.
         cell: ``[S]`` cell of each state, see :func:`cells_of`.
-        waits: positions of the lists with recovery, see :class:`~shuttle_marl.game.tabulated.TabulatedPolicy`.
+        waits: positions of the lists with recovery, see :class:`~shuttle_marl.game.policy.TabulatedPolicy`.
     """
     game, won = opponent.game.opposite, -1.0
     tables = met_by(game, opponent)

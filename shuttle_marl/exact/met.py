@@ -12,8 +12,9 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I8, I32, I64, U8, U16
 from shuttle_marl.base.compiling import compiled
+from shuttle_marl.game.draws import HURRY_ONE
 from shuttle_marl.game.layout import ALL, Indices
-from shuttle_marl.game.tables import HURRY_ONE, Game
+from shuttle_marl.game.tables import Game
 
 
 class Rows(NamedTuple):

@@ -23,9 +23,9 @@ from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
 from shuttle_marl.exact.profile import InducedChain, StatePolicy, block_chances, check_opponents, evaluate_chains, facing, induced
 from shuttle_marl.exact.solver import ProfileValue, successors
 from shuttle_marl.exact.sweeps import propagate
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.thresholds import ONE
 
 ENDINGS: Final = ("winner of player 0", "fault of player 1", "winner of player 1", "fault of player 0")
 """Endings of a rally; player 0 wins the first two."""

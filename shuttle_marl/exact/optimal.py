@@ -39,11 +39,10 @@ from shuttle_marl.exact.profile import (
 from shuttle_marl.exact.saddles import Saddle, SoftSaddle
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, Striker, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
-from shuttle_marl.game.thresholds import ONE
 
 P_co = TypeVar("P_co", TabulatedPolicy, PairPolicy, covariant=True)
 

@@ -17,13 +17,13 @@ from shuttle_marl.exact.met import met
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
 from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean, listed
 from shuttle_marl.game.pairs import people_of
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 
 
 class StatePolicy(Protocol):
-    """A policy that reads the state alone, such as :class:`shuttle_marl.game.tabulated.TabulatedPolicy`."""
+    """A policy that reads the state alone, such as :class:`shuttle_marl.game.policy.TabulatedPolicy`."""
 
     @property
     def game(self) -> Game:

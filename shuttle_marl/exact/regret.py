@@ -29,8 +29,8 @@ from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import Response, Solution, best_response, limited, solve
 from shuttle_marl.exact.profile import StatePolicy, facing, induced
 from shuttle_marl.exact.solver import sweep
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import Estimate, factor_of, real_strokes, supported
-from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -21,9 +21,9 @@ from shuttle_marl.exact.matrix_games import solved
 from shuttle_marl.exact.met import Rows, rows_of
 from shuttle_marl.exact.solver import BlockLinear, successors
 from shuttle_marl.exact.sweeps import Chances, Replies, gathered, replies, unit_of, worth_of
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
 
 
 def largest_continuation_by_position(game: Game) -> float:

@@ -14,9 +14,8 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I32, I64, U8, U16, Bools
 from shuttle_marl.base.compiling import cached, compiled, inlined
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
 
 Successors = tuple[float, float, float, float]
 _OfGames = Callable[[tuple[Game, ...], int], "Outcomes"]

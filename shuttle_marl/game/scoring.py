@@ -263,8 +263,12 @@ def match_win_probability(
     Raises:
         ScoringError: a probability outside [0, 1], or a score that the rules do not allow.
     """
-    serving, receiving = _probabilities(p_serving, p_receiving)
-    _check_server(first_server)
+    serving, receiving = np.broadcast_arrays(np.asarray(p_serving, np.float64), np.asarray(p_receiving, np.float64))
+    for p in (serving, receiving):
+        if (bad := ~((p >= 0) & (p <= 1))).any():
+            raise ScoringError(f"probability of winning a rally {p[bad].flat[0]:g}: expected a number from 0 to 1")
+    if first_server not in (None, 0, 1):
+        raise ScoringError(f"server {first_server!r}: expected 0, 1, or None to draw it at random")
     if not all(0 <= g < rules.games for g in games):
         raise ScoringError(f"games {games}: expected each from 0 to {rules.games - 1} while the match continues")
     whole_game = _game(serving, receiving, (0, 0), rules)
@@ -279,7 +283,8 @@ def match_win_probability(
             won, lost = odds[own + 1, other][0], odds[own, other + 1][1]
             game = _game(serving, receiving, points, rules) if (own, other) == games and any(points) else whole_game
             odds[own, other] = (lost + game[0] * (won - lost), lost + game[1] * (won - lost))
-    return _by_server(odds[games], first_server)
+    now = odds[games]
+    return np.asarray((now[0] + now[1]) / 2 if first_server is None else now[first_server])
 
 
 def _game(serving: F64, receiving: F64, points: tuple[int, int], rules: Rules) -> tuple[F64, F64]:
@@ -302,21 +307,3 @@ def _game(serving: F64, receiving: F64, points: tuple[int, int], rules: Rules) -
                 row[j] = (lose + serving * (win - lose), lose + receiving * (win - lose))
         below = row
     return below[other]
-
-
-def _probabilities(p_serving: npt.ArrayLike, p_receiving: npt.ArrayLike) -> tuple[F64, F64]:
-    serving, receiving = np.broadcast_arrays(np.asarray(p_serving, np.float64), np.asarray(p_receiving, np.float64))
-    for p in (serving, receiving):
-        bad = ~((p >= 0) & (p <= 1))
-        if bad.any():
-            raise ScoringError(f"probability of winning a rally {p[bad].flat[0]:g}: expected a number from 0 to 1")
-    return serving, receiving
-
-
-def _check_server(server: int | None) -> None:
-    if server not in (None, 0, 1):
-        raise ScoringError(f"server {server!r}: expected 0, 1, or None to draw it at random")
-
-
-def _by_server(odds: tuple[F64, F64], server: int | None) -> F64:
-    return np.asarray((odds[0] + odds[1]) / 2 if server is None else odds[server])

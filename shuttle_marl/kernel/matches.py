@@ -20,16 +20,16 @@ from shuttle_marl.game.policy import (
     Policy,
     PolicyError,
     States,
+    TabulatedPolicy,
     called,
     checked_positions,
     checked_probabilities,
     drawn_strokes,
 )
-from shuttle_marl.game.rally.record import Rallies, stroke_dtype
+from shuttle_marl.game.rally import Rallies, stroke_dtype
 from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import core
 from shuttle_marl.kernel.core import BLOCK, Tables, checked_array, checked_number, int64
 from shuttle_marl.kernel.players import Players, check_players, choose, empty_players, pack

@@ -8,9 +8,9 @@ import numpy as np
 from shuttle_marl.base.arrays import I32, U8, U16, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE, POSITION_SHIFT
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.core import (
     Block,
     KernelError,
@@ -38,7 +38,7 @@ class Players(NamedTuple):
     """K tabulated policies.
 
     Attributes:
-        cumulative: ``[K, P]`` uint16 cumulative probabilities, see :class:`shuttle_marl.game.tabulated.TabulatedPolicy`.
+        cumulative: ``[K, P]`` uint16 cumulative probabilities, see :class:`shuttle_marl.game.policy.TabulatedPolicy`.
         guide: ``[K, S, GUIDES]`` uint8 position among the legal strokes at which the search of a choice starts, indexed by the
             highest four bits of the choice.
         waits: ``[K, S, 8]`` uint16 the same as ``cumulative`` for the feasible positions of each state in rising order, but the

@@ -12,10 +12,10 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import core
 from shuttle_marl.kernel.core import BLOCK, OPEN, Block, KernelError, Tables, checked_array, checked_number, int64
 from shuttle_marl.kernel.players import (

@@ -18,11 +18,11 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally.record import Rallies, stroke_dtype
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import Rallies, stroke_dtype
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import table_play
 from shuttle_marl.kernel.core import KernelError, Tables, checked_array, checked_number, tables_of
 from shuttle_marl.kernel.players import empty_players, pack, put_player

@@ -12,10 +12,9 @@ from scipy.stats import kendalltau, rankdata
 from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.meta_games import alpha_rank, maximal_lottery, nash_average
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.ranking import ELO, ExactOdds, Misfit, Standing, misfit, played_cells, prior_wins, wins_of
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.policy.registry import tabulated

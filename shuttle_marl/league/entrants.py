@@ -13,11 +13,10 @@ from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.base.errors import ShuttleError, suggesting
 from shuttle_marl.base.files import Count, CountOrZero, Seed, check_bounds
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.policy import HistoryError, Policy, PolicyError, reads_score
+from shuttle_marl.game.policy import HistoryError, Policy, PolicyError, TabulatedPolicy, hash_of, reads_score, tabulate
 from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.kernel.matches import ask, ask_position
 from shuttle_marl.policy import history, registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT

@@ -18,9 +18,8 @@ import pyarrow as pa
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, sensitivity
-from shuttle_marl.game.pairs import pair_game, people_of
+from shuttle_marl.game.pairs import COMPONENTS, GROUPS, Day, Skill, load_skill, pair_game, people_of
 from shuttle_marl.game.shipped import Profile, model_folder
-from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, Skill, load_skill
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.registry import tabulated

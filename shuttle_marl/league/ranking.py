@@ -18,10 +18,9 @@ from scipy.stats import binomtest, chi2
 
 from shuttle_marl.base.arrays import F64, Bools, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
 from shuttle_marl.league.tournament import COUNTS, PairResult
 

@@ -21,7 +21,7 @@ from shuttle_marl.base.cluster import Cluster, open_cluster
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import csv_bytes, write_parquet
-from shuttle_marl.game.rally.record import columns_of
+from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game

@@ -16,7 +16,7 @@ from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.cluster import Cluster
 from shuttle_marl.base.files import StoredCount
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.matches import Matches, play

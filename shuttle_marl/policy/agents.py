@@ -15,10 +15,9 @@ from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import FileReadError, hash_in, problem, read_sealed, replace_with_card
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.game.pairs import trained_game, without_recovery, without_skill
-from shuttle_marl.game.policy import Policy, PolicyError
-from shuttle_marl.game.shipped import folder_of
-from shuttle_marl.game.tables import RECOVERY, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.policy import Policy, PolicyError, TabulatedPolicy
+from shuttle_marl.game.shipped import RECOVERY, folder_of
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.computed import cached_table
 
 NETWORK: Final = "network.safetensors"

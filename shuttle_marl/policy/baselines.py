@@ -19,8 +19,10 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, F64, I16
 from shuttle_marl.base.tensor_files import checked, parsed
 from shuttle_marl.game.court import BACK, N_AREAS, area_centre, mirrored, third_of
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.pairs import people_of
-from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.policy import PolicyError, States, TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.shipped import (
     BC,
     CHOICE_UNITS,
@@ -33,9 +35,7 @@ from shuttle_marl.game.shipped import (
     read_model,
 )
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.plain_network import legal_softmax
 
 

@@ -14,10 +14,9 @@ import zstandard
 from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.exact.version import sources_hash
-from shuttle_marl.game.policy import Policy, PolicyError
+from shuttle_marl.game.policy import Policy, PolicyError, TabulatedPolicy
 from shuttle_marl.game.shipped import is_refit, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 
 TYPICAL_TAU: Final = 0.05

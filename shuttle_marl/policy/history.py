@@ -18,11 +18,11 @@ import numpy.typing as npt
 from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.policy import LAGS, STAGES, PolicyError, States, stages_of
+from shuttle_marl.game.layout import GameError
+from shuttle_marl.game.policy import LAGS, STAGES, PolicyError, States, TabulatedPolicy, stages_of
 from shuttle_marl.game.shipped import HISTORY, folder_of, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 
 NAME: Final = "bc:history"

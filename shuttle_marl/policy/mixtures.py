@@ -7,9 +7,8 @@ import numpy as np
 
 from shuttle_marl.base.arrays import Floats
 from shuttle_marl.exact.profile import positions_of
-from shuttle_marl.game.policy import TemperedPolicy
+from shuttle_marl.game.policy import TabulatedPolicy, TemperedPolicy, cumulative_positions, from_pair_probabilities, tabulate
 from shuttle_marl.game.recovery import N_POSITIONS
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities, tabulate
 
 
 def mixture(policies: Sequence[TabulatedPolicy], probabilities: Sequence[float] | Floats) -> TabulatedPolicy:

@@ -19,11 +19,10 @@ from shuttle_marl.base.compiling import cached
 from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 
 _WEIGHT_BITS: Final = 22
 _EXACT_BITS: Final = 53

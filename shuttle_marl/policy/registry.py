@@ -23,9 +23,8 @@ from pathlib import Path
 from typing import Final
 
 from shuttle_marl.base.errors import described, did_you_mean
-from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TemperedPolicy, UniformPolicy
+from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TabulatedPolicy, TemperedPolicy, UniformPolicy, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import agents, baselines, computed, history
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
 from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, current_limit, from_module

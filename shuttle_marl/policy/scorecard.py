@@ -26,12 +26,11 @@ from shuttle_marl.exact.play import impossible, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved
 from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, reads_score
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.policy import Policy, TabulatedPolicy, reads_score, tabulate
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.shipped import real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.matches import Matches, ask, ask_position
 from shuttle_marl.kernel.matches import play as play_asked
 from shuttle_marl.policy.mixtures import deterministic

@@ -6,9 +6,8 @@ from pathlib import Path
 import zstandard
 
 from shuttle_marl.base.files import problem, read_file, replace_file
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
 def policy_file(folder: Path, digest: str) -> Path:

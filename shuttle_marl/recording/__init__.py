@@ -5,7 +5,7 @@
 the format.
 """
 
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
 from shuttle_marl.recording.reader import Derived, RallyLog, export
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder, RecordRallies

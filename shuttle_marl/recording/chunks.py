@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
 
 from shuttle_marl.base.arrays import Array
-from shuttle_marl.game.rally.record import OPTIONAL, PER_STROKE, Rallies, stroke_dtype
+from shuttle_marl.game.rally import OPTIONAL, PER_STROKE, Rallies, stroke_dtype
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.recording.header import VERSION, DamagedLogError, LogHeader
 
@@ -62,7 +62,7 @@ def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
     """Columns of a log: stroke numbers take one byte in a game of up to 256 strokes, else two.
 
     Args:
-        columns: the columns of :data:`shuttle_marl.game.rally.record.OPTIONAL` in the log.
+        columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log.
     """
     fields = [pa.field(name, kind, nullable=False) for name, kind in _ROW]
     if "update" in columns:

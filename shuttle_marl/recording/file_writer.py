@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from mcap.writer import CompressionType, Writer
 
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.chunks import RALLY_TIME, arrow_schema, arrow_stream
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.log_file import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, TOPIC

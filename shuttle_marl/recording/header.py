@@ -14,7 +14,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import seal, unsealed
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.pairs import Looks, looks_of, pair_game
-from shuttle_marl.game.rally.record import OPTIONAL, Rallies
+from shuttle_marl.game.rally import OPTIONAL, Rallies
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import shipped_game
 from shuttle_marl.game.tables import Game
@@ -149,7 +149,7 @@ class LogHeader:
         rules: when games and matches are won.
         draws: numbers from which the draws of a rally follow, see :data:`Draws`.
         record: sample of the matches, see :meth:`Sampling.parse`.
-        columns: the columns of :data:`shuttle_marl.game.rally.record.OPTIONAL` in the log, in that order.
+        columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log, in that order.
         pair: the players whose skill the seats have; None: both seats strike with the same tables.
         part: number of this file in the log, from 0; equality ignores this field and the next.
         first_rally: number of the first rally of this file.

@@ -21,7 +21,7 @@ from mcap.records import Attachment, AttachmentIndex, Footer, Header, Metadata
 from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import open_file, problem
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, decode, message_of_chunk, read_arrow, record, records, stream
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, OtherFileError, RecordingError
 

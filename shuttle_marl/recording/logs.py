@@ -13,10 +13,10 @@ import pyarrow as pa
 
 from shuttle_marl.base.arrays import F32, I8, I32, I64, Bools
 from shuttle_marl.base.files import content_hash
-from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.game.tables import HURRY_ONE, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.draws import HURRY_ONE, ONE
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import Rallies
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 
 _MARGIN: Final = 1.1

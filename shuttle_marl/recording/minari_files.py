@@ -17,7 +17,7 @@ import numpy as np
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.extras import install_hint
-from shuttle_marl.game.observation import observations
+from shuttle_marl.game.layout import observations
 from shuttle_marl.recording.logs import Transitions
 
 ENVIRONMENT: Final = "shuttle_marl:shuttle_marl/Rally-v0"

@@ -18,12 +18,12 @@ from shuttle_marl.base.arrays import I64, Ints, UInts
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import problem, replacing
 from shuttle_marl.base.table_files import PARQUET, seal_parquet, without_formulas
-from shuttle_marl.game.rally.record import PER_STROKE, Rallies
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import PER_STROKE, Rallies
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
 from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, existing_parts, is_further_part, part_path

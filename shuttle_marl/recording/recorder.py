@@ -25,7 +25,7 @@ from shuttle_marl.base.errors import OptionError
 from shuttle_marl.base.files import problem
 from shuttle_marl.env.aec import AGENTS, PlayedRally, ShuttleEnv
 from shuttle_marl.game.draws import pairing_key
-from shuttle_marl.game.rally.record import Rallies, columns_of, stroke_dtype
+from shuttle_marl.game.rally import Rallies, columns_of, stroke_dtype
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.chunks import MAX_CHUNK, MAX_RALLIES, MAX_STROKES, encode

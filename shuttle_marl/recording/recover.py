@@ -15,7 +15,7 @@ from typing import Any
 from mcap.opcode import Opcode
 
 from shuttle_marl.base.files import FileWriteError, problem, replacing
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.chunks import UNDECODABLE, decode, message_of_chunk, records
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError

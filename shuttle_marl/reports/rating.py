@@ -36,12 +36,12 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Solution, evaluate, moved
 from shuttle_marl.game.pairs import without_recovery, without_skill
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.policy import position_shares
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes, refits_of
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import position_shares
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import TYPICAL_TAU, human_policy
 from shuttle_marl.reports.advice import TOLERANCE

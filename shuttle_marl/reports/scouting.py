@@ -20,9 +20,8 @@ from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import NONE, Plays, Tally, load_habits, plays_of_strokes, tally
 from shuttle_marl.game.court import AREAS, HANDS
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.pairs import AVERAGE, Day, Skill, load_skill, pair_game
 from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder, resolve_game
-from shuttle_marl.game.skill import AVERAGE, Day, Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines

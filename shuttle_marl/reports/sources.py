@@ -18,7 +18,7 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.data.words import bare
 from shuttle_marl.game.pairs import people_of
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.shipped import folder_of, is_shipped
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog

@@ -26,10 +26,10 @@ from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS, steps_between
 from shuttle_marl.game.layout import ALL, Indices
 from shuttle_marl.game.pairs import game_of_people, people_of
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import Estimate, factor_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
 NORMAL: Final = 1.6448536

@@ -9,8 +9,8 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, I64, Bools
 from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.frontier import POINTS, exploitabilities, gains
 from shuttle_marl.suite.method import Method, called, made

@@ -13,8 +13,8 @@ from scipy.stats import spearmanr
 from shuttle_marl.base.files import Fraction, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import cached_table
 from shuttle_marl.policy.mixtures import mixture

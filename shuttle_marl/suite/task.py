@@ -17,10 +17,9 @@ import numpy as np
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
-from shuttle_marl.game.observation import observations
-from shuttle_marl.game.policy import GamePolicy, States
+from shuttle_marl.game.layout import observations
+from shuttle_marl.game.policy import GamePolicy, States, TabulatedPolicy, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.options import Access, Split, SuiteError

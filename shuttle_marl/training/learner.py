@@ -39,10 +39,10 @@ from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
 from shuttle_marl.base.arrays import F32, I32
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.training.config import TrainingConfig
 from shuttle_marl.training.networks import DivergedError, decision_masks, decision_observations

@@ -18,12 +18,10 @@ from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from shuttle_marl.base.arrays import F32, I32, Bools, Ints
-from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.observation import SWAP_TOKENS
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.layout import LONGEST_DUEL, SWAP_TOKENS
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.agents import read_card, read_weights
 from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
 from shuttle_marl.training.config import TrainingError

@@ -22,8 +22,8 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.objectives import A2CLoss, ClipPPOLoss, LossModule
 
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.training.config import A2CConfig, PPOConfig
 from shuttle_marl.training.learner import IDLE, Callback, Learner, Mean, minibatches, normalised, set_learning_rate, weighted_sums
 from shuttle_marl.training.networks import logit_network, make_actor, make_critic, set_temperature

@@ -10,9 +10,9 @@ import numpy as np
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import I64, Bools
-from shuttle_marl.game.rally.record import columns_of
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.recorder import LogContext

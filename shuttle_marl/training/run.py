@@ -29,9 +29,9 @@ from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import InducedChain, evaluate, evaluate_chains, induced
 from shuttle_marl.game import draws
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.agents import read_card, save_agent
 from shuttle_marl.policy.registry import tabulated as tables_of
 from shuttle_marl.policy.scorecard import REFERENCE

@@ -24,10 +24,10 @@ from shuttle_marl.data.simulated import (
 from shuttle_marl.data.table import load_account, read_matches, write_parquet
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks
-from shuttle_marl.game.rally.record import columns_of
+from shuttle_marl.game.policy import from_pair_probabilities
+from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.header import LogHeader, Player
 from shuttle_marl.recording.replay import check

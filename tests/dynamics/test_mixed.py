@@ -27,8 +27,8 @@ from shuttle_marl.dynamics.skill import (
     fit_skill,
     summary,
 )
+from shuttle_marl.game.pairs import COMPONENTS, load_skill
 from shuttle_marl.game.shipped import CARD, SKILL
-from shuttle_marl.game.skill import COMPONENTS, load_skill
 from shuttle_marl.game.stroke import N_SHOTS
 from tests import golden
 from tests.dynamics.rows import plain_rows

@@ -16,8 +16,7 @@ from shuttle_marl.dynamics.splits import (
     require_enough,
     train_and_validation,
 )
-from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, variants
-from shuttle_marl.game.variants import steps_between
+from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, steps_between, variants
 from shuttle_marl.policy import registry
 from tests.data.club_matches import strokes_of_club, write_club
 

@@ -27,8 +27,8 @@ from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds
 from shuttle_marl.exact import PairPolicy
 from shuttle_marl.game import default_game, model_folder
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.shipped import BC, CHOICE_UNITS, NETWORKS, read_model, read_model_card
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy import baselines
 
 ULP = 1.0 / ONE

@@ -9,9 +9,9 @@ import pytest
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.single import SingleMatchEnv
 from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
-from shuttle_marl.game.observation import HURRIED, SWAP, observations
+from shuttle_marl.game.layout import HURRIED, SWAP, observations
 from shuttle_marl.game.policy import GamePolicy, PolicyError, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.shipped import default_game

@@ -19,7 +19,7 @@ from shuttle_marl.env.open_spiel import RallyGame
 from shuttle_marl.env.single import SingleEnv, SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.kernel import KernelError

@@ -14,7 +14,7 @@ from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
 from shuttle_marl.reports.charts import best_replies

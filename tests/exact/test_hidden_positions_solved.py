@@ -11,12 +11,11 @@ from shuttle_marl.exact import best_response, evaluate, nash_conv, policy_regret
 from shuttle_marl.exact.matrix_games import matrix_game
 from shuttle_marl.exact.optimal import restricted_response, restricted_value
 from shuttle_marl.exact.profile import moved, tabulated_pairs
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions
-from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import random_game, random_policy
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]

@@ -9,7 +9,7 @@ import pytest
 from shuttle_marl import exact
 from shuttle_marl.base import cache
 from shuttle_marl.exact import known
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.policy import TabulatedPolicy
 from tests.exact.exact_games import random_game, random_policy
 
 

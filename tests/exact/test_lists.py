@@ -6,10 +6,10 @@ from hypothesis import given, settings
 
 from shuttle_marl.exact import best_response, evaluate, holes, solve, visits
 from shuttle_marl.exact.lists import averaged, cells_of, lists
-from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.layout import GameError
+from shuttle_marl.game.policy import UniformPolicy, tabulate
 from shuttle_marl.game.shipped import least_support, load_game, real_strokes
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import games, random_policy, seeds, tiring_game
 from tests.reduced import reduced_game, reduced_model

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from shuttle_marl.exact import ExactError, Solution, least_gain, nash_conv, solve
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game import default_game
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.scoring import Rules, match_win_probability
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import (
     games,
     hand_made,

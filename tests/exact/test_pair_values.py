@@ -18,11 +18,11 @@ from shuttle_marl.exact import (
     visits,
 )
 from shuttle_marl.exact import known as cached
+from shuttle_marl.game.draws import odds_of_steps
 from shuttle_marl.game.pairs import STEP, pair_game, without_skill
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
+from shuttle_marl.game.shipped import with_odds
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.game.thresholds import odds_of_steps
-from shuttle_marl.game.variants import with_odds
 from shuttle_marl.policy.registry import resolve
 from tests.reduced import reduced_model
 

@@ -19,8 +19,8 @@ from shuttle_marl.exact import (
     solve,
     visits,
 )
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from tests.exact.exact_games import (
     games,
     hand_made,

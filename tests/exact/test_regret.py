@@ -21,9 +21,9 @@ from shuttle_marl.exact.fixed_point import (
 )
 from shuttle_marl.exact.optimal import limited, restricted_response
 from shuttle_marl.exact.profile import induced
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 from tests.exact.test_hidden_positions_solved import waiting, with_recovery
 from tests.reduced import reduced_game

@@ -10,9 +10,8 @@ import pytest
 
 from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
 from shuttle_marl.exact.match import normalised_score
-from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.policy import PolicyError, States, tabulate
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.ranking import exact_odds

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from shuttle_marl.base.arrays import Bools
 from shuttle_marl.game import court, default_game
+from shuttle_marl.game.layout import GameError, layout
 from shuttle_marl.game.recovery import CENTRE, POSITIONS, position_box, position_of
-from shuttle_marl.game.tables import ROOT, Game, GameError
-from shuttle_marl.game.tabulated import layout
+from shuttle_marl.game.tables import ROOT, Game
 from tests.exact import exact_games
 from tests.exact.exact_games import random_replies, small_catalogue
 

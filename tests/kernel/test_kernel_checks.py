@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy, UniformPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, RallyBatch, RallySampler, pack, play_matches
 from shuttle_marl.kernel.rows import Observations
 from tests.exact.exact_games import hand_made, random_game, random_policy, tiring_game

@@ -1,4 +1,4 @@
-"""The compiled draws and choices against the definitions in ``shuttle_marl.game.draws`` and ``shuttle_marl.game.tabulated``."""
+"""The compiled draws and choices against the definitions in ``shuttle_marl.game.draws`` and ``shuttle_marl.game.policy``."""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.env.single import Opponent
 from shuttle_marl.game import draws
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
 from shuttle_marl.game.policy import States, drawn_strokes
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Players, core, pack
 from shuttle_marl.kernel import players as packed
 from tests.exact.exact_games import random_game, random_policy

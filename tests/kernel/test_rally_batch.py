@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from shuttle_marl import rally_v0
 from shuttle_marl.game import default_game, draws
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch, play_rallies, struck
 from shuttle_marl.kernel.rows import Rows
 from shuttle_marl.policy.registry import resolve

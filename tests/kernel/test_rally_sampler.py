@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallySampler
 from shuttle_marl.policy.registry import resolve
 from tests.kernel.episodes import Assess, compare_with_rally_v0, network

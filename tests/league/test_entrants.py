@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.game.policy import States
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.policy import States, tabulate
 from shuttle_marl.kernel.matches import play
 from shuttle_marl.league.entrants import Entrant, Strikers, enter
 from shuttle_marl.league.ranking import rank, results_table

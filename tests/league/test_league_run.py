@@ -18,9 +18,9 @@ from shuttle_marl.base.table_files import csv_bytes
 from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
 from shuttle_marl.game import default_game, load_game, scoring
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.rules import FAULT
 from shuttle_marl.game.scoring import RULES
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.entrants import ANCHORS, enter
 from shuttle_marl.league.page import console_table

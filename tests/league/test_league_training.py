@@ -20,10 +20,9 @@ from safetensors.numpy import load
 from shuttle_marl import exact
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check

@@ -12,10 +12,9 @@ import pytest
 
 from shuttle_marl.exact import evaluate, moved
 from shuttle_marl.game import pairs as pairs_module
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.pairs import Skill, load_skill, pair_game
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import model_folder
-from shuttle_marl.game.skill import Skill, load_skill
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.pairs import Prediction, players_of, predict, ranked, with_results
 from shuttle_marl.league.run import run_league

@@ -15,7 +15,7 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
 from shuttle_marl.exact import visits
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import AXES, Style, assess, styles
 from shuttle_marl.league.page import Curve, compare, console_table, page

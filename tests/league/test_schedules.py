@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import draws, load_game
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.league.tournament import (
     COUNTS,

@@ -11,10 +11,9 @@ import pytest
 import torch
 
 from shuttle_marl.game import load_game
-from shuttle_marl.game.observation import features, observations, stroke_features
-from shuttle_marl.game.policy import States
+from shuttle_marl.game.layout import features, observations, stroke_features
+from shuttle_marl.game.policy import States, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig

@@ -21,7 +21,7 @@ from shuttle_marl.dynamics.choices import fit_history
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.observation import observations
+from shuttle_marl.game.layout import observations
 from shuttle_marl.game.policy import (
     STAGES,
     HistoryError,
@@ -31,12 +31,12 @@ from shuttle_marl.game.policy import (
     UniformPolicy,
     act,
     checked_probabilities,
+    tabulate,
 )
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.shipped import HISTORY, load_game, read_model_card
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league.entrants import default_pool, enter
 from shuttle_marl.policy import baselines, history, registry
 from shuttle_marl.policy.history import ATTRIBUTES, N_STYLES, HistoryPolicy

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.exact.profile import positions_of
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.mixtures import deterministic, mixture, sharpened
 from tests.exact.exact_games import THREE_STROKES, hand_made, random_game, random_policy
 from tests.exact.test_hidden_positions_solved import waiting, with_recovery

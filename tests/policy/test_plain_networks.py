@@ -23,8 +23,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from shuttle_marl.game import default_game, observations
-from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.policy import PolicyError, States, checked_probabilities, tabulate
 from shuttle_marl.policy import from_network, from_sb3, plain_network, registry, resolve, save_network
 from shuttle_marl.policy.registry import resolve_recorded
 from tests.exact.exact_games import tiring_game

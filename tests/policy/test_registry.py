@@ -13,9 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game, load_game
-from shuttle_marl.game.policy import Policy, PolicyError, States, TemperedPolicy, checked_probabilities
+from shuttle_marl.game.policy import Policy, PolicyError, States, TemperedPolicy, checked_probabilities, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import agents, baselines, registry
 from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve, resolve_recorded

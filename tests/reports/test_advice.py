@@ -16,10 +16,10 @@ from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game import court
 from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.layout import GameError
+from shuttle_marl.game.pairs import load_skill
 from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
-from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import GameError
 from shuttle_marl.reports.advice import LEAST_STEADY, Refitted, advise
 from shuttle_marl.reports.brief import is_short, options
 from shuttle_marl.reports.habits import discoveries, endings, habits, interval

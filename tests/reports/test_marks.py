@@ -7,9 +7,9 @@ import pytest
 
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.exact import evaluate, moved
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import REFITS, RELIABLE, factor_of, load_game, real_strokes, refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports.rating import RARE, Rater, rater_of
 from shuttle_marl.reports.value import LEAST_REFITS, agree

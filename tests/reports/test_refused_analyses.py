@@ -7,8 +7,8 @@ import pytest
 
 from shuttle_marl.data import Account, write_parquet
 from shuttle_marl.data.schema import STROKES
+from shuttle_marl.game.pairs import load_skill
 from shuttle_marl.game.shipped import model_folder
-from shuttle_marl.game.skill import load_skill
 from shuttle_marl.league import pairs
 from shuttle_marl.reports.match import match_report, matches_in
 from shuttle_marl.reports.scouting import hand_of, with_hands_of_model

@@ -11,9 +11,9 @@ import pytest
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import add_values, add_values_of_pairs, rally_table, rank_players, strokes_of
 from shuttle_marl.reports.value import COLUMNS, nearest_strokes

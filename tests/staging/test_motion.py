@@ -15,7 +15,7 @@ from shuttle_marl.court.staging.rotation import matrix
 from shuttle_marl.court.staging.trajectory import NET, OUT, RETURN, WIN
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
-from shuttle_marl.game.rally.record import Rally, RallyError
+from shuttle_marl.game.rally import Rally, RallyError
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 from tests import golden

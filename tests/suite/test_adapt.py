@@ -11,9 +11,9 @@ from scipy.optimize import minimize_scalar
 from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.profile import positions_of
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies

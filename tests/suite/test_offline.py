@@ -9,10 +9,10 @@ import pytest
 
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.exact.profile import PairPolicy
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.logs import Log, blank, log_of
 from shuttle_marl.suite.method import BASELINES
 from shuttle_marl.suite.methods import learned

@@ -10,7 +10,7 @@ from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.suite import store
 from shuttle_marl.suite.adapt import CHANGES
 from shuttle_marl.suite.exploit import opponent_of

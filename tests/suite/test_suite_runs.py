@@ -15,7 +15,7 @@ from shuttle_marl.base.arrays import U16
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import store
 from shuttle_marl.suite.exploit import Trained

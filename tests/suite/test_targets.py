@@ -12,8 +12,8 @@ from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate, restricted_response
 from shuttle_marl.exact.optimal import restricted_value
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import CHANGES
 from shuttle_marl.suite.exploit import opponent_of

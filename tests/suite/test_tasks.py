@@ -9,7 +9,7 @@ import pytest
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.table_files import read_parquet
-from shuttle_marl.game.observation import states_of
+from shuttle_marl.game.layout import states_of
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.suite.exploit import PlayerSetting
 from shuttle_marl.suite.method import find

@@ -51,7 +51,7 @@ from shuttle_marl.base.table_files import seal_parquet
 from shuttle_marl.commands import analysis, cli, data, dynamics, exact, league, recording, report, scout, suite, training
 from shuttle_marl.court.messages import TagRequest
 from shuttle_marl.court.tagging import TagFile
-from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH
 from tests.recording.mutate import Mutator, mutated
 from tests.reduced import reduced_model
 from tests.waiting import wait_until

@@ -14,8 +14,8 @@ import pytest
 import torch
 
 from shuttle_marl.base.pytorch import own_settings
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import play_log
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train

@@ -21,8 +21,8 @@ from shuttle_marl.base.cluster import ClusterError, WorkerPool, check_processes,
 from shuttle_marl.base.files import read_sealed, seal
 from shuttle_marl.base.runs import METRICS, RunError, check_interrupt, interrupts_held
 from shuttle_marl.commands import league, training
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve

@@ -22,8 +22,7 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.training import main
-from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import PolicyError, States, TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.mixtures import sharpened
 from shuttle_marl.policy.registry import resolve

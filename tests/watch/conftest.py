@@ -58,7 +58,7 @@ def policies() -> PolicyTables:
     """Policies of a small game with recovery that knows the model of its imitated players."""
     model = load_game(reduced_model(()))
     game = dataclasses.replace(model, recovery=load_game("default:recovery").recovery)
-    object.__setattr__(game, "_loaded_from", origin_of(model))
+    object.__setattr__(game, "origin", origin_of(model))
     return PolicyTables(game)
 
 

@@ -29,10 +29,10 @@ from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.pairs import looks_of, pair_game
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check

@@ -18,7 +18,7 @@ from shuttle_marl.court.recorded import LogRallies, RealRallies
 from shuttle_marl.court.stager import Stager
 from shuttle_marl.court.values import ELITE, StrokeValues
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game

@@ -17,7 +17,7 @@ from shuttle_marl.court.stager import Stager
 from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import game_of_people, pair_game
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports.rally import legal_states
 from tests.reduced import reduced_game, reduced_model

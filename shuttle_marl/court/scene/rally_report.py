@@ -13,8 +13,7 @@ from shuttle_marl.court.staging import Motion
 from shuttle_marl.game.court import AREA_WORDS, Hands
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import looks_of, seat_names
-from shuttle_marl.game.rally.record import Rallies, Rally
-from shuttle_marl.game.rally.stepper import waited_at
+from shuttle_marl.game.rally import Rallies, Rally, waited_at
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game

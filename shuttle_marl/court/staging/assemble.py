@@ -16,7 +16,7 @@ from shuttle_marl.court.staging.skeleton import FLIP, MIRROR, N_BONES, Skeleton,
 from shuttle_marl.court.staging.timeline import TimelineBuilder
 from shuttle_marl.court.staging.trajectory import LEAD_IN, Trajectory, held, shuttle_path, travel, with_contacts_moved
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally import Rally
 
 _ATTEMPTS: Final = 5
 _RETRIES: Final = 3

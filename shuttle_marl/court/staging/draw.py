@@ -33,7 +33,7 @@ from shuttle_marl.court.staging.motions import (
 from shuttle_marl.court.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind, own_frame
 from shuttle_marl.game import draws
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_SIDES, NET_HEIGHT, SHORT_SERVICE, third_of
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES

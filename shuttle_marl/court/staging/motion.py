@@ -19,7 +19,7 @@ from shuttle_marl.court.staging.rotation import apply, matrix, quaternion
 from shuttle_marl.court.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton, StagingError, load_skeleton
 from shuttle_marl.court.staging.trajectory import ENDS, Trajectory
 from shuttle_marl.game.court import HANDS, Hands
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 

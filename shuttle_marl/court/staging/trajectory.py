@@ -19,7 +19,7 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.court.staging.flight import GRAVITY, Flights, fall, shoot
 from shuttle_marl.court.staging.motions import HELD, Stance
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally import Rally
 
 LEAD_IN: Final = 1.2
 """Time before the serve [s]."""
@@ -115,7 +115,7 @@ def own_frame(facing: float, right_handed: bool = True) -> F64:
     """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander.
 
     Args:
-        facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.record.Rally.facing`.
+        facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.Rally.facing`.
     """
     return np.array([facing if right_handed else -facing, facing, 1.0])
 

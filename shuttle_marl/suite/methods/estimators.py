@@ -24,8 +24,8 @@ from scipy.sparse import csr_matrix
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.logs import Log, Transitions
 from shuttle_marl.suite.methods.learned import boosted_game
 from shuttle_marl.suite.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q, pair_cells

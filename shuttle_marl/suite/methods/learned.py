@@ -15,10 +15,10 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I16, Floats, Ints
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import Log, Transitions
 from shuttle_marl.suite import tabular

@@ -15,8 +15,8 @@ from shuttle_marl.exact import best_response as exact_response
 from shuttle_marl.exact import restricted_response, solve
 from shuttle_marl.exact.lists import cells_of, lists
 from shuttle_marl.exact.profile import PairPolicy, positions_of, tabulated_pairs
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.policy.mixtures import deterministic, mixture
 from shuttle_marl.recording.logs import Log, play_log

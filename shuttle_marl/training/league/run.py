@@ -15,9 +15,9 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import Cluster, check_processes, open_cluster
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.runs import check_interrupt, interrupts_held
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.mixtures import mixture, sharpened

@@ -26,9 +26,9 @@ from shuttle_marl.base.cluster import Cluster, WorkerPool
 from shuttle_marl.base.files import FileReadError, hash_in, read_hashed, read_json, read_sealed, replace_file, replace_with_card
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.base.runs import check_interrupt, interrupts_held
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.recording import Player
