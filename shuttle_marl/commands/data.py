@@ -13,13 +13,12 @@ from shuttle_marl.base.errors import command, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import HandsTold
-from shuttle_marl.data import Report, column_map, provenance_of, upstream, write_parquet
+from shuttle_marl.data import Report, provenance_of, upstream, words, write_parquet
 from shuttle_marl.data import validate as check
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.hands import hands_of, telling_hands
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.data.problems import DataError
-from shuttle_marl.data.schema import DROP_REASONS, Account
+from shuttle_marl.data.schema import DROP_REASONS, Account, DataError
 from shuttle_marl.data.table import load_counted, pseudonymous
 from shuttle_marl.data.upstream import SPLITS, Split
 
@@ -130,7 +129,7 @@ def template(*, out: Path) -> None:
     Args:
         out: Folder for both.
     """
-    contents = {name: column_map.template(name) for name in ("strokes.csv", "columns.toml")}
+    contents = {name: words.template(name) for name in ("strokes.csv", "columns.toml")}
     for name in contents:
         cli.check_free(out / name)
     for name, content in contents.items():

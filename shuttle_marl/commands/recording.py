@@ -22,9 +22,9 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import export as export_log
 from shuttle_marl.recording.header import RecordingError
+from shuttle_marl.recording.log_file import recover as recover_log
+from shuttle_marl.recording.log_file import recoverable_files, unfinished_files
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.recover import recover as recover_log
-from shuttle_marl.recording.recover import recoverable_files, unfinished_files
 from shuttle_marl.recording.replay import check as check_log
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Tagging: what a page of a video continues and saves (:mod:`shuttle_marl.data.tagging`), and what players probably play next.
+"""Tagging: what a page of a video continues and saves (:mod:`shuttle_marl.data.matches`), and what players probably play next.
 
 The page holds the state; it follows from the inputs alone.
 """
@@ -15,8 +15,7 @@ import numpy as np
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.messages import LONGEST_NAME, NAME, SHOWN, Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
-from shuttle_marl.data.matches import nearest_stroke
-from shuttle_marl.data.tagging import TaggedStrokes, content_hash
+from shuttle_marl.data.matches import TaggedStrokes, content_hash, nearest_stroke
 from shuttle_marl.game.court import Hands
 from shuttle_marl.game.policy import Policy, States, checked_probabilities
 from shuttle_marl.game.rules import RETURNED_BELOW
@@ -35,7 +34,7 @@ class TagFile:
 
     Raises:
         WatchError: the video does not exist.
-        TaggingError, RunError: as :class:`~shuttle_marl.data.tagging.TaggedStrokes`.
+        TaggingError, RunError: as :class:`~shuttle_marl.data.matches.TaggedStrokes`.
     """
 
     def __init__(self, video: Path, out: Path) -> None:

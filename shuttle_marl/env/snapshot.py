@@ -72,22 +72,13 @@ def as_text(snapshot: Snapshot) -> str:
     return "\n".join(lines) + "\n"
 
 
-def shot_in_words(catalogue: Catalogue, stroke: int) -> str:
-    """Shot type as text: ``cross-court net shot``."""
-    return SHOTS[catalogue.shot[stroke]].replace("-", " ").replace("cross court", "cross-court")
-
-
 def in_words(catalogue: Catalogue, stroke: int) -> str:
-    """Stroke as text: ``smash to the middle backhand side, forehand above the net``."""
-    technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
-    height = HEIGHTS[catalogue.height[stroke]]
-    return f"{shot_in_words(catalogue, stroke)} to the {area_in_words(catalogue, stroke)}, {technique} {height} the net"
-
-
-def area_in_words(catalogue: Catalogue, stroke: int) -> str:
-    """Target of a stroke as text: ``middle backhand side``."""
+    """Stroke as text: ``cross-court net shot to the middle backhand side, forehand above the net``."""
+    shot = SHOTS[catalogue.shot[stroke]].replace("-", " ").replace("cross court", "cross-court")
+    technique, height = TECHNIQUES[catalogue.technique[stroke]].replace("-", " "), HEIGHTS[catalogue.height[stroke]]
     area = int(catalogue.area[stroke])
-    return AREA_WORDS[area] + ("" if area % N_SIDES == 1 else " side")
+    target = AREA_WORDS[area] + ("" if area % N_SIDES == 1 else " side")
+    return f"{shot} to the {target}, {technique} {height} the net"
 
 
 def effort_in_words(snapshot: Snapshot, player: int) -> str:

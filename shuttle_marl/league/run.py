@@ -33,8 +33,8 @@ from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, stag
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.policy.sources import source_hashes
 from shuttle_marl.recording import LogHeader, Pair, Player, RallyRecorder, Sampling
-from shuttle_marl.recording.recover import rallies_of_pairings
-from shuttle_marl.recording.recover import resume as resume_log
+from shuttle_marl.recording.recorder import rallies_of_pairings
+from shuttle_marl.recording.recorder import resume as resume_log
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard", "matplotlib", "jinja2")
 

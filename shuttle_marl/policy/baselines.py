@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F32, F64, I16
-from shuttle_marl.base.tensor_files import checked, parsed
+from shuttle_marl.base.files import parsed
+from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.court import BACK, N_AREAS, area_centre, mirrored, third_of
 from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.layout import GameError

@@ -27,8 +27,8 @@ from safetensors.numpy import save
 from shuttle_marl.base.arrays import F32, F64, I32, Bools
 from shuttle_marl.base.errors import described
 from shuttle_marl.base.extras import install_hint
-from shuttle_marl.base.files import problem, read_file, replace_file
-from shuttle_marl.base.tensor_files import parsed, read_tensors
+from shuttle_marl.base.files import parsed, problem, read_file, replace_file
+from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.game.layout import RALLY_WIDTH, features, with_efforts
 from shuttle_marl.game.policy import Policy, PolicyError, States
 from shuttle_marl.game.tables import Game

@@ -8,7 +8,7 @@ from shuttle_marl.base.errors import command, did_you_mean, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.game.shipped import RECOVERY, drawn_game, is_shipped, resolve_game
-from shuttle_marl.recording.minari_files import write_minari
+from shuttle_marl.recording.logs import write_minari
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.exploit import Equilibrium, Exploit, ExploitEntrance
 from shuttle_marl.suite.method import kind_of

@@ -15,8 +15,7 @@ from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
-from shuttle_marl.recording.recorder import LogContext
-from shuttle_marl.recording.recover import resume
+from shuttle_marl.recording.recorder import LogContext, resume
 from shuttle_marl.training.config import AUTO, PPOConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
 

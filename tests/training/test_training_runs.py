@@ -393,13 +393,11 @@ def test_the_log_probability_is_that_of_the_weights(tmp_path: Path) -> None:
     """Before the first update the policy is known: that of a run that learned next to nothing."""
     config = PPOConfig(**{**LOGGED, "strokes": 256}, learning_rate=1e-12, eval_temperature=1.0, out=tmp_path / "run")
     done = train(config)
-    with RallyLog(done.folder / LOG) as log:
-        from shuttle_marl.recording import Derived
-
-        table = log.stroke_table(Derived(log, GAME, {"ppo-0": done.policy})).to_pandas()
-    own = table[table.policy == "ppo-0"]
-    assert len(own) > 50
-    assert np.allclose(np.exp(own.log_probability), own.probability, atol=2e-4)
+    found = read_rallies(done.folder / LOG)
+    own = found.policy[found.row_of_stroke, found.striker] == 0
+    state, k = (column[own] for column in found.legal(GAME))
+    assert own.sum() > 50
+    assert np.allclose(np.exp(found.log_probability[own]), done.policy.probability_of(GAME.pair_at(state, k)), atol=2e-4)
 
 
 def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:

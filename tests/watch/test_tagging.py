@@ -27,9 +27,9 @@ from shuttle_marl.court.facts import hall_facts
 from shuttle_marl.court.messages import SHOWN, Saved, TagRequest, TagRow, TagStroke
 from shuttle_marl.court.tagging import TagFile, suggestions
 from shuttle_marl.data import read_matches
+from shuttle_marl.data.matches import TaggingError
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
-from shuttle_marl.data.tagging import TaggingError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.scoring import BWF
