@@ -38,7 +38,7 @@ from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig
-from shuttle_marl.training.study import train_all
+from shuttle_marl.training.run import train_all
 
 AGENTS: Final[dict[str, TrainingConfig]] = {
     "a2c": A2CConfig(),

@@ -10,13 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.files import cache_folder, content_hash, verify
+import platformdirs
+
+from shuttle_marl.base.files import content_hash, verify
 
 NAME: Final = "computed.sqlite"
 _WAIT_S: Final = 20.0
-"""Timeout while another process writes [s]."""
 _HASH: Final = 64
-"""Length of the hash before each content [bytes]."""
 _LOG: Final = logging.getLogger(__name__)
 _MEMORY: Final = contextvars.ContextVar[dict[bytes, bytes] | None]("memory", default=None)
 """Results by key where the database is not used."""
@@ -30,6 +30,15 @@ def forgotten() -> Iterator[None]:
         yield
     finally:
         _MEMORY.reset(token)
+
+
+def cache_folder() -> Path | None:
+    """The user's folder for caches of this package; None without a home."""
+    try:
+        folder = platformdirs.user_cache_path("shuttle_marl", appauthor=False)
+    except RuntimeError:
+        return None
+    return folder if folder.is_absolute() else None  # older versions begin with a literal ~
 
 
 def key_of(*parts: str) -> bytes:
