@@ -29,7 +29,7 @@ from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Outcome, Split, read_matches
 from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
-from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.exact.odds import of_pair, over
 from shuttle_marl.game import load_game
 from shuttle_marl.game.shipped import model_folder, refits_of
 from shuttle_marl.game.tables import Game

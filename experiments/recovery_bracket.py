@@ -30,12 +30,10 @@ from shuttle_marl.dynamics.models import softmax
 from shuttle_marl.dynamics.network import EnsembleConfig, unseen
 from shuttle_marl.dynamics.recovery import load_recovery
 from shuttle_marl.exact import solve, visits
-from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.met import met
+from shuttle_marl.exact.fixed_point import TOLERANCE, BlockLinear, largest_continuation, solve_players, successors
 from shuttle_marl.exact.optimal import pure_policy
-from shuttle_marl.exact.profile import block_chances, positions_of
-from shuttle_marl.exact.saddles import Saddle, largest_continuation_by_position
-from shuttle_marl.exact.solver import BlockLinear, solve_players, successors
+from shuttle_marl.exact.profile import block_chances, met, positions_of
+from shuttle_marl.exact.saddles import Saddle
 from shuttle_marl.exact.sweeps import Choices, after_block_choices, block_choices
 from shuttle_marl.game import load_game, model_folder
 from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS
@@ -50,7 +48,7 @@ FOLDS: Final = 4
 
 
 class Seen:
-    """A :class:`~shuttle_marl.exact.solver.Striker` who sees the position before the stroke, and strikes best.
+    """A :class:`~shuttle_marl.exact.fixed_point.Striker` who sees the position before the stroke, and strikes best.
 
     With Q(s, i, a) the value of a stroke against a position, the value of a state is min_i max_a Q(s, i, a), or the mean over
     positions of max_a Q(s, i, a). Both contract as the largest continuation does, so the bound of
@@ -62,7 +60,7 @@ class Seen:
     """
 
     def __init__(self, game: Game, positions: F64 | None = None) -> None:
-        self.game, self.contraction = game, largest_continuation_by_position(game)
+        self.game, self.contraction = game, largest_continuation(game)
         waiting = game.waiting
         # The i-th feasible position of each state; where there are fewer, the last one again.
         place = np.minimum(np.arange(waiting.choices.max())[:, None], waiting.choices - 1)

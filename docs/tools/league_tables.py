@@ -11,7 +11,7 @@ import pyarrow.csv
 from docs.tools.markdown import markdown
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.exact import evaluate
-from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.exact.odds import of_pair, over
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import report

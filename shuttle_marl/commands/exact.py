@@ -25,7 +25,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.regret import Hole
+    from shuttle_marl.exact.occupancy import Hole
     from shuttle_marl.game.rally.record import Rallies
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
@@ -73,7 +73,7 @@ def solve(
         chart: a chart of the solution.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_solution, over  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_solution, over  # noqa: PLC0415
     from shuttle_marl.exact.saddles import Saddle  # noqa: PLC0415
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
 
@@ -201,7 +201,7 @@ def best_response(
         save: write the response as a table, which is named table:FILE.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_pair, over  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_pair, over  # noqa: PLC0415
 
     _check_at_least(at_least)
     tables = model.load()
@@ -313,7 +313,7 @@ def crossplay(
         away: also play all pairs in the refits of the game, which takes nine times as long.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_all_pairs, over  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_all_pairs, over  # noqa: PLC0415
 
     _check_some(policies)
     tables = model.load()

@@ -12,7 +12,7 @@ from shuttle_marl.court.match import FRIEND, PERSON, CourtRally
 from shuttle_marl.court.plan import Plan
 from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.game.rally.record import Rallies, columns_of, stroke_dtype
-from shuttle_marl.policy import history
+from shuttle_marl.policy import baselines
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
 
@@ -68,7 +68,7 @@ class MatchLog:
         policies = self._policies.between(sides)
         players = tuple(
             Player(name=name)
-            if name in (PERSON, FRIEND) or side.policy == history.NAME
+            if name in (PERSON, FRIEND) or side.policy == baselines.REMEMBERING
             else Player(name=name, hash=policies.table(side, seat).hash)
             for seat, (name, side) in enumerate(zip(rally.names, sides, strict=True))
         )

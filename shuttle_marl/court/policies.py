@@ -14,7 +14,7 @@ from shuttle_marl.game.pairs import game_between
 from shuttle_marl.game.policy import Policy, TemperedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy import history
+from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 
 T = TypeVar("T")
@@ -71,7 +71,7 @@ class PolicyTables:
         Raises:
             PolicyError: the policy is unknown, may not be named by a page, or reads the score or the rally so far.
         """
-        if side.policy == history.NAME:
+        if side.policy == baselines.REMEMBERING:
             side = Side(policy="bc", temperature=side.temperature)
         game = self.game.seats[seat]  # the same for both, unless it is that of a pair
         return self._tables.get((side, game.hash), lambda: tabulate(self.policy(side, seat), game))

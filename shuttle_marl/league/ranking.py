@@ -23,7 +23,7 @@ from shuttle_marl.league.ratings import ELO, TAILS, exact_ratings, rank_interval
 from shuttle_marl.league.tournament import COUNTS, PairResult
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.away import Spread, Values
+    from shuttle_marl.exact.odds import Spread, Values
 
 _DECIMALS: Final = 6
 """Decimals of figures in files: coarser than the error bound, so that files are identical on all machines."""
@@ -96,7 +96,7 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
 def _figures(game: Game, entrants: Sequence[Entrant], rules: Rules) -> tuple[dict[str, F64], Callable[[Game], F64]]:
     """Figures of M entrants by name, and the function from a refit to ``[M, M]`` matches won there."""
     from shuttle_marl.exact import moved  # noqa: PLC0415  numba
-    from shuttle_marl.exact.known import best_odds, crossplay  # noqa: PLC0415  numba
+    from shuttle_marl.exact.odds import best_odds, crossplay  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
     tables = [entrant.table for entrant in entrants if entrant.table is not None]
@@ -123,7 +123,7 @@ def _figures_of_both_seats(
 ) -> tuple[dict[str, F64], Callable[[Game], F64]]:
     """The same in the game of a pair: means over both seats of each entrant."""
     from shuttle_marl.exact import moved  # noqa: PLC0415  numba
-    from shuttle_marl.exact.known import best_odds  # noqa: PLC0415  numba
+    from shuttle_marl.exact.odds import best_odds  # noqa: PLC0415  numba
 
     tables = [(e.table, e.opposite) for e in entrants if e.table is not None and e.opposite is not None]
     gains = [[odds.value for odds in best_odds([both[seat] for both in tables])] for seat in (0, 1)]
@@ -137,7 +137,7 @@ def _figures_of_both_seats(
 
 def _both_seats(tables: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]], rules: Rules, tolerance: float = TOLERANCE) -> F64:
     """``[N, N]`` probability that the row wins a match against the column, half of the time from each seat."""
-    from shuttle_marl.exact.known import crossplay  # noqa: PLC0415  numba
+    from shuttle_marl.exact.odds import crossplay  # noqa: PLC0415  numba
 
     win = crossplay([first for first, _ in tables], [second for _, second in tables], tolerance=tolerance).match(rules)
     return np.asarray((win + 1 - win.T) / 2)
@@ -150,7 +150,7 @@ def _away(n: int, at: Sequence[int], refits: Sequence[Game], match: Callable[[Ga
         at: indices of the M entrants with a table.
         match: ``[M, M]`` probability that the row wins a match against the column in a refit.
     """
-    from shuttle_marl.exact.away import over  # noqa: PLC0415  numba
+    from shuttle_marl.exact.odds import over  # noqa: PLC0415  numba
 
     def shares(refit: Game) -> "dict[str, Values]":
         win, share = match(refit), np.full(n, np.nan)

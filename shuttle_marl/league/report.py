@@ -20,7 +20,7 @@ from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.reports.html import Cell, Column, Table, interval, name, number, percent, table
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.regret import Holes
+    from shuttle_marl.exact.occupancy import Holes
 
 TITLES: Final[dict[Format, str]] = {"round-robin": "Round robin", "swiss": "Swiss tournament", "gauntlet": "Gauntlet"}
 _MOST_MISFITS: Final = 40

@@ -35,14 +35,13 @@ from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, r
 from shuttle_marl.league.report import TournamentReport
 from shuttle_marl.league.style import styles
 from shuttle_marl.league.tournament import MatchOptions, Pairing, PairResult, Tournament, stages
-from shuttle_marl.policy.foreign import time_limit
-from shuttle_marl.policy.sources import source_hashes
+from shuttle_marl.policy.foreign import source_hashes, time_limit
 from shuttle_marl.recording import LogHeader, Pair, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
 from shuttle_marl.recording.recover import resume as resume_log
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.regret import Holes
+    from shuttle_marl.exact.occupancy import Holes
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard", "matplotlib", "jinja2")
 """Packages whose versions can affect the files of a run."""
@@ -371,8 +370,8 @@ def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dic
     if not best or game.people is not None:
         return {}
     from shuttle_marl.exact import ExactError, solve  # noqa: PLC0415  numba
+    from shuttle_marl.exact.occupancy import holes  # noqa: PLC0415  numba
     from shuttle_marl.exact.optimal import limited  # noqa: PLC0415  numba
-    from shuttle_marl.exact.regret import holes  # noqa: PLC0415  numba
 
     losses = {}
     with contextlib.suppress(ExactError):  # play may never end, which was reported with the exact results

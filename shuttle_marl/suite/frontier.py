@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.exact import restricted_response
-from shuttle_marl.exact.known import best_odds, pair_odds, restricted_odds
+from shuttle_marl.exact.odds import best_odds, pair_odds, restricted_odds
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.suite.task import Arena
 

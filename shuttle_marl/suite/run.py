@@ -14,7 +14,7 @@ from rich.progress import Progress, TimeElapsedColumn
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import check_processes, in_processes, open_cluster
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.policy.sources import source_hashes
+from shuttle_marl.policy.foreign import source_hashes
 from shuttle_marl.suite import store
 from shuttle_marl.suite.method import baseline_of, find
 from shuttle_marl.suite.options import SuiteError, SuiteRun

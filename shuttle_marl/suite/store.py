@@ -19,7 +19,7 @@ import msgspec
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import MAX_JSON, FileReadError, Sha256, StoredCount, T, read_json, replace_file, replace_sealed
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy.stored import StoredPolicies, policy_file
+from shuttle_marl.policy.computed import StoredPolicies, policy_file
 from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
 from shuttle_marl.suite.task import Case, Outcome
 

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds, normalised_score
+from shuttle_marl.exact.odds import best_odds, pair_odds
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import InducedChain, evaluate, evaluate_chains, induced
 from shuttle_marl.game.tables import Game

@@ -8,10 +8,9 @@ from experiments.truth.recovery import Judged, aims, by_discipline
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import MOVEMENT
 from shuttle_marl.exact import solve
-from shuttle_marl.exact.fixed_point import TOLERANCE
+from shuttle_marl.exact.fixed_point import TOLERANCE, solve_players
 from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.exact.saddles import Saddle
-from shuttle_marl.exact.solver import solve_players
 from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game

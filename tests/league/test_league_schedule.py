@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs
 from shuttle_marl.training.league.psro import meta_strategy

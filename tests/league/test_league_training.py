@@ -24,7 +24,7 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant

@@ -22,7 +22,7 @@ from shuttle_marl.reports import charts
 from shuttle_marl.reports.html import Cell, Column, Table, interval, name, number, percent, render, table
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.regret import Hole, Holes
+    from shuttle_marl.exact.occupancy import Hole, Holes
 
 _MOST_RADARS: Final = 40
 

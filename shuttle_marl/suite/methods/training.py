@@ -10,7 +10,7 @@ from typing import Any, Final
 from shuttle_marl.base import runs
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.policy.mixtures import deterministic
+from shuttle_marl.policy.computed import deterministic
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.options import SuiteError
 

@@ -12,7 +12,7 @@ from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.files import Sha256, StoredCount
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
-from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.policy.computed import StoredPolicies
 
 TABLES: Final = "tables"
 """Folder of the tables in the folder of a run."""

@@ -17,7 +17,7 @@ from shuttle_marl import exact
 from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.exact.meta_games import alpha_rank, nash
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.policy.mixtures import mixture
+from shuttle_marl.policy.computed import mixture
 from shuttle_marl.training.league.config import MetaSolver
 from shuttle_marl.training.league.population import TOLERANCE
 

@@ -27,8 +27,8 @@ from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy.computed import StoredPolicies, policy_file
 from shuttle_marl.policy.network import PolicyNetwork
-from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.recording import Player
 from shuttle_marl.training.checkpoints import read_state, write_state
 from shuttle_marl.training.config import CONFIGS, SELF, TrainingConfig
