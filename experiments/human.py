@@ -30,7 +30,7 @@ from shuttle_marl.data import Outcome, Split, read_matches
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
-from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.exact.odds import of_pair, over
 from shuttle_marl.game import load_game
 from shuttle_marl.game.policy import from_pair_probabilities
 from shuttle_marl.game.shipped import model_folder, refits_of

@@ -27,8 +27,7 @@ from experiments.saving import Study, finish, iqm, mean_and_deviation, ship
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.exact.away import Values, of_pair, over
-from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.odds import Values, best_odds, of_pair, over, pair_odds
 from shuttle_marl.game import load_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import refits_of

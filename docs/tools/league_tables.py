@@ -7,7 +7,7 @@ from typing import Final
 
 from docs.tools.markdown import ROOT, markdown
 from shuttle_marl.exact import evaluate
-from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.exact.odds import of_pair, over
 from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.league import LeagueConfig, page

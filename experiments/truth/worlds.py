@@ -35,8 +35,8 @@ from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.shipped import CARD, NETWORKS, PROFILES, load_game, model_folder, variant_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy import baselines, history
-from shuttle_marl.policy.history import HistoryPolicy
+from shuttle_marl.policy import baselines
+from shuttle_marl.policy.baselines import HistoryPolicy
 
 _FILES: Final = ("history", "hurry", "recovery", "between", "game")
 """Parts of a cached fit; the game is written last."""
@@ -103,7 +103,7 @@ def shipped_world(model: str, discipline: int | None = None) -> World:
                 hurry=load_hurry(folder),
                 recovery=load_recovery(folder),
                 models=FittedModels.load(folder),
-                history=history.load(game) if history.known_for(game) else None,
+                history=baselines.load_remembering(game) if baselines.remembers(game) else None,
             )
         )
     return dataclasses.replace(worlds[1], between=worlds[0])

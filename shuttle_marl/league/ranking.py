@@ -25,7 +25,7 @@ from shuttle_marl.league.entrants import Entrant
 from shuttle_marl.league.tournament import COUNTS, PairResult
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.away import Spread, Values
+    from shuttle_marl.exact.odds import Spread, Values
 
 ELO: Final = 400 / np.log(10)
 """Elo points for a unit of theta: 400 points are odds of ten to one."""
@@ -289,7 +289,7 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
         refits: two or more refits of the game, in which the pairs are solved too; empty: skipped.
     """
     from shuttle_marl.exact import ExactError, moved  # noqa: PLC0415  numba
-    from shuttle_marl.exact.known import best_odds, crossplay, pair_odds  # noqa: PLC0415  numba
+    from shuttle_marl.exact.odds import best_odds, crossplay, pair_odds  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
     names = [entrant.name for entrant in entrants]
@@ -333,7 +333,7 @@ def _away(n: int, at: Sequence[int], refits: Sequence[Game], match: Callable[[Ga
         at: indices of the M entrants with a table.
         match: ``[M, M]`` probability that the row wins a match against the column in a refit.
     """
-    from shuttle_marl.exact.away import over  # noqa: PLC0415  numba
+    from shuttle_marl.exact.odds import over  # noqa: PLC0415  numba
 
     def shares(refit: Game) -> "dict[str, Values]":
         win, share = match(refit), np.full(n, np.nan)

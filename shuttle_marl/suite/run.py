@@ -15,7 +15,7 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import check_processes, in_processes
 from shuttle_marl.base.errors import ShuttleError, command
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.policy.sources import source_hashes
+from shuttle_marl.policy.foreign import source_hashes
 from shuttle_marl.suite import results
 from shuttle_marl.suite.method import baseline_of, find, kind_of
 from shuttle_marl.suite.options import SuiteError, SuiteRun

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from shuttle_marl.exact.away import Spread
+from shuttle_marl.exact.odds import Spread
 from shuttle_marl.game import load_game
 from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games, stability
 from shuttle_marl.league.entrants import enter
