@@ -108,12 +108,16 @@ class _Page(pytest.File):
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give all processes of this session one cache of computed values, of their own, and one folder for other libraries' logs."""
+    """Give all processes of this session one folder of their own: for caches, other libraries' logs, and what tests share."""
     if "PYTEST_XDIST_WORKER" in os.environ:
         return  # inherited
     folder = tempfile.TemporaryDirectory(prefix="session-", ignore_cleanup_errors=True)
     config.add_cleanup(folder.cleanup)
-    os.environ |= {"XDG_CACHE_HOME": f"{folder.name}/cache", "SB3_LOGDIR": f"{folder.name}/sb3"}
+    os.environ |= {
+        "SESSION_FOLDER": folder.name,
+        "XDG_CACHE_HOME": f"{folder.name}/cache",
+        "SB3_LOGDIR": f"{folder.name}/sb3",
+    }
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -7,8 +7,7 @@ from typing import Annotated, Final
 import tyro
 
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import RallyGameOptions, hands_told
-from shuttle_marl.commands.reports import ReportOptions
+from shuttle_marl.commands.options import RallyGameOptions, ReportOptions, hands_told
 from shuttle_marl.reports.languages import speaking
 
 _MODEL: Final = RallyGameOptions()

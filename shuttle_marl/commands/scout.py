@@ -8,8 +8,7 @@ import tyro
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import hands_told
-from shuttle_marl.commands.reports import ReportOptions
+from shuttle_marl.commands.options import ReportOptions, hands_told
 from shuttle_marl.reports.languages import speaking
 
 _OUTPUT: Final = ReportOptions()

@@ -14,12 +14,13 @@ import pyarrow as pa
 from shuttle_marl.base.arrays import F64, I64, Bools, Floats
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import schema
-from shuttle_marl.data.schema import REASONS, Outcome, outcome_of
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks, looks_of
 from shuttle_marl.game.policy import SUM_TOLERANCE, Policy, TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.rally import Rallies
+from shuttle_marl.game.rules import FAULT
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
 
@@ -37,10 +38,8 @@ BREAK: Final = 23.0
 INTERVAL: Final = 120.0
 """Time between two games [s]."""
 
-_BASE: Final = np.array([0.0, -3.7])
-"""Mean base position of a player between strokes, in the own frame [m]."""
-_BASE_SPREAD: Final = 0.35
-"""Standard deviation of the base position [m]."""
+_BASE, _BASE_SPREAD = np.array([0.0, -3.7]), 0.35
+"""Mean and standard deviation of the base position of a player between strokes, in the own frame [m]."""
 _RECOVERY: Final = 1.5
 """Speed of recovery to the base position [m/s]."""
 _NEAR_NET: Final = 0.3
@@ -50,14 +49,14 @@ _OUT, _NET, _SHORT, _LANDED = (REASONS.index(name) for name in ("out", "net", "s
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatedStrokes:
-    """n strokes of simulated rallies, in playing order, without coordinates and times.
+    """n strokes of simulated rallies, in playing order, without coordinates and times; all fields are ``[n]``.
 
     Attributes:
-        shot, area: ``[n]`` shot type, and target area as the receiver sees it.
-        outcome: ``[n]`` index into ``schema.OUTCOMES``.
-        stroke: ``[n]`` number of the stroke in its rally; the strokes of a rally are consecutive.
-        new_game: ``[n]`` whether the stroke is the first of a game.
-        right: ``[n]`` whether the server of the rally serves from the right service court (an even score).
+        area: target as the receiver sees it.
+        outcome: index into ``schema.OUTCOMES``.
+        stroke: number of the stroke in its rally; the strokes of a rally are consecutive.
+        new_game: whether the stroke is the first of a game.
+        right: whether the server of the rally serves from the right service court (an even score).
     """
 
     shot: I64
@@ -203,7 +202,7 @@ def stroke_table(
     row, position, seat = rallies.row_of_stroke, rallies.position, rallies.striker
     stroke = rallies.stroke.astype(np.int64)
     outcome = np.full(len(stroke), Outcome.RETURNED)
-    outcome[rallies.first_stroke[1:] - 1] = outcome_of(rallies.reason)
+    outcome[rallies.first_stroke[1:] - 1] = np.where(rallies.reason == FAULT, Outcome.FAULT, Outcome.WINNER)
     number = np.arange(len(rallies))
     points = rallies.score[:, :2].astype(np.int64)
     game = rallies.score[:, 2:].sum(axis=1, dtype=np.int64)
@@ -307,9 +306,6 @@ def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: 
     """The rallies of :func:`simulate`, as a log has them.
 
     Match m of a pair has the draws that a league with ``matches_per_draw=1`` would give it.
-
-    Raises:
-        SimulationError, PolicyError: see :func:`simulate`.
     """
     from shuttle_marl.kernel.matches import Matches, asking, play, play_matches  # noqa: PLC0415  numba is slow to import
 

@@ -7,7 +7,7 @@ validation matches.
 (shot type, area, technique), by the number of the stroke, and by the score, which add up. The strokes one and two before are
 inputs of the average player's networks, whose out-of-fold predictions are shifted. Small networks over all four strokes predict
 unseen matches no better.
-:mod:`shuttle_marl.policy.history` plays with the shifts.
+:mod:`shuttle_marl.policy.baselines` plays with the shifts.
 """
 
 import dataclasses
@@ -187,8 +187,8 @@ def fit_history(
         folds: folds of the training matches left out by members of the networks.
 
     Returns:
-        Arrays of :class:`shuttle_marl.policy.history.HistoryPolicy`; and for ``choice`` and ``target`` the mean ``cross_entropy``
-        on the validation matches and that ``of_average``, in nats.
+        Arrays of :class:`shuttle_marl.policy.baselines.HistoryPolicy`; and for ``choice`` and ``target`` the mean
+        ``cross_entropy`` on the validation matches and that ``of_average``, in nats.
     """
     parts, scores = [], dict[str, dict[str, float]]()
     for name in ("choice", "target"):

@@ -254,18 +254,6 @@ def _known_targets(rows: Rows) -> F64:
     return soft
 
 
-def unseen_predictions(models: FittedModels, train: Rows, folds: int) -> dict[str, Predicted]:
-    """Predictions of returns, contacts and hurried receivers as in :attr:`Fit.predicted`, from the models of an earlier fit.
-
-    Args:
-        train: strokes of that fit.
-        folds: its number of folds of matches.
-    """
-    parts = judged(train)
-    logits = _unseen_logits(models.m_ret.network, models.m_contact.network, models.m_ret.ridge, parts, folds)
-    return _predicted(parts, logits, models.calibration)
-
-
 def _unseen_logits(
     returns: Ensemble, contacts: Ensemble, ridge: Ridge, parts: dict[str, tuple[Rows, Bools]], folds: int
 ) -> dict[str, F64]:

@@ -12,8 +12,8 @@ import torch
 
 from shuttle_marl.base.arrays import F64, I16, I64, Ints
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import content_hash, replace_file
-from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
+from shuttle_marl.base.files import content_hash, parsed, replace_file
+from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.models import HURRIED, RIDGE_COLUMNS, SPECS, Ridge, log_odds, mean_probabilities
 from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc

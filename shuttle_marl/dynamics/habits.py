@@ -21,8 +21,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.base.arrays import F32, F64, I16, I64, Bools, Ints
-from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
+from shuttle_marl.base.files import parsed, replace_file
+from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data.schema import DISCIPLINES, Outcome
 from shuttle_marl.dynamics.features import mirrored_where, rows_from_strokes
 from shuttle_marl.game.court import AREAS, HANDS, N_AREAS, N_SIDES

@@ -31,8 +31,8 @@ import pyarrow as pa
 from shuttle_marl.base.arrays import F64, I8, I32, Bools
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.tensor_files import Tensors, checked, parsed, tensor_bytes
+from shuttle_marl.base.files import parsed, replace_file
+from shuttle_marl.base.tensor_files import Tensors, checked, tensor_bytes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.boosting import PARAMETERS, check_nodes, lightgbm, stored_trees
 from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes

@@ -20,7 +20,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.data import read_matches
-from shuttle_marl.data.copies import copies
+from shuttle_marl.data.matches import copies
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.dynamics.card import strokes_hash, write_card
 from shuttle_marl.dynamics.choices import fit_history, load_history

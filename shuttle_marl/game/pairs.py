@@ -19,7 +19,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, U16, Ints
-from shuttle_marl.base.tensor_files import checked, parsed
+from shuttle_marl.base.files import parsed
+from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.court import HANDS, Hands
 from shuttle_marl.game.draws import odds_of_steps
 from shuttle_marl.game.layout import GameError

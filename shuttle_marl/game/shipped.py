@@ -22,8 +22,8 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I8, I32, U64, Bools, Intp
 from shuttle_marl.base.errors import ShuttleError, command
-from shuttle_marl.base.files import FileReadError, hash_in, read_sealed
-from shuttle_marl.base.tensor_files import Tensors, checked, packed_bytes, parsed, read_tensors, tensor_bytes, unpacked_bytes
+from shuttle_marl.base.files import FileReadError, hash_in, parsed, read_sealed
+from shuttle_marl.base.tensor_files import Tensors, checked, packed_bytes, read_tensors, tensor_bytes, unpacked_bytes
 from shuttle_marl.game.draws import HURRY_ONE, ONE, moved_share, odds_of_steps
 from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.recovery import N_POSITIONS, Recovery

@@ -26,8 +26,8 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import content_hash, replace_file
-from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
+from shuttle_marl.base.files import content_hash, parsed, replace_file
+from shuttle_marl.base.tensor_files import checked, read_tensors, tensor_bytes
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import HURRY_ONE, ONE, with_fault_odds
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, GameError, Indices, Layout, layout

@@ -7,14 +7,13 @@ the format.
 
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
-from shuttle_marl.recording.reader import Derived, RallyLog, export
+from shuttle_marl.recording.log_file import recover
+from shuttle_marl.recording.reader import RallyLog, derived, export
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder, RecordRallies
-from shuttle_marl.recording.recover import recover
 from shuttle_marl.recording.replay import Replay, replay
 
 __all__ = [
     "SINGLE_RALLY",
-    "Derived",
     "LogHeader",
     "Pair",
     "Player",
@@ -26,6 +25,7 @@ __all__ = [
     "RecordingError",
     "Replay",
     "Sampling",
+    "derived",
     "export",
     "recover",
     "replay",

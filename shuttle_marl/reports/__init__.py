@@ -8,7 +8,7 @@ pages. See ``docs/analysis.md`` and ``docs/coach.md``. Names are imported when f
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.reports.coach import CoachReport, report, scouting_report

@@ -123,13 +123,12 @@ class Chart:
 
     Args:
         width, height: size [px].
-        projection: of its axes: None for Cartesian coordinates, or ``polar``.
     """
 
-    def __init__(self, width: float, height: float, projection: str | None = None) -> None:
+    def __init__(self, width: float, height: float) -> None:
         self._tooltips: dict[str, Sequence[str]] = {}
         self.figure = figure(width / 72, height / 72)
-        self.axes: Any = self.figure.add_subplot(projection=projection)
+        self.axes: Any = self.figure.add_subplot()
 
     def tooltips(self, *texts: str) -> str:
         """Identifier (``gid``) for an artist whose elements have these tooltips, in the order in which they are drawn."""
@@ -369,28 +368,6 @@ def curves(
         chart.axes.yaxis.set_major_formatter("{x:g}")
     chart.figure.legend(loc="outside lower center", ncols=4)
     return chart.svg(f"{up} against {across}")
-
-
-@_styled()
-def radars(axes: Sequence[str], values: Mapping[str, Sequence[float]], reference: Sequence[float]) -> dict[str, Markup]:
-    """Figures from 0 (the centre) to 1 (the rim) by name, and those of a reference as a dashed line."""
-    chart = Chart(300.0, 230.0, projection="polar")
-    angles = 2 * math.pi * np.arange(len(axes)) / len(axes)
-    chart.axes.fill(angles, reference, facecolor="none", edgecolor=_DIM, linestyle=(0, (3, 3)))
-    shapes = [
-        *chart.axes.fill(angles, reference, facecolor=_ACCENT, alpha=0.25),
-        *chart.axes.fill(angles, reference, facecolor="none", edgecolor=_ACCENT, linewidth=1.6),
-    ]
-    chart.axes.set(theta_zero_location="N", theta_direction=-1, rlim=(0, 1))
-    chart.axes.set_thetagrids(np.degrees(angles), [label(name) for name in axes])
-    chart.axes.set_rgrids([0.5, 1.0], ["", ""])
-    drawn = {}
-    for name, figures in values.items():
-        for shape in shapes:
-            shape.set_xy(np.column_stack([angles, figures]))
-        drawn[name] = chart.svg("Mix of strokes")
-        chart.figure.set_layout_engine("none")  # that of the first one is kept, because all have the same text
-    return drawn
 
 
 def _words() -> "Words":

@@ -21,7 +21,7 @@ from shuttle_marl.data.simulated import (
     simulated_rallies,
     stroke_table,
 )
-from shuttle_marl.data.table import load_account, read_matches, write_parquet
+from shuttle_marl.data.table import load_counted, read_matches, write_parquet
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.policy import from_pair_probabilities
@@ -67,7 +67,7 @@ def test_it_is_a_sound_stroke_table(tmp_path, small: Game, players: dict[str, np
     assert account.area_agreement is None
     write_parquet(strokes, tmp_path / "s.parquet", account=account, provenance={})
     assert read_matches(tmp_path / "s.parquet").equals(strokes)
-    assert load_account(tmp_path / "s.parquet") == account
+    assert load_counted(tmp_path / "s.parquet")[1] == account
 
 
 def test_the_seed_decides_everything(small: Game, players: dict[str, np.ndarray]) -> None:

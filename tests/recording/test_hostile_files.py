@@ -20,9 +20,8 @@ from mcap.records import Chunk
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands import analysis, recording
 from shuttle_marl.recording import LogHeader, Player, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.chunks import FRAME, message_of_chunk
 from shuttle_marl.recording.header import DamagedLogError
-from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.log_file import FRAME, message_of_chunk, unfinished
 from shuttle_marl.recording.replay import check
 from tests.recording.conftest import chunks_of, read_all, read_rallies
 from tests.recording.mutate import Mutator

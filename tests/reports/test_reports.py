@@ -13,8 +13,8 @@ import pytest
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import read_parquet, write_parquet
+from shuttle_marl.commands.options import ReportOptions
 from shuttle_marl.commands.report import main as report_command
-from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.court import WatchError, clips
@@ -458,7 +458,7 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
 def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CHROMIUM", "false")
     with pytest.raises(WatchError, match=r"/false cannot print the report \(.*\); open .*page.html in another browser"):
-        write_report(b"<p>report</p>", tmp_path / "page.html", tmp_path / "page.pdf")
+        ReportOptions(pdf=tmp_path / "page.pdf", out=tmp_path / "page.html").write({}, lambda: b"<p>report</p>", "")
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
