@@ -111,7 +111,7 @@ def test_only_the_named_strokes_are_missing(names: tuple[str, ...]) -> None:
 def test_what_cannot_be_removed() -> None:
     with pytest.raises(GameError, match="no stroke 'nets'; shot types are: short-serve"):
         GAME.without("nets")
-    with pytest.raises(GameError, match=r"no legal reply to clear:\S+ from contact 1"):
+    with pytest.raises(GameError, match=r"no legal reply to clear:\S+ from contact 0"):
         GAME.without("drop")
     serves = {shot for shot in SHOT_OF.tolist() if shot.endswith("serve")}
     with pytest.raises(GameError, match="no legal reply to the start of a rally from contact 0"):
