@@ -32,9 +32,8 @@ from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.upstream import Split, matches_of
 from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
-from shuttle_marl.dynamics.features import Rows, rows_from_strokes
+from shuttle_marl.dynamics.features import Hurry, Rows, load_hurry, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.hurried import Hurry, load_hurry
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.court import N_AREAS, mirrored
 from shuttle_marl.game.stroke import N_SHOTS

@@ -23,11 +23,9 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import read_matches
-from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.dynamics.features import Rows, load_hurry
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.hurried import load_hurry
-from shuttle_marl.dynamics.models import softmax
-from shuttle_marl.dynamics.network import EnsembleConfig, unseen
+from shuttle_marl.dynamics.models import EnsembleConfig, softmax, unseen
 from shuttle_marl.dynamics.recovery import load_recovery
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.fixed_point import TOLERANCE

@@ -30,8 +30,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import PlayerValue, add_values, charts, rank_players, strokes_of
-from shuttle_marl.reports.charts import COLOURS, INK
-from shuttle_marl.reports.players import LEAST_MATCHES, LEAST_STROKES
+from shuttle_marl.reports.charts import INK
+from shuttle_marl.reports.value import LEAST_MATCHES, LEAST_STROKES
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
 _GROUPS: Final = {"MS": "men's singles", "WS": "women's singles"}
@@ -103,8 +103,8 @@ def draw_ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any
     for axes, (group, players) in zip(panels, groups.items(), strict=True):
         y = -np.arange(len(players), dtype=np.float64)
         for offset, colour, label, columns in (
-            (0.12, COLOURS[0], "value added", ("value", "low", "high")),
-            (-0.14, COLOURS[1], "of it, by decisions", ("decision", "decision_low", "decision_high")),
+            (0.12, "#127257", "value added", ("value", "low", "high")),
+            (-0.14, "#d95f02", "of it, by decisions", ("decision", "decision_low", "decision_high")),
         ):
             mean, low, high = (100 * np.array([getattr(p, name) for p in players]) for name in columns)
             axes.hlines(y + offset, low, high, color=colour, alpha=0.5, linewidth=2)

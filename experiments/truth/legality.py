@@ -7,9 +7,9 @@ import numpy as np
 from experiments.truth.decisions import Promises
 from experiments.truth.matches import Strokes, ratio_by_match
 from shuttle_marl.base.arrays import Bools
-from shuttle_marl.dynamics.features import strokes_before
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game
+from shuttle_marl.reports.value import strokes_before
 
 _DROP: Final = SHOTS.index("drop")
 

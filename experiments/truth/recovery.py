@@ -21,8 +21,7 @@ from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import DISCIPLINES, MOVEMENT, Rows
 from shuttle_marl.dynamics.fit import unseen_predictions
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.models import log_odds, sigmoid, was_good, was_met, was_timed
-from shuttle_marl.dynamics.network import EnsembleConfig
+from shuttle_marl.dynamics.models import EnsembleConfig, log_odds, sigmoid, was_good, was_met, was_timed
 from shuttle_marl.dynamics.recovery import GROUPS, FittedRecovery, fit_recovery, people_at, placed
 from shuttle_marl.game.court import FOREHAND, N_AREAS, N_SIDES, mirrored
 from shuttle_marl.game.recovery import EFFECTS, STEP
