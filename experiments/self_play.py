@@ -23,7 +23,7 @@ from shuttle_marl.game import load_game
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.config import SelfPlayVariant
-from shuttle_marl.training.study import train_all
+from shuttle_marl.training.run import train_all
 
 STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
 """Budgets: about 15 s, 1 min and 3 min on one core, including evaluations."""

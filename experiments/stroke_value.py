@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 
 from docs.tools.results import show
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.exact.away import Values, over
+from shuttle_marl.exact.odds import Values, over
 from shuttle_marl.exact.profile import moved
 from shuttle_marl.game import load_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate

@@ -32,7 +32,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.study import train_all
+from shuttle_marl.training.run import train_all
 
 OPPONENT: Final = "bc"
 STYLES: Final[dict[str, PPOConfig]] = {

@@ -27,8 +27,7 @@ from experiments.saving import Study, finish, iqm, mean_and_deviation, ship
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.exact.away import Values, of_pair, over
-from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.odds import Values, best_odds, of_pair, over, pair_odds
 from shuttle_marl.game import load_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import refits_of
@@ -38,7 +37,7 @@ from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig
-from shuttle_marl.training.study import train_all
+from shuttle_marl.training.run import train_all
 
 AGENTS: Final[dict[str, TrainingConfig]] = {
     "a2c": A2CConfig(),

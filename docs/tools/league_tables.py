@@ -7,10 +7,10 @@ from typing import Final
 
 from docs.tools.markdown import ROOT, markdown
 from shuttle_marl.exact import evaluate
-from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.exact.odds import of_pair, over
 from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import load_game, refits_of
-from shuttle_marl.league import LeagueConfig, report
+from shuttle_marl.league import LeagueConfig, page
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.policy.registry import resolve
 
@@ -29,7 +29,7 @@ def ranking(standings: list[Standing]) -> str:
     config, players = LeagueConfig(), len(standings)
     game = load_game(config.game).hash[:12]
     played = f"{players} players, {config.matches:,} matches a pair, seed {config.seed}, game `{game}`."
-    shown = report.ranking(standings)
+    shown = page.ranking(standings)
     headings = tuple(column.heading for column in shown.columns)
     rows = [tuple(cell.text for cell in row) for row in shown.rows]
     return f"{markdown(headings, rows, left=('player',))}\n\n{played}"

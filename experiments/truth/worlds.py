@@ -23,20 +23,21 @@ from experiments.truth.matches import Strokes, folds_of, report
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.files import replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
+from shuttle_marl.dynamics.boosting import fit_hurry
 from shuttle_marl.dynamics.choices import Arrays, fit_history
 from shuttle_marl.dynamics.compiled import load_support, pair_log_choices
+from shuttle_marl.dynamics.features import Hurry, load_hurry
 from shuttle_marl.dynamics.fit import Fit, fit
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
-from shuttle_marl.dynamics.network import QUICK
+from shuttle_marl.dynamics.models import QUICK
 from shuttle_marl.dynamics.recovery import FittedRecovery, fit_recovery, load_recovery
 from shuttle_marl.exact import best_response, evaluate, solve, visits
 from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.shipped import CARD, NETWORKS, PROFILES, load_game, model_folder, variant_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy import baselines, history
-from shuttle_marl.policy.history import HistoryPolicy
+from shuttle_marl.policy import baselines
+from shuttle_marl.policy.baselines import HistoryPolicy
 
 _FILES: Final = ("history", "hurry", "recovery", "between", "game")
 """Parts of a cached fit; the game is written last."""
@@ -103,7 +104,7 @@ def shipped_world(model: str, discipline: int | None = None) -> World:
                 hurry=load_hurry(folder),
                 recovery=load_recovery(folder),
                 models=FittedModels.load(folder),
-                history=history.load(game) if history.known_for(game) else None,
+                history=baselines.load_remembering(game) if baselines.remembers(game) else None,
             )
         )
     return dataclasses.replace(worlds[1], between=worlds[0])

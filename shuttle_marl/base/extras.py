@@ -1,10 +1,15 @@
-"""Installation hints for extras, in a clone of the repository or for an installed package."""
+"""Installation hints for extras, in a clone of the repository or for an installed package, and imports on first use."""
 
+import ast
 import contextlib
+import pkgutil
 import shlex
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import lazy_loader
 
 _EXTRAS: Final = {
     "av": "video",
@@ -19,7 +24,6 @@ _EXTRAS: Final = {
     "torch": "train",
     "torchrl": "train",
 }
-"""Extra of the package by optional library."""
 _APART: Final = ("ray",)
 """Extras that `make install` omits."""
 
@@ -53,3 +57,17 @@ def hinted() -> Iterator[None]:
         if (hint := lacking(error)) is None or str(error) == hint:
             raise
         raise ModuleNotFoundError(hint, name=error.name) from error
+
+
+def lazily(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """``__getattr__`` and ``__dir__`` of a package, for the names that its ``__init__.py`` imports under ``if TYPE_CHECKING``.
+
+    Args:
+        package: its ``__name__``.
+    """
+    names: dict[str, list[str]] = defaultdict(list)
+    for node in ast.walk(ast.parse(pkgutil.get_data(package, "__init__.py") or b"")):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{package}."):
+            names[str(node.module).removeprefix(f"{package}.")] += [alias.name for alias in node.names]
+    load, listed, _ = lazy_loader.attach(package, submod_attrs=names)
+    return load, listed

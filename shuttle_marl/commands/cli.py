@@ -26,7 +26,7 @@ from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.away import Spread
+    from shuttle_marl.exact.odds import Spread
     from shuttle_marl.game.tables import Game
 
 Command = Callable[..., object]

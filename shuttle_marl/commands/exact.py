@@ -25,8 +25,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.away import Spread, Values
-    from shuttle_marl.exact.regret import Hole
+    from shuttle_marl.exact.occupancy import Hole
+    from shuttle_marl.exact.odds import Spread, Values
     from shuttle_marl.game.rally import Rallies
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
@@ -71,7 +71,7 @@ def solve(
         chart: a chart of the solution.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_solution  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_solution  # noqa: PLC0415
     from shuttle_marl.exact.saddles import Saddle  # noqa: PLC0415
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
 
@@ -190,7 +190,7 @@ def best_response(
         save: write the response as a table, which is named table:FILE.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_pair  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_pair  # noqa: PLC0415
 
     tables = model.load()
     least = _least(tables, at_least)
@@ -294,7 +294,7 @@ def crossplay(
         away: also play all pairs in the refits of the game, which takes nine times as long.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_all_pairs  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_all_pairs  # noqa: PLC0415
 
     _check_some(policies)
     tables = model.load()
@@ -390,7 +390,7 @@ def _in_refits(
     game: Game, asked: bool, figures: "Callable[[Game], Mapping[str, Values]]", *, at_once: int | None = None
 ) -> "tuple[Sequence[Game], dict[str, Spread] | None]":
     """The refits of a game, and figures in them; none unless asked for."""
-    from shuttle_marl.exact.away import over  # noqa: PLC0415
+    from shuttle_marl.exact.odds import over  # noqa: PLC0415
 
     refits = refits_of(game) if asked else ()
     with cli.working("playing the refits"):

@@ -10,8 +10,7 @@ import tyro
 
 from shuttle_marl import league
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.interrupts import interrupts_held
-from shuttle_marl.base.runs import RALLIES
+from shuttle_marl.base.runs import RALLIES, interrupts_held
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.game.shipped import Profile
@@ -21,7 +20,7 @@ from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     """Play a round robin and print the ranked table."""
-    from shuttle_marl.league.report import console_table  # noqa: PLC0415  keeps --help quick
+    from shuttle_marl.league.page import console_table  # noqa: PLC0415  keeps --help quick
 
     run = league.run_league(config, cli.console(stderr=True))
     cli.console().print(console_table(run.standings, config.format))
@@ -56,7 +55,7 @@ def report(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], *, out: Path
         runs: their folders.
         out: the HTML file.
     """
-    from shuttle_marl.league.page.tournament import compare  # noqa: PLC0415  scipy
+    from shuttle_marl.league.page import compare  # noqa: PLC0415  scipy
 
     replace_file(out, compare(runs))
     cli.say(f"report: {out}")
@@ -94,9 +93,9 @@ def pairs(
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
     strokes = None if data is None else read_matches(data)
     names = players_of(pairs, game, players)
-    numbers = range(len(names) * (len(names) - 1) // 2)
-    progress = iter(track(numbers, "pairs", console=cli.console(stderr=True), transient=True))
-    predictions = predict_pairs(names, game=game, date=date, policy=policy, progress=lambda: next(progress))
+    found = predict_pairs(names, game=game, date=date, policy=policy)
+    number = len(names) * (len(names) - 1) // 2
+    predictions = list(track(found, "pairs", number, console=cli.console(stderr=True), transient=True))
     if strokes is not None:
         predictions = with_results(predictions, strokes)
     rows = ranked(names, predictions, game, date)

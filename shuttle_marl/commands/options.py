@@ -6,13 +6,13 @@ import itertools
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
+import msgspec
 import tyro
 
-from shuttle_marl.base.bounds import Seed, Within, check_bounds
 from shuttle_marl.base.errors import OptionError, printable
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import Seed, check_bounds, replace_file
 from shuttle_marl.commands.cli import console, print_json, say
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
@@ -28,7 +28,6 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
 HandsTold = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="hand", metavar="NAME=HAND")]
-_MOST_MATCHES: Final = 10_000_000
 
 
 @contextlib.contextmanager
@@ -125,7 +124,7 @@ class Appearance:
 class SampleOptions:
     """Matches of policies that read the score."""
 
-    matches: Annotated[int, Within(low=1, high=_MOST_MATCHES, text=f"a number from 1 to {_MOST_MATCHES:,}")] = 400
+    matches: Annotated[int, msgspec.Meta(ge=1, le=10_000_000)] = 400
     """Number of matches played for a policy that is sampled."""
     seed: Seed = 0
     """Random seed of these matches."""

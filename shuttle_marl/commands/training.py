@@ -10,8 +10,7 @@ import tyro
 from rich.console import Console
 
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.interrupts import interrupts_held
-from shuttle_marl.base.runs import PAGE, RALLIES
+from shuttle_marl.base.runs import PAGE, RALLIES, interrupts_held
 from shuttle_marl.commands.cli import Command, entry_point, named, say, tell, watching, words
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
@@ -35,7 +34,7 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
     against = "bc" if config.self_play else " and ".join(config.opponent)
     say(
         f"against {against}: wins {figures.rally_win:.2%} of rallies and {figures.match_win:.2%} of matches (exact), "
-        f"{figures.score_text}, {figures.exploitability_text}",
+        f"{figures.text}",
         f"agent: {done.folder}/agent, played as agent:{done.folder}/agent",
         f"report: {_report(done.folder, [done.folder])}",
     )
@@ -45,7 +44,7 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
 
 def _report(folder: Path, runs: Sequence[Path]) -> Path:
     """Write the page of training runs to a folder, and return its path."""
-    from shuttle_marl.league.page.tournament import compare  # noqa: PLC0415  scipy
+    from shuttle_marl.league.page import compare  # noqa: PLC0415  scipy
 
     path = folder / PAGE
     replace_file(path, compare(runs))

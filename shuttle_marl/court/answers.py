@@ -35,7 +35,7 @@ from shuttle_marl.game.pairs import game_of_people, looks_of
 from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy import history, registry
+from shuttle_marl.policy import baselines, registry
 from shuttle_marl.reports.rally import Players, decision, match_win_after
 from shuttle_marl.reports.rating import MARKS, Rating
 
@@ -301,7 +301,11 @@ class Answers:
             states, strokes = found.setdefault(policies, ([], []))
             states += rally.states(policies.game)[mine].tolist()
             strokes += rally.stroke[mine].tolist()
-        players = [n for n in registry.names(self._game.seats[seat]) if n.partition(":")[0] == ELITE.policy and n != history.NAME]
+        players = [
+            n
+            for n in registry.names(self._game.seats[seat])
+            if n.partition(":")[0] == ELITE.policy and n != baselines.REMEMBERING
+        ]
         log_likelihood = np.zeros(len(players))
         for policies, (states, strokes) in found.items():
             if not strokes:

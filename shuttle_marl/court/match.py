@@ -28,7 +28,7 @@ from shuttle_marl.game.rally import Rallies, Rally, choose, columns_of, stepper_
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.policy import history
+from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
@@ -80,7 +80,7 @@ class PolicyTables:
         Raises:
             PolicyError: the policy is unknown, may not be named by a page, or reads the score or the rally so far.
         """
-        if side.policy == history.NAME:
+        if side.policy == baselines.REMEMBERING:
             side = Side(policy="bc", temperature=side.temperature)
         game = self.game.seats[seat]  # the same for both, unless it is that of a pair
         return self._tables.get((side, game.hash), lambda: tabulate(self.policy(side, seat), game))
@@ -349,7 +349,7 @@ class MatchLog:
         policies = self._policies.between(sides)
         players = tuple(
             Player(name=name)
-            if name in (PERSON, FRIEND) or side.policy == history.NAME
+            if name in (PERSON, FRIEND) or side.policy == baselines.REMEMBERING
             else Player(name=name, hash=policies.table(side, seat).hash)
             for seat, (name, side) in enumerate(zip(rally.names, sides, strict=True))
         )

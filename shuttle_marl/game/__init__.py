@@ -10,7 +10,7 @@
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.game.layout import GameError, observations

@@ -5,7 +5,7 @@ Names are imported when first used, because numba takes longer to import than a 
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.core import KernelError, struck

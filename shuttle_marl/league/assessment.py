@@ -1,4 +1,4 @@
-"""Assessment of a tournament beyond its ranking: the meta-game of the entrants, cycles, and the robustness of the ranks."""
+"""Assessment of a tournament beyond its ranking: meta-game, cycles, robustness of the ranks, and styles of the entrants."""
 
 import dataclasses
 import json
@@ -10,17 +10,33 @@ import numpy as np
 from scipy.stats import kendalltau, rankdata
 
 from shuttle_marl.base.arrays import F64, Intp
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.meta_games import alpha_rank, maximal_lottery, nash_average
-from shuttle_marl.league.ranking import ExactOdds, Standing, played_cells
-from shuttle_marl.league.ratings import ELO, Misfit, misfit, prior_wins, wins_of
-from shuttle_marl.league.style import Style
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.league.ranking import ELO, ExactOdds, Misfit, Standing, misfit, played_cells, prior_wins, wins_of
 from shuttle_marl.league.tournament import PairResult
+from shuttle_marl.policy.registry import tabulated
 
 ANCHOR: Final = "minimax"
 """Perfect play, which can have all the weight in an equilibrium; meta-games are also solved without it."""
 _MOST_CYCLES: Final = 20
 _SURE: Final = 5e-7
 _DECIMALS: Final = 6
+_TOLERANCE: Final = 1e-7
+PEOPLE: Final = "bc"
+AXES: Final[dict[str, tuple[str, ...]]] = {
+    "smash": ("smash", "half-smash"),
+    "drop": ("drop",),
+    "clear": ("clear",),
+    "lift": ("lift",),
+    "block": ("block",),
+    "net shot": ("net-shot", "cross-court-net-shot"),
+    "net kill": ("net-kill",),
+    "drive, push": ("drive", "push"),
+}
+"""Shot types of each axis; serves belong to none."""
 
 
 MetaGame = dict[str, dict[str, float]]
@@ -48,6 +64,22 @@ class Stability(TypedDict):
     rank: list[int]
     rank_in_refits: list[list[int]]
     kendall_tau: list[float]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Style:
+    """Style of a policy.
+
+    Attributes:
+        likeness: overlap with ``bc``: sum of the smaller of the two probabilities of every stroke, averaged over the states of
+            ``bc`` in self-play; 1 for ``bc``.
+        rally_length: expected number of strokes of a rally against ``bc``.
+        shots: fraction of each of :data:`AXES` among the strokes after the serve, against ``bc``.
+    """
+
+    likeness: float
+    rally_length: float
+    shots: dict[str, float]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -180,6 +212,37 @@ def _ranks(fractions: F64) -> list[int]:
     """``[N]`` ranks from 1 for the largest fraction; ties share the better rank."""
     ranks: list[int] = rankdata(-fractions, method="min").astype(np.intp).tolist()
     return ranks
+
+
+def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style]:
+    """Styles of policies by name; empty if the game has no ``bc``."""
+    from shuttle_marl.exact import moved, visits  # noqa: PLC0415  numba
+    from shuttle_marl.exact.profile import induced  # noqa: PLC0415  numba
+
+    try:
+        (people,) = tabulated(PEOPLE, game)
+    except PolicyError:
+        return {}
+    usual = people.pair_probabilities()
+    theirs = people if game.opposite is game else moved(people, game.opposite)
+    chain = induced(theirs)
+    met = visits(people, theirs, tolerance=_TOLERANCE).states
+    weight = game.of_pairs((met[0] + met[1]) / (met[0] + met[1]).sum())
+
+    def style(policy: TabulatedPolicy) -> Style:
+        seen = visits(policy, theirs, tolerance=_TOLERANCE, chains=(induced(policy), chain))
+        mix = dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))
+        rallying = sum(mix[shot] for shots in AXES.values() for shot in shots)
+        return Style(
+            likeness=round(float((weight * np.minimum(usual, policy.pair_probabilities())).sum()), _DECIMALS),
+            rally_length=round(seen.rally_length, _DECIMALS),
+            shots={
+                axis: round(sum(mix[shot] for shot in shots) / rallying, _DECIMALS) if rallying else 0.0
+                for axis, shots in AXES.items()
+            },
+        )
+
+    return dict(zip(tables, in_threads(style, tables.values()), strict=True))
 
 
 def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, I64, Bools
-from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.odds import best_odds, pair_odds
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies

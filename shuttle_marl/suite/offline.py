@@ -12,12 +12,11 @@ from scipy.stats import spearmanr
 
 from shuttle_marl.base.files import Fraction, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.odds import best_odds, pair_odds
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.policy.computed import cached_table
-from shuttle_marl.policy.mixtures import mixture
+from shuttle_marl.policy.computed import cached_table, mixture
 from shuttle_marl.recording import logs
 from shuttle_marl.recording.logs import Log, blank, play_log
 from shuttle_marl.suite import tabular

@@ -38,7 +38,7 @@ from shuttle_marl.base.files import (
 from shuttle_marl.base.intervals import combined, estimate
 from shuttle_marl.game.shipped import is_shipped
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy.stored import StoredPolicies, policy_file
+from shuttle_marl.policy.computed import StoredPolicies, policy_file
 from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import itertools
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.progress import Progress, TimeElapsedColumn
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.cluster import check_processes, in_processes, open_cluster
+from shuttle_marl.base.cluster import check_processes, in_processes
 from shuttle_marl.base.errors import ShuttleError, command
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.policy.sources import source_hashes
+from shuttle_marl.policy.foreign import source_hashes
 from shuttle_marl.suite import results
 from shuttle_marl.suite.method import baseline_of, find, kind_of
 from shuttle_marl.suite.options import SuiteError, SuiteRun
@@ -76,11 +76,12 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         about = {**runs.describe(PACKAGES), "sources": _sources(folder, config, more=bool(units))}
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
         play = functools.partial(play_unit, folder, config, options.seed)
+        played = in_processes(play, units, min(options.workers, len(units)), ray=options.ray, packages=PACKAGES)
         with Progress(
             *Progress.get_default_columns(), TimeElapsedColumn(), console=console or Console(quiet=True), transient=True
         ) as bar:
             # A unit may take hours.
-            for path, entry, policies in bar.track(_played(play, units, options), len(units), description="units"):
+            for path, entry, policies in bar.track(played, len(units), description="units"):
                 results.write_entry(folder, path, entry, policies)
         write_card(folder, card)
         runs.write_json(folder / results.RESULTS, summarise(folder, options.game, options.seed))
@@ -100,17 +101,6 @@ def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str
         advice = "two versions are never mixed: restore it, or start again with --overwrite or another --out"
         raise SuiteError(f"{folder}: {', '.join(changed)} changed after the run was started; {advice}")
     return before
-
-
-def _played(
-    play: Callable[[tuple[int, int]], PlayedUnit], units: Sequence[tuple[int, int]], options: SuiteRun
-) -> Iterator[PlayedUnit]:
-    if options.ray is not None:
-        with open_cluster(options.ray, PACKAGES) as cluster:
-            for task in [cluster.submit(play, unit) for unit in units]:
-                yield task.result()
-    else:
-        yield from in_processes(play, units, min(options.workers, len(units)))
 
 
 def play_unit(folder: Path, config: RunConfig, round_seed: str | None, unit: tuple[int, int]) -> PlayedUnit:

@@ -22,7 +22,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.exact import restricted_response
-from shuttle_marl.exact.known import best_odds, pair_odds, restricted_odds
+from shuttle_marl.exact.odds import best_odds, pair_odds, restricted_odds
 from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
 from shuttle_marl.game.layout import observations
 from shuttle_marl.game.policy import GamePolicy, States, TabulatedPolicy, tabulate

@@ -16,7 +16,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.recorder import LogContext, resume
-from shuttle_marl.training.config import AUTO, SelfPlayConfig, TrainingConfig
+from shuttle_marl.training.config import AUTO, PPOConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
 
 FIRST: Final = 10_000
@@ -156,7 +156,7 @@ def open_log(
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
     """
-    if isinstance(config, SelfPlayConfig) and config.self_play:
+    if isinstance(config, PPOConfig) and config.self_play:
         others = [Player(name=f"{config.variant}-{k}") for k in range(n_opponents(config))]
     else:
         others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=False)]

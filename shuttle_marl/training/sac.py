@@ -29,7 +29,6 @@ from shuttle_marl.training.networks import logit_network, make_actor, make_q_net
 _FINAL_ENTROPY: Final = 0.02
 """Target entropy at the end of the run, as a fraction of the mean entropy of uniform play."""
 _TRANSITION: Final = ("state", "pair", "following", "reward")
-"""Entries of the replay buffer, 4 bytes each."""
 
 
 class SAC(Learner):

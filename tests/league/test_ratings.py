@@ -11,25 +11,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from shuttle_marl.exact.away import Spread
+from shuttle_marl.exact.odds import Spread
 from shuttle_marl.game import load_game
 from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games, stability
 from shuttle_marl.league.entrants import enter
-from shuttle_marl.league.ranking import ExactOdds, rank
-from shuttle_marl.league.ratings import (
+from shuttle_marl.league.ranking import (
     ELO,
+    ExactOdds,
     bradley_terry,
     exact_ratings,
     misfit,
     prior_wins,
+    rank,
     rank_intervals,
     ratings,
+    unknown,
     wins_of,
 )
 from shuttle_marl.league.tournament import (
     BOUND,
     COUNTS,
-    MatchOptions,
     PairResult,
     Tournament,
     decided,
@@ -214,12 +215,6 @@ def played(wins: dict[tuple[str, str], int], pool: tuple[str, ...], matches: int
         rest = {**half, "wins": won - won // 2}
         found.append(PairResult(pairing=pairing.number, names=pairing.names, seats=(half, rest), cells=cells))
     return found
-
-
-def unknown(pool: tuple[str, ...]) -> ExactOdds:
-    n = len(pool)
-    nothing = np.full(n, np.nan)
-    return ExactOdds(names=pool, match=np.full((n, n), np.nan), exploitability=nothing, normalised_score=nothing)
 
 
 def test_a_circle_of_three_is_found_once_and_begins_with_the_first_in_the_pool() -> None:
@@ -410,8 +405,7 @@ def test_a_pairing_stops_when_it_is_decided(small_model: str) -> None:
     entrants = [asked, enter("random", game), enter("attacking", game)]
 
     def results(batch: int, decide: float | None) -> list[tuple[int, tuple[int, int, int]]]:
-        options = MatchOptions(matches=64, seed=1, batch=batch, keep_strokes=True, decide=decide)
-        tournament = Tournament(game, entrants, options)
+        tournament = Tournament(game, entrants, matches=64, seed=1, batch=batch, keep_strokes=True, decide=decide)
         blocks = [block for group in tournament.play(round_robin(["a", "b", "c"])) for block in group]
         return [(sum(seat["matches"] for seat in result.seats), result.cells) for result, _ in blocks]
 

@@ -15,8 +15,8 @@ from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
+from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import results
 from shuttle_marl.suite.adapt import CHANGES, AdaptSetting, PlayedRally, observed
 from shuttle_marl.suite.methods.adapters import (

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.cache import NAME
-from shuttle_marl.base.files import cache_folder, content_hash, seal
+from shuttle_marl.base.cache import NAME, cache_folder
+from shuttle_marl.base.files import content_hash, seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.suite import results
 from shuttle_marl.suite.board import called, render, rows_of, shown

@@ -8,7 +8,7 @@ import pytest
 
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.exact import best_response
-from shuttle_marl.exact.known import pair_odds
+from shuttle_marl.exact.odds import pair_odds
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.suite import results

@@ -155,7 +155,6 @@ FORMATS: Final[dict[str, Format]] = {
         ("config.json", "manifest.json", "pairings.jsonl", "report.json", "rallies.mcap", "results.parquet"),
         (
             "league --pool bc random attacking --matches 4 --game model --out . --resume",
-            "league --pool safe --matches 4 --game model --out . --extend",
             "league report . --out out.html",
         ),
         results=("ranking.csv",),

@@ -18,13 +18,12 @@ import numpy as np
 from shuttle_marl.base import runs
 from shuttle_marl.exact import best_response as exact_response
 from shuttle_marl.exact import restricted_response, solve
-from shuttle_marl.exact.lists import cells_of, lists
+from shuttle_marl.exact.play import cells_of, lists
 from shuttle_marl.exact.profile import PairPolicy, positions_of, tabulated_pairs
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.policy.computed import minimax_policy
-from shuttle_marl.policy.mixtures import deterministic, mixture
+from shuttle_marl.policy.computed import deterministic, minimax_policy, mixture
 from shuttle_marl.recording.logs import Log, play_log
 from shuttle_marl.suite.adapt import observed
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
@@ -75,7 +74,7 @@ def restricted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
 def constant(setting: PlayerSetting, *parts: str) -> Trained:
     """The best order of preference of the strokes for all states, or for each value of some parts of the state.
 
-    It shows how little of the state an opponent's weaknesses need (:mod:`shuttle_marl.exact.lists`).
+    It shows how little of the state an opponent's weaknesses need (:mod:`shuttle_marl.exact.play`).
     """
     *_, best = [setting.against, *lists(setting.against, cells_of(setting.game, *parts))]
     return Trained(player=best, strokes=0)

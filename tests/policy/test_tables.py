@@ -1,16 +1,18 @@
-"""Mixtures of policies, and sharpened and deterministic ones, by the shares of strokes and positions."""
+"""Tables of policies: made of others, in files, and of agents in folders."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shuttle_marl.exact.profile import positions_of
-from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy.mixtures import deterministic, mixture, sharpened
-from tests.exact.exact_games import THREE_STROKES, hand_made, random_game, random_policy
+from shuttle_marl.policy import agents
+from shuttle_marl.policy.computed import StoredPolicies, deterministic, mixture, policy_file, sharpened
+from tests.exact.exact_games import THREE_STROKES, hand_made, random_game, random_policy, with_probabilities
 from tests.exact.test_hidden_positions_solved import waiting, with_recovery
 
 SMALL = hand_made((*THREE_STROKES, "clear:back-left:above:forehand"))
@@ -73,3 +75,35 @@ def test_a_deterministic_policy_makes_the_likeliest_choices(game: Game) -> None:
     for each in (policy, waiting(policy, 5)):  # waiting as people do, and in another way
         likeliest = positions_of(each).argmax(axis=1)
         np.testing.assert_array_equal(deterministic(each).position_probabilities(), np.eye(N_POSITIONS)[likeliest])
+
+
+def test_stored_policies_are_read_by_their_hash(tmp_path: Path) -> None:
+    stored, policy, other = StoredPolicies(tmp_path, SMALL), random_policy(SMALL, 0), random_policy(SMALL, 1)
+    assert stored.save(policy) == policy.hash
+    assert stored.read(policy.hash).hash == policy.hash
+    policy_file(tmp_path, policy.hash).write_bytes(other.packed())
+    with pytest.raises(PolicyError, match=f"the table was changed: its hash is {other.hash[:12]}"):
+        stored.read(policy.hash)
+    assert stored.save(policy) == policy.hash, "what is there is not written again"
+    with pytest.raises(PolicyError, match="the table was changed"):
+        stored.read(policy.hash)
+    with pytest.raises(PolicyError, match=r"the policy cannot be read \(No such file"):
+        stored.read(other.hash)
+    policy_file(tmp_path, other.hash).write_bytes(b"no table")
+    with pytest.raises(PolicyError, match=f"{other.hash}.zst: the policy cannot be read"):
+        stored.read(other.hash)
+
+
+def test_agents_play_the_game_of_their_card(tmp_path: Path) -> None:
+    with pytest.raises(PolicyError, match="no trained agent"):
+        agents.load_agent(tmp_path, SMALL)
+    agents.save_agent(tmp_path, SMALL, b"no network", {"steps": 3})
+    card = agents.read_card(tmp_path)
+    assert (card["game"], card["catalogue"], card["steps"]) == (SMALL.hash, SMALL.catalogue.version, 3)
+    with pytest.raises(PolicyError, match=r"network\.safetensors: cannot be used"):
+        agents.load_agent(tmp_path, SMALL)
+    other = with_probabilities(SMALL, 1)
+    with pytest.raises(PolicyError, match=f"trained on game {SMALL.hash[:12]}; this is {other.hash[:12]}"):
+        agents.load_agent(tmp_path, other)
+    with pytest.raises(PolicyError, match=f"trained on game {SMALL.hash[:12]}, whose strokes are not these; this is"):
+        agents.load_agent(tmp_path, hand_made())
