@@ -15,6 +15,8 @@ import platformdirs
 from shuttle_marl.base.files import content_hash, verify
 
 NAME: Final = "computed.sqlite"
+_ROOMS: Final = ("exact", "game", "kernel", "policy")
+"""Rooms of the code between the tables of a game and a cached result."""
 _WAIT_S: Final = 20.0
 _HASH: Final = 64
 _LOG: Final = logging.getLogger(__name__)
@@ -41,13 +43,20 @@ def cache_folder() -> Path | None:
     return folder if folder.is_absolute() else None  # older versions begin with a literal ~
 
 
+@functools.cache
+def _sources_hash() -> str:
+    """Hash of the source code of the game, its kernel, the solvers and the policies: results of other versions are not used."""
+    sources = sorted(path for room in _ROOMS for path in (Path(__file__).parents[1] / room).rglob("*.py"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
+
+
 def key_of(*parts: str) -> bytes:
-    """The key of a result.
+    """The key of a result of this version of the code.
 
     Args:
-        parts: everything that the result depends on.
+        parts: everything else that the result depends on.
     """
-    return hashlib.sha256(" ".join(parts).encode()).digest()
+    return hashlib.sha256(" ".join((*parts, _sources_hash())).encode()).digest()
 
 
 class Cache:

@@ -1,7 +1,6 @@
 """``python -m shuttle_marl.recording info | check | recover | export | show | scene``."""
 
 import dataclasses
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
@@ -66,12 +65,7 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
             "columns": list(headers[0].columns),
             "software": list(dict.fromkeys(header.software for header in headers)),
         }
-    if json_output:
-        cli.print_json(facts)
-        return
-    for name, fact in facts.items():
-        words = [printable(str(each)) for each in (fact if isinstance(fact, list) else [fact])]
-        _print(f"{name.replace('_', ' '):18}{', '.join(words) or 'none'}")
+    cli.show(facts, json_output)
 
 
 def check(path: Log, *, model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LOG_GAME, replay: bool = True) -> None:
@@ -86,7 +80,7 @@ def check(path: Log, *, model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LO
     if result.problems:
         raise RecordingError(f"{path}: {'; '.join(result.problems)}")
     how = "replayed with equal outcomes" if result.replayed else "not replayed"
-    _print(f"{path}: valid; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
+    cli.say(f"{path}: valid; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
 
 
 def recover(path: Log, *, out: Path | None = None) -> None:
@@ -106,7 +100,7 @@ def recover(path: Log, *, out: Path | None = None) -> None:
             problems.append(str(error))
             continue
         lost = f"; {recovered.lost:,} rallies lost" if recovered.lost else ""
-        _print(f"{recovered.path}: {recovered.rallies:,} rallies, {recovered.strokes:,} strokes recovered{lost}")
+        cli.say(f"{recovered.path}: {recovered.rallies:,} rallies, {recovered.strokes:,} strokes recovered{lost}")
     if problems:
         raise RecordingError("\n".join(problems))
 
@@ -132,7 +126,7 @@ def export(
     if tables is not None and rows != "strokes":
         flag = f"--profile {profile}" if game is None else f"--game {game}"
         raise RecordingError(f"{flag} adds columns to strokes; add --rows strokes")
-    _print(f"{out}: {export_log(path, out, rows, tables):,} rows")
+    cli.say(f"{out}: {export_log(path, out, rows, tables):,} rows")
 
 
 def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | None = None) -> None:
@@ -148,14 +142,14 @@ def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | 
         raise RecordingError("expected either --rally NUMBER or --match NUMBER")
     with RallyLog(path) as log:
         if rally is not None:
-            _print(_describe(log, rally))
+            cli.say(_describe(log, rally))
             return
         numbers = log.numbers_of_match(pairing, match or 0)
         if not len(numbers):
             raise RecordingError(f"{path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
         for number in numbers:
-            _print(_describe(log, int(number)))
-        _print(f"games: {', '.join(f'{a}-{b}' for a, b in log.points_of_games(pairing, match or 0).values())}")
+            cli.say(_describe(log, int(number)))
+        cli.say(f"games: {', '.join(f'{a}-{b}' for a, b in log.points_of_games(pairing, match or 0).values())}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -231,7 +225,7 @@ def scene(
         console.print(_HINT, soft_wrap=True)
     replace_file(out, content)
     size = f"{len(numbers):,} rallies, {len(content) / 1e6:.1f} MB"
-    sys.stdout.write(f"{printable(str(out))}: {size}; open it in Foxglove or Lichtblick\n")
+    cli.say(f"{out}: {size}; open it in Foxglove or Lichtblick")
 
 
 COMMANDS: Final[dict[str, cli.Command]] = {
@@ -269,10 +263,6 @@ def _describe(log: RallyLog, number: int) -> str:
         lines.append(f"{i:5}  {names[seat]:{width}}  {shot} to {area}, {technique} from {height} the net  [{OUTCOMES[outcome]}]")
     lines.append(f"       {names[row.winner[0]]} wins the rally ({OUTCOMES[rally.ending]})")
     return "\n".join(lines)
-
-
-def _print(text: str) -> None:
-    sys.stdout.write(printable(text, keep="\n") + "\n")
 
 
 def _resolver(model: Model, names: Sequence[str]) -> "Resolve":

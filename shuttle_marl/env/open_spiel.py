@@ -40,8 +40,7 @@ RECOVERY_NAME: Final = f"{NAME}_recovery"
 _DEFAULTS: Final[dict[str, Any]] = {"model": "default", "profile": "", "server": -1, "max_strokes": 0}
 _LONGEST: Final = 100_000
 """Limit that OpenSpiel is told of rallies without one; the probability of longer ones is not worth a number."""
-_STROKE: Final = -1
-"""Value of ``pair`` where a stroke is due and not its outcome."""
+_STROKE: Final = -1  # value of pair where a stroke is due and not its outcome
 
 
 def _type(name: str, long_name: str, information: Any, defaults: dict[str, Any]) -> Any:

@@ -18,7 +18,7 @@ from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.matches import ask, ask_position
-from shuttle_marl.policy import history, registry
+from shuttle_marl.policy import baselines, registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Sampling
@@ -133,7 +133,7 @@ def default_pool(game: Game) -> tuple[str, ...]:
     game enter: players of its model, and agents that were trained on it.
     """
     names = registry.names(game.seats[0])
-    bc = [name for name in names if name.partition(":")[0] == "bc" and name != history.NAME]
+    bc = [name for name in names if name.partition(":")[0] == "bc" and name != baselines.REMEMBERING]
     others = ("attacking", "defensive", "safe", "random", *TRAINED, *ANCHORS)
     return (*bc[: 1 + _OWN_PLAYERS], *(name for name in others if name in names))
 

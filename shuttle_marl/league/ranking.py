@@ -275,7 +275,7 @@ def unknown(names: Sequence[str], problem: str = "") -> ExactOdds:
 def exact_odds(game: Game, entrants: Sequence[Entrant], rules: Rules = BWF) -> ExactOdds:
     """Solve every pair of entrants, and the best response to each; in the game of a pair, means over both seats."""
     from shuttle_marl.exact import ExactError  # noqa: PLC0415  numba
-    from shuttle_marl.exact.known import best_odds, crossplay, pair_odds  # noqa: PLC0415  numba
+    from shuttle_marl.exact.odds import best_odds, crossplay, pair_odds  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
     names = [entrant.name for entrant in entrants]

@@ -29,8 +29,7 @@ from shuttle_marl.league.entrants import PAIRINGS, REPORT, Entrant, LeagueConfig
 from shuttle_marl.league.page import Curve, page, read_curve
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table, unknown
 from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, stages
-from shuttle_marl.policy.foreign import time_limit
-from shuttle_marl.policy.sources import source_hashes
+from shuttle_marl.policy.foreign import source_hashes, time_limit
 from shuttle_marl.recording import LogHeader, Pair, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recorder import rallies_of_pairings
 from shuttle_marl.recording.recorder import resume as resume_log

@@ -23,18 +23,12 @@ from shuttle_marl.policy.computed import cached_table
 NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"
 ALGORITHMS: Final = ("ppo", "a2c", "sac")
-"""Algorithms of shipped agents, the first part of their names."""
 AGENTS: Final = "agents"
 """Subfolder of a model with its agents."""
 
 
 def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -> None:
-    """Write the folder of an agent.
-
-    Args:
-        network: content of ``network.safetensors``.
-        card: its fields; the hashes are added.
-    """
+    """Write the folder of an agent: the content of ``network.safetensors``, and a card, to which hashes are added."""
     fields = {"game": game.hash, "catalogue": game.catalogue.version, **card}
     replace_with_card(folder / CARD, fields, {NETWORK: network})
 

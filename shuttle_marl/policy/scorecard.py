@@ -14,26 +14,23 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
-from shuttle_marl.base.arrays import I32, Bools, Intp
-from shuttle_marl.exact.away import Spread, over
+from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.known import best_odds
-from shuttle_marl.exact.lists import averaged, cells_of, lists
 from shuttle_marl.exact.match import Odds, normalised_score
-from shuttle_marl.exact.occupancy import Visits, visits
+from shuttle_marl.exact.occupancy import Visits, policy_regret, visits
+from shuttle_marl.exact.odds import Spread, best_odds, over
 from shuttle_marl.exact.optimal import Solution, best_response, solve
-from shuttle_marl.exact.play import impossible, play, unusual
+from shuttle_marl.exact.play import averaged, cells_of, impossible, lists, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved
-from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, TabulatedPolicy, reads_score, tabulate
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.shipped import real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.kernel.matches import Matches, ask, ask_position
+from shuttle_marl.kernel.matches import Choose, Matches, ask, ask_position
 from shuttle_marl.kernel.matches import play as play_asked
-from shuttle_marl.policy.mixtures import deterministic
+from shuttle_marl.policy.computed import deterministic
 from shuttle_marl.policy.registry import resolve
 
 REFERENCE: Final = "bc"
@@ -42,15 +39,13 @@ HEADLINES: Final = ("rally_win_vs_bc", "match_win_vs_bc", "exploitability")
 """Figures of a scorecard that are also computed away from home."""
 FEW_STROKES: Final = 5
 """A stroke with fewer examples in the data counts as thin."""
-_AWAY: Final = 1e-6
-"""Error bound of values away from home, far below the differences between refits."""
+_AWAY: Final = 1e-6  # error bound of values away from home, far below the differences between refits
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
 Watch = Callable[[Rallies], None]
 """Receives the rallies of a batch of matches; policy 0 is the sampled policy, policy 1 its opponent."""
 
 _Z: Final = NormalDist().inv_cdf(0.975)
-_BATCH: Final = 1 << 12
-"""Number of matches that are played in lockstep."""
+_BATCH: Final = 1 << 12  # number of matches that are played in lockstep
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -136,12 +131,6 @@ class Scorer:
         return solve(self.game, tolerance=self.tolerance)
 
     @functools.cached_property
-    def _thin(self) -> Bools | None:
-        """``[base pairs]`` whether the data hold fewer than :data:`FEW_STROKES` examples; None if unknown."""
-        behind = real_strokes(self.game)
-        return None if behind is None else behind[self.game.base_pair_edge] < FEW_STROKES
-
-    @functools.cached_property
     def reference_best(self) -> Odds:
         """Odds of the best response to ``bc`` against it."""
         return best_odds([self.reference], tolerance=self.tolerance)[0]
@@ -204,10 +193,8 @@ class Scorer:
         )
 
     def _thin_share(self, seen: Visits) -> float | None:
-        if self._thin is None:
-            return None
-        played = seen.base_pairs(0).sum(axis=0)
-        return float(played[self._thin].sum() / played.sum())
+        behind, played = real_strokes(self.game), seen.base_pairs(0).sum(axis=0)
+        return None if behind is None else float(played[behind[self.game.base_pair_edge] < FEW_STROKES].sum() / played.sum())
 
     def _headlines(self, policy: TabulatedPolicy, refit: Game) -> dict[str, float]:
         """The figures :data:`HEADLINES` of a policy in a refit."""
@@ -272,23 +259,19 @@ def sample(
         PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
 
-    def choose(entrant: I32, state: I32, draw: I32, striker: I32, score: I32, *_: I32) -> Intp:
-        """Strokes of both; entrant 0 is the policy, entrant 1 the table."""
-        strokes = opponent.choose(state, draw)
-        asked = np.flatnonzero(entrant == 0)
-        if len(asked):
-            mine = state[asked], draw[asked], striker[asked], score[:, asked]
-            strokes[asked] = ask(policy, opponent.game, *mine)
-        return strokes
+    def asking(of_table: Callable[[I32, I32], Intp], of_policy: Callable[..., Intp]) -> Choose:
+        """Choices of both; entrant 0 is the policy, entrant 1 the table."""
 
-    def wait(entrant: I32, state: I32, draw: I32, receiver: I32, score: I32, *_: I32) -> Intp:
-        """Positions of both, in the game with recovery."""
-        positions = opponent.choose_position(state, draw)
-        asked = np.flatnonzero(entrant == 0)
-        if len(asked):
-            positions[asked] = ask_position(policy, opponent.game, state[asked], draw[asked], receiver[asked], score[:, asked])
-        return positions
+        def choose(entrant: I32, state: I32, draw: I32, player: I32, score: I32, *_: I32) -> Intp:
+            found = of_table(state, draw)
+            asked = np.flatnonzero(entrant == 0)
+            if len(asked):
+                found[asked] = of_policy(policy, opponent.game, state[asked], draw[asked], player[asked], score[:, asked])
+            return found
 
+        return choose
+
+    choose, wait = asking(opponent.choose, ask), asking(opponent.choose_position, ask_position)
     rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
     for first in range(0, matches, _BATCH):
         number = np.arange(first, min(first + _BATCH, matches))

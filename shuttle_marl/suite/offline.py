@@ -12,20 +12,18 @@ from scipy.stats import spearmanr
 
 from shuttle_marl.base.files import Fraction, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.odds import best_odds, pair_odds
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.policy.computed import cached_table
-from shuttle_marl.policy.mixtures import mixture
+from shuttle_marl.policy.computed import cached_table, mixture
 from shuttle_marl.recording import logs
 from shuttle_marl.recording.logs import Log, blank, play_log
 from shuttle_marl.suite import tabular
-from shuttle_marl.suite.frontier import POINTS, exploitabilities
 from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import luck
-from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
+from shuttle_marl.suite.task import POINTS, Arena, Case, Outcome, Setting, Task, exploitabilities, required, table_of
 
 OPPONENT: Final = "human:0.05"
 """Opponent of all logs: strong enough that a list of strokes by incoming shot is no answer to it."""

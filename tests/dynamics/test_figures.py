@@ -10,22 +10,22 @@ import pytest
 
 from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.choices import fit_history, player_choices
-from shuttle_marl.dynamics.compiled import support_of
+from shuttle_marl.dynamics.compiled import codes_of_pairs, layouts_of, support_of
 from shuttle_marl.dynamics.evaluate import evaluate, extremes
-from shuttle_marl.dynamics.features import Rows, codes_of_pairs, rows_from_strokes
-from shuttle_marl.dynamics.fit import intended_targets, layouts_of
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.habits import plays_of_strokes, tally
 from shuttle_marl.dynamics.models import (
+    EnsembleConfig,
     all_targets,
     fit_binary,
     fit_choice,
     fit_success,
     fit_target,
+    intended_targets,
     judged,
     mean_probabilities,
 )
-from shuttle_marl.dynamics.network import EnsembleConfig
 from shuttle_marl.game.shipped import default_game, load_game, model_folder
 from tests import golden
 

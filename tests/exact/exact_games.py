@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
+from scipy.sparse import coo_array, eye_array
+from scipy.sparse.linalg import spsolve
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.draws import HURRY_ONE, ONE
@@ -130,28 +132,27 @@ def pairs_of(game: Game, state: int) -> range:
 
 
 def linear_values(games: tuple[Game, Game], probabilities: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Values of a profile of ``[P]`` probabilities by one dense linear system over the states of both players."""
-    size = games[0].n_states
-    matrix, constant = np.eye(2 * size), np.zeros(2 * size)
+    """Values of a profile of ``[P]`` probabilities by one sparse linear system over the states of both players."""
+    size, entries, places, constant = 2 * games[0].n_states, [], [], np.zeros(2 * games[0].n_states)
     for player, (game, probability) in enumerate(zip(games, probabilities, strict=True)):
-        outcome, arrivals = game.outcome_probabilities(), game.arrivals()
-        for state in range(size):
-            for pair in pairs_of(game, state):
-                row, other = player * size + state, (1 - player) * size
-                constant[row] += probability[pair] * (outcome[pair, 1] - outcome[pair, 0])
-                matrix[row, other + arrivals[pair]] += probability[pair] * outcome[pair, 2:]
-    solution: F64 = np.asarray(np.linalg.solve(matrix, constant), np.float64)
-    return solution[:size], solution[size:]
+        outcome = probability[:, None] * game.outcome_probabilities()
+        row = player * size // 2 + game.pair_state
+        following = (1 - player) * size // 2 + game.arrivals()
+        constant += np.bincount(row, outcome[:, 1] - outcome[:, 0], size)
+        entries.append(outcome[:, 2:].ravel())
+        places.append([np.repeat(row, 4), following.ravel()])
+    returned = coo_array((np.concatenate(entries), tuple(np.concatenate(places, axis=1))), (size, size))
+    solution: F64 = np.asarray(spsolve((eye_array(size) + returned).tocsc(), constant), np.float64)
+    return solution[: size // 2], solution[size // 2 :]
 
 
 def improved(game: Game, following: Floats) -> Floats:
     """``[P]`` the best stroke of every state, given the values of the next states to the receiver."""
-    probability = np.zeros(game.n_pairs)
-    outcome, arrivals = game.outcome_probabilities(), game.arrivals()
-    for state in range(game.n_states):
-        worth = [outcome[p, 1] - outcome[p, 0] - float(outcome[p, 2:] @ following[arrivals[p]]) for p in pairs_of(game, state)]
-        if worth:
-            probability[pairs_of(game, state)[int(np.argmax(worth))]] = 1
+    outcome, probability = game.outcome_probabilities(), np.zeros(game.n_pairs)
+    worth = outcome[:, 1] - outcome[:, 0] - (outcome[:, 2:] * following[game.arrivals()]).sum(axis=1)
+    for state in np.flatnonzero(np.diff(game.pair_start)).tolist():
+        pairs = pairs_of(game, state)
+        probability[pairs[int(np.argmax(worth[pairs.start : pairs.stop]))]] = 1
     return probability
 
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.exact import ExactError, best_response, evaluate, solve
-from shuttle_marl.exact.away import over, spread
+from shuttle_marl.exact.odds import over, spread
 from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.tables import Game

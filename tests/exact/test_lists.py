@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 
 from shuttle_marl.exact import best_response, evaluate, holes, solve, visits
-from shuttle_marl.exact.lists import averaged, cells_of, lists
+from shuttle_marl.exact.play import averaged, cells_of, lists
 from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.policy import UniformPolicy, tabulate
 from shuttle_marl.game.shipped import least_support, load_game, real_strokes

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 from shuttle_marl.training.league.population import TOLERANCE, Frozen, LeagueState, Member, Payoffs, Turn
 from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, meta_strategy, order, prioritised

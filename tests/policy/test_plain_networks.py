@@ -146,11 +146,12 @@ class Computed(nn.Module):
 N = GAME.n_strokes
 REFUSED: dict[str, tuple[nn.Module, str]] = {
     "slope": (network(function=lambda: nn.LeakyReLU(0.2)), "play another policy, with a difference of"),
-    "scaled input": (
-        Computed(lambda s, x: s.fc((x - 0.5) * 10), fc=nn.Linear(60, N)),
-        "the input of Linear.* outside of its modules",
+    "scaled input": (Computed(lambda s, x: s.fc((x - 0.5) * 10), fc=nn.Linear(60, N)), "play another policy, with a difference"),
+    "temperature": (Computed(lambda s, x: s.fc(x) / 0.05, fc=nn.Linear(60, N)), "play another policy, with a difference of"),
+    "rule for the serve": (
+        Computed(lambda s, x: s.fc(x) + 9 * (x[:, 55:56] == 1) * torch.eye(N)[0], fc=nn.Linear(60, N)),
+        "play another policy, with a difference of",
     ),
-    "temperature": (Computed(lambda s, x: s.fc(x) / 0.05, fc=nn.Linear(60, N)), "its output is computed outside of its modules"),
     "in place": (
         Computed(lambda s, x: s.fc2(s.act(s.fc1(x).mul_(3))), fc1=nn.Linear(60, 8), act=nn.Tanh(), fc2=nn.Linear(8, N)),
         "play another policy, with a difference of",

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from shuttle_marl.court.openings import opening, states_after
+from shuttle_marl.court.values import opening, states_after
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game.policy import Policy, tabulate

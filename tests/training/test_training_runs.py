@@ -24,7 +24,7 @@ from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.training import main
 from shuttle_marl.game.policy import PolicyError, States, TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import read_card
-from shuttle_marl.policy.mixtures import sharpened
+from shuttle_marl.policy.computed import sharpened
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog, replay
 from shuttle_marl.recording.replay import check

@@ -21,7 +21,7 @@ import pytest
 from shuttle_marl.court import messages
 from shuttle_marl.court.answers import Answers
 from shuttle_marl.court.building import SOURCE, BuildError, build, node
-from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.match import PolicyTables
 from shuttle_marl.court.server import Server, application, bind
 from shuttle_marl.game import default_game
 from shuttle_marl.game.shipped import load_game, origin_of

@@ -20,8 +20,8 @@ from docs.tools.wire_types import TARGET, wire_types
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.messages import OptionsReply, RallyRequest, decode_request, encode_reply, request_id
 from shuttle_marl.court.server import MAX_MESSAGE, bind, hosts_of, in_language, refusal
-from shuttle_marl.court.staging.motion import from_parents
 from shuttle_marl.reports.languages import current
+from tests.staging.reader import from_parents
 from tests.watch.conftest import Served, get, run_script, running, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}

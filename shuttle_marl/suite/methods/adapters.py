@@ -21,8 +21,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
-from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.tabular import cloned, normalised
+from shuttle_marl.suite.task import WEIGHT
 
 TOLERANCE = 1e-4
 """Error bound of responses, far below the error of a model of the opponent."""

@@ -20,8 +20,7 @@ from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
-from shuttle_marl.policy.mixtures import mixture, sharpened
-from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.policy.computed import StoredPolicies, mixture, sharpened
 from shuttle_marl.training.config import missed
 from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import TABLES, TOLERANCE, Best, Frozen, LeagueState, Member, Payoffs, TurnResult

@@ -29,8 +29,8 @@ from shuttle_marl.base.runs import check_interrupt, interrupts_held
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
+from shuttle_marl.policy.computed import StoredPolicies, policy_file
 from shuttle_marl.policy.network import PolicyNetwork
-from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.recording import Player
 from shuttle_marl.training.config import CONFIGS, SELF, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
