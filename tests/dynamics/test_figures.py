@@ -46,7 +46,7 @@ def rows() -> Rows:
 def sums(value: Any) -> Any:
     """Weighted sums of the arrays of a structure, and of the masks of their finite numbers."""
     if dataclasses.is_dataclass(value):
-        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.init}
     if isinstance(value, Mapping):
         return {str(name): sums(each) for name, each in value.items()}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
