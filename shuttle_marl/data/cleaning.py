@@ -88,11 +88,7 @@ def clean_matches(root: Path) -> Cleaned:
 
 
 def _clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
-    """Clean the rows of one game.
-
-    Returns:
-        The remaining strokes, and the number of dropped rows by reason.
-    """
+    """The remaining strokes of one game, and the number of dropped rows by reason."""
     raw, repeated = _arrange(raw)
     first = _first_strokes(raw)
     raw = _with_corrected_letters(raw, first)
@@ -150,12 +146,9 @@ def _clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
 
 
 def _arrange(raw: RawGame) -> tuple[RawGame, int]:
-    """Sort the rallies and drop repeated rows.
+    """The rows in playing order without repeated ones, and their number.
 
     Two games of the data have an early rally at the end of the file; one stroke is repeated.
-
-    Returns:
-        The rows in playing order, and the number of dropped rows.
     """
     raw = raw.take(np.argsort(raw["rally"], kind="stable"))
     same = [raw[name][1:] == raw[name][:-1] for name in ("rally", "stroke", "by_a")]
@@ -197,10 +190,9 @@ def _sides(raw: RawGame, first: Bools) -> tuple[I64, Bools]:
 
 
 def _with_corrected_letters(raw: RawGame, first: Bools) -> RawGame:
-    """Exchange players A and B in rallies that contradict the ends of the game.
+    """Exchange players A and B in rallies that contradict the ends of the game, which do not change within games 1 and 2.
 
-    Players do not change ends within games 1 and 2. In two rallies of the data they are on each other's side and the last
-    striker's fault wins the rally; exchanged letters correct both.
+    In two rallies of the data they are on each other's side, and the last striker's fault wins; exchanged letters correct both.
     """
     if raw.game > 2:
         return raw
@@ -247,10 +239,7 @@ def _heights_unreliable(raw: RawGame, first: Bools) -> bool:
 
 
 def _timed(raw: RawGame, first: Bools) -> Bools:
-    """``[n]`` rows with a consistent time: the longest subsequence of a rally with increasing frames and non-decreasing clocks.
-
-    Rows of unknown shot type, which are dropped, contain placeholders for times.
-    """
+    """``[n]`` rows with a consistent time: the longest sequence of a rally with increasing frames and non-decreasing clocks."""
     fits = np.zeros(len(first), dtype=bool)
     given = (raw["frame"] >= 0) & (raw["clock"] >= 0) & (raw["shot"] >= 0)
     for rally in np.split(np.arange(len(first)), np.flatnonzero(first)[1:]):
@@ -273,8 +262,7 @@ def _longest_chain(frame: I64, clock: I64) -> list[int]:
 def _corrected_label(raw: RawGame, own_half: Bools) -> I8:
     """``[n]`` area labels from the receiver's view, -1 outside the court.
 
-    Annotators label right and left from the view of the player in whose half the shuttle landed, which is the striker for
-    strokes that fell back into the own half.
+    In the files left and right are those of the player in whose half the shuttle landed.
     """
     label = _LABEL_AREA[raw["label_area"]]
     mirror = own_half.copy()

@@ -96,10 +96,8 @@ def winners_by_score(
     Args:
         scores: of each of the R rallies, in an unknown order, before or after it; None not known.
         fresh: ``[R]`` whether a rally is the first of its game.
-        server: ``[R]`` 0 for who struck first in the game, 1 for the other player.
-        told: ``[R]`` the winner, where another value tells it; else -1.
-        began: ``[R]`` who struck first in the match.
-        match: ``[R]`` number of the match.
+        server, told, began: ``[R]`` who serves, who won where another value tells it (else -1), and who struck first in the
+            match: 0 for who struck first in the game, 1 for the other player.
 
     Returns:
         Points of 0 and 1 after each rally; ``[R]`` winners, -1 not known; and the reading in words, empty if several fit.
@@ -321,10 +319,8 @@ def at_ends(ends: Mapping[str, str], words: Sequence[str], games: Iterable[int],
     """Names of players who are named by the ends of a match, empty where they cannot be known (:data:`UNKNOWN_END`).
 
     Args:
-        ends: names by end in the first game, see :func:`ends_in`.
-        words: the end of each player.
-        games: its game, from 1.
-        first: the first game of the match, or of the part of the file in which the names hold.
+        ends: names by end in the game ``first``, see :func:`ends_in`.
+        words, games: the end of each player, and its game, from 1.
     """
     return [
         ends.get(end_of(word) if game == first else _OTHER_END.get(end_of(word), ""), "") if game < _DECIDER else ""

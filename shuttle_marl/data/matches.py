@@ -123,7 +123,6 @@ class TaggedStrokes:
 
     Args:
         out: the table, a CSV file; continued if its journal exists.
-        columns: of the table.
 
     Attributes:
         inputs: that hold; an input of None takes the last one back.

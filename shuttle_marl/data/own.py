@@ -38,18 +38,14 @@ _MOST_MATCHES: Final = 10_000
 
 
 class Rallies:
-    """Where each of the n rows of a sheet belongs.
+    """Where each of the n rows of a sheet belongs; all attributes are ``[n]``.
 
     Attributes:
-        match, game, rally, stroke: ``[n]`` name and numbers.
-        fresh, first, last: ``[n]`` whether a row begins a game, and begins and ends a rally.
-        start: ``[n]`` first row of the game.
-        group: ``[n]`` number of the rally in the file, from 0.
-        reply: ``[n]`` whether the next row is the next stroke.
-        shot: ``[n]`` shot types, -1 not known.
-        inferred_serve: ``[n]`` whether the reply told the type of a serve.
-        ending: ``[n]`` words for the ends of rallies, indices into those of the map.
-        player, opponent: ``[n]`` identifiers.
+        fresh, first, last: whether a row begins a game, and begins and ends a rally.
+        start, group: first row of the game, and number of the rally in the file, from 0.
+        reply: whether the next row is the next stroke.
+        shot: shot types, -1 not known; ``inferred_serve``: whether the reply told that of a serve.
+        ending: words for the ends of rallies, indices into those of the map.
     """
 
     def __init__(self, sheet: Sheet) -> None:

@@ -36,11 +36,7 @@ _LONGEST: Final = 20
 
 
 def read(path: Path, given: ColumnMap) -> Sheet:
-    """Read a file of any format; ``given``: the user's column map.
-
-    Raises:
-        DataError: the file cannot be read, or holds no strokes.
-    """
+    """Read a file of any format, with the user's column map; a DataError if it cannot be read, or holds no strokes."""
     content = sheet.read_content(path)
     value = _parsed(path, content, given)
     if isinstance(value, Sheet):

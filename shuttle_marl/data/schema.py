@@ -253,13 +253,12 @@ class Account:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cleaned:
-    """Clean strokes with their account.
+    """Clean strokes in playing order, with their account.
 
     Attributes:
-        strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, in playing order.
+        strokes: table of schema :data:`STROKES`.
         warnings: what is strange and not wrong, with file and line.
-        provenance: of imported strokes, a JSON object: ``format`` of the file, sentences on what was ``inferred`` and on what the
-            file does not have (``lost``), and others.
+        provenance: JSON object with sentences on what was ``inferred``, and what the files do not have (``lost``), and others.
     """
 
     strokes: pa.Table
@@ -325,10 +324,7 @@ def _rules(strokes: pa.Table) -> Iterator[_Rule]:
 
 
 def _other_hand(t: Mapping[str, Array], simulated: Bools) -> Bools:
-    """``[n]`` rows whose hand is not that of the first row of the player with a known one.
-
-    Simulated players may be agents, which have a hand in each match.
-    """
+    """``[n]`` rows with another hand than the first known one of the player; simulated players have one in each match."""
     hand, player = t["hand"], t["player"] + np.where(simulated, (1 + t["match"]) * 2.0**32, 0)
     known = np.flatnonzero(~np.isnan(hand))
     _, first, number = np.unique(player[known], return_index=True, return_inverse=True)

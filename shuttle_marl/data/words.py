@@ -62,13 +62,7 @@ class Words:
     """
 
     def __init__(self, kind: str, texts: Iterable[str], header: Iterable[str] = ()) -> None:
-        """Words of a kind.
-
-        Args:
-            kind: ``column``, or the name of a column with words.
-            texts: all of them in the file.
-            header: headers of the file, which tell its language too.
-        """
+        """Words of a kind, ``column`` or the name of a column, from all texts of a file and headers that tell its language."""
         self._table, headers = table(kind), table("column")
         told, around = {bare(text) for text in texts}, {bare(text) for text in header}
         known = {name: len(told & self._table[name].keys()) + len(around & headers[name].keys()) for name in LANGUAGES}
