@@ -5,13 +5,14 @@ order, in one namespace and one empty folder, until one fails. A ``python`` bloc
 name (``# my_policy.py``) is also written to that file, so that later commands can use it.
 """
 
+import gc
 import os
 import re
 import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -118,6 +119,17 @@ def pytest_configure(config: pytest.Config) -> None:
         "XDG_CACHE_HOME": f"{folder.name}/cache",
         "SB3_LOGDIR": f"{folder.name}/sb3",
     }
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect tests without looking for garbage: what modules define stays to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
