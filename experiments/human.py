@@ -27,8 +27,7 @@ from experiments.truth.matches import RESAMPLES, Strokes, of_splits, ratio_by_ma
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Outcome, Split, read_matches
-from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.dynamics.hurried import load_hurry
+from shuttle_marl.dynamics.features import Rows, load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.exact.odds import of_pair, over
 from shuttle_marl.game import load_game

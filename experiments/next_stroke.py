@@ -22,9 +22,8 @@ from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, read_matches
 from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
-from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.dynamics.features import Rows, load_hurry
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.game import model_folder
 
 PAPER: Final = {

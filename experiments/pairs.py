@@ -6,7 +6,7 @@ Predictions are a coin, Bradley-Terry, the game of the pair, and the mean of the
 
 **Bradley-Terry.** The log-odds that the server wins a rally are an advantage of the serve, the difference of both players'
 ratings, and an effect of the match. Ratings follow a random walk by date (Ingram, J. Quant. Anal. Sports 2019); variances are
-estimated as those of the players' skill (:mod:`shuttle_marl.dynamics.mixed`).
+estimated as those of the players' skill (:mod:`shuttle_marl.dynamics.skill`).
 
 **Pair.** The probability is exact, in the game of the pair as of the day of the match. Each player is imitated: with the
 player's own choices where the model has them, else with those of the average player of the discipline.
@@ -31,15 +31,13 @@ from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.boosting import fit_hurry
 from shuttle_marl.dynamics.choices import player_choices
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses
 from shuttle_marl.dynamics.fit import fit
-from shuttle_marl.dynamics.hurried import fit_hurry
 from shuttle_marl.dynamics.make import save_fit, save_variants
-from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances
-from shuttle_marl.dynamics.models import log_odds, sigmoid
-from shuttle_marl.dynamics.network import QUICK
-from shuttle_marl.dynamics.skill import YEAR, days_of, slope_on_offset, summary
+from shuttle_marl.dynamics.models import QUICK, log_odds, sigmoid
+from shuttle_marl.dynamics.skill import YEAR, MixedModel, Walks, days_of, fit_variances, slope_on_offset, summary
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import AVERAGE, load_skill, pair_game
 from shuttle_marl.game.shipped import CARD, PROFILES, model_folder, variants

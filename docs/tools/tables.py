@@ -26,7 +26,7 @@ from docs.tools.markdown import ROOT
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.dynamics.card import as_markdown
+from shuttle_marl.dynamics.evaluate import as_markdown
 from shuttle_marl.game.shipped import model_folder, read_model_card
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.ranking import Standing

@@ -21,12 +21,12 @@ from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import calibration_error
-from shuttle_marl.dynamics.features import strokes_before
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game
+from shuttle_marl.reports.value import strokes_before
 
 HORIZONS: Final = (1, 4, 8)
 """Strokes after which the promise is compared with what happened, beside the end of the rally."""

@@ -17,7 +17,7 @@ from experiments.truth.matches import Strokes, folds_of, ratio_by_match
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import area_under_curve
-from shuttle_marl.dynamics.network import fold_of_match
+from shuttle_marl.dynamics.models import fold_of_match
 from shuttle_marl.game.court import AREAS, N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS, TECHNIQUES
 

@@ -16,10 +16,10 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe
 from shuttle_marl.data import Split, matches_of
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics import features
-from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
-from shuttle_marl.dynamics.hurried import Hurry
+from shuttle_marl.dynamics.features import Hurry, Rows, rows_from_strokes
 from shuttle_marl.game.tables import Game
+from shuttle_marl.reports import value
+from shuttle_marl.reports.value import strokes_before
 
 RESAMPLES: Final = 2000
 """Bootstrap resamples of matches behind every interval."""
@@ -154,7 +154,7 @@ def of_splits(strokes: Strokes, *splits: Split) -> Strokes:
 def states_of(game: Game, rows: Rows) -> I64:
     """``[N]`` state in which each stroke was struck, -1 where the game has no such state or what decides it is not known."""
     before = (strokes_before(rows, name, game.catalogue.by_parts, game.n_strokes) for name in ("own", "incoming"))
-    state = features.states_of(game, rows, *before)
+    state = value.states_of(game, rows, *before)
     return np.where((state >= 0) & (game.legal_count(np.maximum(state, 0)) > 0), state, -1)
 
 

@@ -23,12 +23,13 @@ from experiments.truth.matches import Strokes, folds_of, report
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.files import replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
+from shuttle_marl.dynamics.boosting import fit_hurry
 from shuttle_marl.dynamics.choices import Arrays, fit_history
 from shuttle_marl.dynamics.compiled import load_support, pair_log_choices
+from shuttle_marl.dynamics.features import Hurry, load_hurry
 from shuttle_marl.dynamics.fit import Fit, fit
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
-from shuttle_marl.dynamics.network import QUICK
+from shuttle_marl.dynamics.models import QUICK
 from shuttle_marl.dynamics.recovery import FittedRecovery, fit_recovery, load_recovery
 from shuttle_marl.exact import best_response, evaluate, solve, visits
 from shuttle_marl.exact.profile import moved

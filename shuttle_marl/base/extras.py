@@ -12,18 +12,13 @@ from typing import Any, Final
 import lazy_loader
 
 _EXTRAS: Final = {
-    "av": "video",
-    "foxglove": "scene",
-    "lightgbm": "train",
-    "mcap_protobuf": "scene",
-    "pandas": "frames",
-    "playwright": "video",
-    "polars": "frames",
-    "pygame": "render",
-    "tensordict": "train",
-    "torch": "train",
-    "torchrl": "train",
+    "frames": ("pandas", "polars"),
+    "render": ("pygame",),
+    "scene": ("foxglove", "mcap_protobuf"),
+    "train": ("lightgbm", "tensordict", "torch", "torchrl"),
+    "video": ("av", "playwright"),
 }
+"""Optional libraries by extra of the package."""
 _APART: Final = ("ray",)
 """Extras that `make install` omits."""
 
@@ -45,7 +40,8 @@ def install_hint(extra: str) -> str:
 def lacking(error: ModuleNotFoundError) -> str | None:
     """Advice on an import that failed because an extra is not installed; None if it failed for another reason."""
     library = (error.name or "").partition(".")[0]
-    return f"this needs {library}, which is not installed; {install_hint(_EXTRAS[library])}" if library in _EXTRAS else None
+    extra = next((extra for extra, libraries in _EXTRAS.items() if library in libraries), None)
+    return extra and f"this needs {library}, which is not installed; {install_hint(extra)}"
 
 
 @contextlib.contextmanager

@@ -155,7 +155,6 @@ def _draw(out: Path, summaries: dict[str, "play.Summary"], name: str, reference:
     names = list(summaries)
     drawn = {name: summaries[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
     charts.save(charts.landings(drawn, reference, name), out / "landings.png")
-    charts.save(charts.shot_mix(drawn), out / "shots.png")
     for player, summary in drawn.items():
         file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in player)
         charts.save(charts.transitions(summary, player), out / f"replies-{file}.png")

@@ -130,7 +130,7 @@ def card(
     """
     from jinja2 import UndefinedError  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.dynamics.card import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
+    from shuttle_marl.dynamics.evaluate import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
 
     if truth is not None:
         try:

@@ -15,7 +15,6 @@ from shuttle_marl.court.scene import SceneError
 from shuttle_marl.game.court import AREA_WORDS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import export as export_log
@@ -110,8 +109,6 @@ def export(
     out: File,
     *,
     rows: Literal["rallies", "strokes"] = "rallies",
-    game: str | None = None,
-    profile: Profile | None = None,
 ) -> None:
     """Export a log as a table.
 
@@ -119,14 +116,8 @@ def export(
         path: a rally log, or a folder of them.
         out: the table; its suffix selects the format: .parquet, .csv or .arrow.
         rows: one row per rally or one row per stroke.
-        game: model on whose game the log was played; adds state and probabilities of every stroke (with --rows strokes).
-        profile: men or women: the game of that discipline alone; default: the average of both.
     """
-    tables = None if game is None and profile is None else RallyGameOptions(game=game, profile=profile).load_for(path)
-    if tables is not None and rows != "strokes":
-        flag = f"--profile {profile}" if game is None else f"--game {game}"
-        raise RecordingError(f"{flag} adds columns to strokes; add --rows strokes")
-    cli.say(f"{out}: {export_log(path, out, rows, tables):,} rows")
+    cli.say(f"{out}: {export_log(path, out, rows):,} rows")
 
 
 def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | None = None) -> None:

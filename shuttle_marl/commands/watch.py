@@ -285,19 +285,20 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
 
     @functools.lru_cache(maxsize=8)
     def report(match: str | tuple[int, int], _: Language) -> bytes:
-        from shuttle_marl.reports import sources  # noqa: PLC0415  Jinja
-        from shuttle_marl.reports.match_page import match_page  # noqa: PLC0415
+        from shuttle_marl.court.clips import match_clips  # noqa: PLC0415
+        from shuttle_marl.reports import coach  # noqa: PLC0415  Jinja
+        from shuttle_marl.reports.pages import match_page  # noqa: PLC0415
 
-        found = sources.of_strokes(path, game, match) if isinstance(match, str) else sources.of_log(path, game, *match)
-        return match_page(*found)
+        found = coach.of_strokes(path, game, match) if isinstance(match, str) else coach.of_log(path, game, *match)
+        return match_page(*found, match_clips(*found))
 
     def strokes(match: str | tuple[int, int]) -> "pa.Table":
-        from shuttle_marl.reports import sources  # noqa: PLC0415  Jinja
+        from shuttle_marl.reports import coach  # noqa: PLC0415  Jinja
 
         if isinstance(match, str):
-            return sources.match_strokes(read_matches(path), match)
+            return coach.match_strokes(read_matches(path), match)
         with RallyLog(path) as log:
-            return sources.log_strokes(log, *match)
+            return coach.log_strokes(log, *match)
 
     return {
         ("report", "text/html"): lambda number: report(recorded.match(number), current()),

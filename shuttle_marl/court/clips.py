@@ -23,11 +23,11 @@ from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
 from shuttle_marl.reports import Players
 from shuttle_marl.reports.advice import Advice, Meeting
+from shuttle_marl.reports.coach import Source, hidden
 from shuttle_marl.reports.html import Viewer
 from shuttle_marl.reports.match import MatchReport
-from shuttle_marl.reports.rendering import Clips
+from shuttle_marl.reports.pages import Clips
 from shuttle_marl.reports.scouting import ScoutingReport
-from shuttle_marl.reports.sources import Source, hidden
 
 _FPS: Final = 25
 """Frames per second; the page interpolates, and motions are half as large."""
@@ -140,7 +140,7 @@ def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: t
 
 def scout_clips(report: ScoutingReport) -> Clips:
     """An example of each piece of advice."""
-    if report.pair is None or report.home is None or report.player is None:
+    if not report.advice or report.pair is None or report.home is None or report.player is None:
         return Clips()
     try:
         program = viewer()

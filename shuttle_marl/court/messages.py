@@ -437,29 +437,25 @@ class OpenSide(StrokeFacts, kw_only=True):
 
 
 class StrokeValue(Struct, kw_only=True):
-    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
-
-    ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
-    (:mod:`shuttle_marl.reports.rating`); ``change`` and ``quality`` are None where too few real strokes stand behind it, of which
-    ``support`` is the number. ``places``: positions of the receiver, None: they have no choice. ``open``: the open side, if there
-    is one and the position is known; ``wait``: how usual the answer is to the question where to wait, None: it is not asked.
-    """
+    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins."""
 
     win: float
     chosen: float
     match: float
     probability: float
-    change: float | None
-    quality: float | None
-    loss: float
+    change: (
+        float | None
+    )  # from what elite players choose, as in shuttle_marl.reports.rating; None: too few real strokes behind it
+    quality: float | None  # beside the better stroke; None: too few real strokes behind it
+    loss: float  # to the better stroke
     mark: str
     better: int
     question: Question | None
     options: list[Option]
-    support: int | None
-    places: list[Place] | None
-    open: OpenSide | None
-    wait: int | None
+    support: int | None  # number of real strokes behind the rarer of both; None: unknown
+    places: list[Place] | None  # positions of the receiver; None: they have no choice
+    open: OpenSide | None  # the open side; None: there is none, or the position is not known
+    wait: int | None  # how usual the answer is to the question where to wait; None: it is not asked
 
 
 class Analysis(Struct):

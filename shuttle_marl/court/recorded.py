@@ -19,7 +19,7 @@ from shuttle_marl.data import read_matches
 from shuttle_marl.data.matches import WholeRally, event, nearest_stroke, whole_rallies
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.hurried import hurry_of, marked_rows
+from shuttle_marl.dynamics.features import hurry_of, marked_rows
 from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people, looks_of

@@ -7,7 +7,6 @@
 import collections
 import dataclasses
 import math
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,21 +55,15 @@ _OUT, _NET, _SHORT, _FOUL = (REASONS.index(name) for name in ("out", "net", "sho
 _RETURNED, _UNKNOWN = REASONS.index("returned"), REASONS.index("unknown")
 
 
-def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
+def clean_matches(root: Path) -> Cleaned:
     """Read and clean the matches below ``root`` whose files are present.
 
-    Args:
-        names: names of the matches; None: all that are present.
-
     Raises:
-        DataError: unreadable input, or a named match is missing.
+        DataError: unreadable input, or no match is present.
     """
-    wanted = None if names is None else set(names)
-    matches = [m for m in list_matches(root) if m.present and (wanted is None or m.name in wanted)]
-    absent = (wanted or set()) - {m.name for m in matches}
-    if absent or not matches:
-        missing = ", ".join(sorted(absent)) or "any match"
-        raise DataError(root, f"no files of {missing}; get them with `{command('data', 'download')}`")
+    matches = [match for match in list_matches(root) if match.present]
+    if not matches:
+        raise DataError(root, f"no files of any match; get them with `{command('data', 'download')}`")
     games = []
     for match in matches:
         for path in match.games():

@@ -166,9 +166,6 @@ def _towards(points: F64, goal: F64, distance: F64) -> F64:
     return points + offset * np.minimum(1.0, distance / np.maximum(length, 1e-9))[:, None]
 
 
-_NO_DISCIPLINE: Final = "MS"
-
-
 def stroke_table(
     rallies: Rallies,
     catalogue: Catalogue,
@@ -180,21 +177,15 @@ def stroke_table(
 ) -> pa.Table:
     """Strokes of rallies in the schema of the annotated matches.
 
-    Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn
-    (:func:`sample_positions`): a good stroke lands in its target area, and flight times are medians of the
-    annotated matches. A match is filed under the discipline of its first player who has one
-    (:mod:`shuttle_marl.data.upstream`), or under men's singles; its time begins with the first of its rallies that is there.
+    Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn (:func:`sample_positions`).
+    A match is filed under the discipline of its first player who has one (:mod:`shuttle_marl.data.upstream`), or under men's
+    singles; its time begins with the first of its rallies that is there.
 
     Args:
         rallies: R rallies, those of a match one after the other.
         players: names by index, as ``rallies.policy`` counts them.
         matches: ``[R]`` name of each rally's match.
-        rng: draws points and times.
         looks: hands of the players at seats 0 and 1, by their numbers.
-
-    Returns:
-        A table of schema :data:`shuttle_marl.data.schema.STROKES`, source ``simulated``. ``area`` of a fault is that of its
-        landing, as in the annotated data.
 
     Raises:
         ShuttleError: numbers of games, points or strokes are outside the schema.
@@ -226,7 +217,7 @@ def stroke_table(
     after = points.copy()
     after[number, rallies.winner] += 1
     names, kinds = pa.array(players, pa.string()), [discipline(name) for name in players]
-    filed = pa.array([kinds[a] or kinds[b] or _NO_DISCIPLINE for a, b in rallies.policy.tolist()], pa.string())
+    filed = pa.array([kinds[a] or kinds[b] or "MS" for a, b in rallies.policy.tolist()], pa.string())
     landing_x, landing_y = places["landing"].astype(np.float32).T
     columns = {
         "match": pa.array(matches, pa.string()).take(row),
@@ -238,9 +229,7 @@ def stroke_table(
         "player": names.take(rallies.policy[row, seat]),
         "opponent": names.take(rallies.policy[row, 1 - seat]),
         "hand": left[np.arange(len(stroke)), seat],
-        "shot": catalogue.shot[stroke],
-        "height": catalogue.height[stroke],
-        "technique": catalogue.technique[stroke],
+        **{name: getattr(catalogue, name)[stroke] for name in ("shot", "height", "technique")},
         "hurried": rallies.hurried.astype(np.bool_),
         "area": court.area_of(landing_x, landing_y),
         "in_court": court.in_court(landing_x, landing_y),
@@ -284,8 +273,7 @@ def simulate(
         looks: hands of two players by name.
 
     Returns:
-        A table of schema :data:`shuttle_marl.data.schema.STROKES`, see :func:`stroke_table`; matches
-        are called ``simulated-1-PLAYER-PLAYER`` and so on.
+        A table as of :func:`stroke_table`; matches are called ``simulated-1-PLAYER-PLAYER`` and so on.
 
     Raises:
         SimulationError: no two players of one discipline, or probabilities that do not fit the game.

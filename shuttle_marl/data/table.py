@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from shuttle_marl import __version__
 from shuttle_marl.base import table_files
@@ -176,11 +175,9 @@ def anonymised(strokes: pa.Table) -> pa.Table:
     The numbers follow the SHA-256 of the names, so they reveal no order; the same names give the same pseudonyms.
     """
     for columns, form in ((("player", "opponent"), "player-{:02d}"), (("match",), "match-{:03d}")):
-        names = sorted(
-            {name for column in columns for name in pc.unique(strokes[column]).to_pylist() if name is not None},
-            key=lambda name: content_hash(name.encode()),
-        )
-        pseudonym = {name: form.format(number) for number, name in enumerate(names, 1)}
+        names = set[str]().union(*(strokes[column].unique().to_pylist() for column in columns))
+        ranked = enumerate(sorted(names, key=lambda name: content_hash(name.encode())), 1)
+        pseudonym = {name: form.format(number) for number, name in ranked}
         for column in columns:
             strokes = schema.changed(strokes, column, pa.array(map(pseudonym.get, strokes[column].to_pylist()), pa.string()))
     told = strokes.schema.metadata or {}

@@ -22,8 +22,8 @@ import torch
 from shuttle_marl.base.arrays import F64, I64, Ints
 from shuttle_marl.dynamics.features import SLOTS, Rows
 from shuttle_marl.dynamics.fitted import ModelError, PlayerChoices, tilted
-from shuttle_marl.dynamics.models import labelled, labels_of, softmax
-from shuttle_marl.dynamics.network import Ensemble, unseen
+from shuttle_marl.dynamics.models import labelled, labels_of, softmax, unseen
+from shuttle_marl.dynamics.modules import Ensemble
 from shuttle_marl.game.court import N_AREAS, mirrored
 from shuttle_marl.game.policy import STAGES, stages_of
 from shuttle_marl.game.shipped import HISTORY, read_model
@@ -136,7 +136,7 @@ def player_choices(
     Returns:
         The shifts of players with enough strokes, and the precision with its score.
     """
-    others = train.none() if validation is None else validation
+    others = train.take(np.zeros(len(train), np.bool_)) if validation is None else validation
     strikers, counts = np.unique(train.striker, return_counts=True)
     names = tuple(str(strikers[i]) for i in np.lexsort((strikers, -counts)) if counts[i] >= MIN_STROKES)
     empty = PlayerChoices(

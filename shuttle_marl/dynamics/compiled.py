@@ -37,19 +37,19 @@ import numpy as np
 from scipy.stats import beta
 
 from shuttle_marl.base.arrays import F32, F64, I16, I64, U8, U16, Bools, Ints
-from shuttle_marl.base.errors import OptionError
+from shuttle_marl.base.errors import OptionError, ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
+from shuttle_marl.dynamics.features import SLOTS, STATE, Rows, mirrored_where
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.models import log_odds, sigmoid
-from shuttle_marl.dynamics.situations import LONG_DUEL
+from shuttle_marl.dynamics.modules import LONG_DUEL
 from shuttle_marl.game import shipped
 from shuttle_marl.game.court import BACK, FOREHAND, N_AREAS, N_SIDES, N_THIRDS, mirrored, third_of
 from shuttle_marl.game.draws import ONE, with_fault_odds
-from shuttle_marl.game.layout import ALL, base_pairs, layout
+from shuttle_marl.game.layout import ALL, GameError, base_pairs, layout
 from shuttle_marl.game.rally import Stepper
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
 from shuttle_marl.game.tables import Game, hurry_units, thresholds
@@ -496,3 +496,53 @@ def model_stepper(game: Game) -> ModelStepper:
             "game with recovery are tables made from these"
         )
     return ModelStepper(game, FittedModels.load(origin.folder), load_support(origin.folder))
+
+
+def codes_of_states(game: Game, state: Ints, *, opposite: bool) -> dict[str, I16]:
+    """``[N]`` codes of the context of states, without discipline.
+
+    Args:
+        opposite: whether striker and receiver have different hands.
+    """
+    catalogue = game.catalogue
+    codes: dict[str, I16] = {}
+    for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
+        for attribute in ("shot", "area", "height", "technique"):
+            code = f"{name}_{attribute}"
+            # The last two codes of a previous stroke are "none" and "unknown".
+            codes[code] = np.append(getattr(catalogue, attribute), SLOTS[code] - 2)[stroke].astype(np.int16)
+    codes["contact"] = game.contact(state).astype(np.int16)
+    codes["hurried"] = game.hurried(state).astype(np.int16)
+    codes["hands"] = np.full_like(codes["contact"], opposite)
+    codes["own_area"] = mirrored_where(codes["hands"] == 1, codes["own_area"])
+    return codes
+
+
+def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
+    """``[N]`` codes of base pairs of a game, without discipline; ``opposite`` as for :func:`codes_of_states`."""
+    codes = codes_of_states(game, game.base_pair_state[pair], opposite=opposite)
+    for attribute in ("shot", "technique", "area"):
+        codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke[pair]].astype(np.int16)
+    codes["area"] = mirrored_where(codes["hands"] == 1, codes["area"])
+    return codes
+
+
+def layouts_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> tuple[Game, Game]:
+    """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
+
+    Args:
+        models: what the average player chooses.
+        share: minimum share of a legal shot type (:mod:`shuttle_marl.dynamics.compiled`).
+
+    Raises:
+        ShuttleError: too few kinds of stroke occur often enough.
+    """
+    catalogue = catalogue_of(rows)
+    try:
+        replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue), share)
+        return empty_game(catalogue, replies), empty_game(catalogue, between_hands(replies, catalogue))
+    except GameError as error:
+        raise ShuttleError(
+            f"these strokes make no game ({error}): every stroke of a game occurs at least {MIN_STROKES} times in the data; "
+            "add matches, or use --prior default, which takes the strokes of the shipped model"
+        ) from error

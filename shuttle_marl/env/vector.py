@@ -76,7 +76,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
 
     def random_actions(self) -> I64:
         """``[B]`` uniformly sampled legal actions, with the random number of the next stroke of each row."""
-        return self.versus.random_strokes()
+        return self.versus.random_actions()[0]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start the next episode in every row, up to the learner's first stroke.

@@ -163,7 +163,7 @@ def lists(opponent: StatePolicy, cell: Ints, waits: U16 | None = None) -> Iterat
     Args:
         opponent: on the game that is played.
         cell: ``[S]`` cell of each state, see :func:`cells_of`.
-        waits: positions of the lists with recovery, see :class:`~shuttle_marl.game.tabulated.TabulatedPolicy`.
+        waits: positions of the lists with recovery, see :class:`~shuttle_marl.game.policy.TabulatedPolicy`.
     """
     game, won = opponent.game.opposite, -1.0
     tables = met_by(game, opponent)

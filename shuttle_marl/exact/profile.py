@@ -194,7 +194,7 @@ def met(game: Game, positions: F64 | None) -> MetGame:
             hurry.append(np.empty((game.n_base_pairs, 2)))
             _means(here, game.base_pair_start, rows_of((game,), block), limits[-1], hurry[-1])
         table.append(found)
-    fields = {field.name: getattr(game, field.name) for field in dataclasses.fields(Game)}
+    fields = {field.name: getattr(game, field.name) for field in dataclasses.fields(Game) if field.init}
     fields["recovery"] = None
     return MetGame(**fields, of=game, table=tuple(table), mean_limits=np.stack(limits), mean_hurry=np.stack(hurry))
 

@@ -17,8 +17,7 @@ from shuttle_marl.base.errors import seed_number
 CHOICE_ONE: Final = 65535
 """Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""
 
-POSITION_SHIFT: Final = np.uint64(16)
-"""Bits by which a draw is shifted to choose a position instead of a stroke."""
+POSITION_SHIFT: Final = np.uint64(16)  # bits by which a draw is shifted to choose a position instead of a stroke
 
 GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
 MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
@@ -101,12 +100,9 @@ def chosen(cumulative: U16 | F64, draw: Ints) -> Intp:
     return np.greater(cumulative, draw.astype(cumulative.dtype)[:, None]).argmax(axis=1)
 
 
-ONE: Final = 1 << 16
-"""Probability 1 in fixed point."""
-HURRY_ONE: Final = 1 << 8
-"""Probability 1 of a hurried receiver in fixed point."""
-Odds = tuple[U64, U64]
-"""What odds are multiplied and divided by, in units of 1/65536."""
+ONE: Final = 1 << 16  # probability 1 in fixed point
+HURRY_ONE: Final = 1 << 8  # probability 1 of a hurried receiver in fixed point
+Odds = tuple[U64, U64]  # what odds are multiplied and divided by, in units of 1/65536
 
 
 def moved_share(part: UInts, whole: UInts | int, up: UInts | int, down: UInts | int, of: UInts | int) -> U64:

@@ -25,8 +25,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, Catalogue, frozen
 
-LONGEST_DUEL: Final = 3
-"""Longer duels count as this one."""
+LONGEST_DUEL: Final = 3  # longer duels count as this one
 
 Indices = Ints | int
 
@@ -62,7 +61,7 @@ class Layout:
     @property
     def levels(self) -> int:
         """Number of levels of effort L; 1 where effort does not count."""
-        raise NotImplementedError
+        return 1
 
     @functools.cached_property
     def n_base_pairs(self) -> int:
@@ -313,11 +312,6 @@ class Layout:
         return frozen(np.append(self.catalogue.is_attack, False)[self.edge_incoming])
 
     @functools.cached_property
-    def first_pairs(self) -> I32:
-        """First legal pair of each state that has one, in the order of the states."""
-        return frozen(self.pair_start[:-1][self.playable])
-
-    @functools.cached_property
     def last_pairs(self) -> I32:
         """Last legal pair of each state that has one, in the order of the states."""
         return frozen(self.pair_start[1:][self.playable] - 1)
@@ -412,11 +406,11 @@ def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict
         :class:`~shuttle_marl.game.tables.Game`. Only strokes that can be reached from the serve get edges.
 
     Raises:
-        GameError: a reachable stroke has no legal reply from one of the contacts, or a serve is no serve.
+        GameError: a reachable stroke has no legal reply from one of the contacts, or another stroke than a serve starts a rally.
     """
     n = len(catalogue)
-    if (replies[n] != catalogue.is_serve).any() or replies[:n, catalogue.is_serve].any():
-        raise GameError("exactly the serves must be legal at the start, and only there")
+    if replies[n, ~catalogue.is_serve].any() or replies[:n, catalogue.is_serve].any():
+        raise GameError("only serves must be legal at the start, and only there")
     is_net = np.append(catalogue.is_net_shot & duels, False)
     edges: dict[tuple[int, int, int], int] = {(n, n, 0): 0}
     reply_edge: list[int] = []
@@ -425,8 +419,8 @@ def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict
     for y in [n, *np.flatnonzero(_reachable(replies)[:n]).tolist()]:
         for contact in (0, 1):
             strokes = np.flatnonzero(replies[y] & (catalogue.height == contact)).tolist()
-            if not strokes and y != n:
-                raise GameError(f"no legal reply to {catalogue.names[y]} from contact {contact}")
+            if not strokes and (y != n or contact == 0):
+                raise GameError(f"no legal reply to {(*catalogue.names, 'the start of a rally')[y]} from contact {contact}")
             reply_count[y, contact] = len(strokes)
             for longer in (0, 1):
                 # The replies to a net shot are listed twice: those that make a duel of two strokes, and of three or more.
@@ -437,11 +431,11 @@ def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict
                 for z in strokes:
                     duel = (LONGEST_DUEL - 1 + longer if is_net[y] else 1) if is_net[z] else 0
                     reply_edge.append(edges.setdefault((y, z, duel), len(edges)))
-    own, incoming, duel_of = np.array(list(edges), dtype=np.int32).T
+    own, incoming, duel_of = np.ascontiguousarray(np.array(list(edges), dtype=np.int32).T)
     return {
-        "edge_own": np.ascontiguousarray(own),
-        "edge_incoming": np.ascontiguousarray(incoming),
-        "edge_duel": np.ascontiguousarray(duel_of),
+        "edge_own": own,
+        "edge_incoming": incoming,
+        "edge_duel": duel_of,
         "reply_start": reply_start,
         "reply_count": reply_count,
         "reply_edge": np.array(reply_edge, dtype=np.int32),
@@ -468,28 +462,19 @@ def base_pairs(tables: dict[str, I32]) -> int:
 
 PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
 """Number of shot types, areas, heights and techniques: the four components of a stroke."""
-STROKE_WIDTH: Final = sum(PARTS)
-"""Numbers that describe one stroke: the one-hots of its four components; all zero for "none yet"."""
-CONTACT: Final = 2 * STROKE_WIDTH
-"""Position of the contact offered to the striker (1: above the net)."""
-SERVE: Final = CONTACT + 1
-"""Position of the flag that a serve is due."""
-DUEL: Final = SERVE + 1
-"""Position of the number of net shots in a row, divided by 3."""
-EFFORT: Final = DUEL + 1
-"""Position of the own effort, divided by the highest one; the opponent's follows."""
-HURRIED: Final = EFFORT + 2
-"""Position of the flag that the striker is hurried."""
-RALLY_WIDTH: Final = HURRIED + 1
-"""Length of an observation of a rally."""
-SCORE_WIDTH: Final = 6
-"""Points, games and serving flag of both players; only in a match."""
+STROKE_WIDTH: Final = sum(PARTS)  # numbers that describe one stroke: the one-hots of its four components; all zero for "none yet"
+CONTACT: Final = 2 * STROKE_WIDTH  # position of the contact offered to the striker (1: above the net)
+SERVE: Final = CONTACT + 1  # position of the flag that a serve is due
+DUEL: Final = SERVE + 1  # position of the number of net shots in a row, divided by 3
+EFFORT: Final = DUEL + 1  # position of the own effort, divided by the highest one; the opponent's follows
+HURRIED: Final = EFFORT + 2  # position of the flag that the striker is hurried
+RALLY_WIDTH: Final = HURRIED + 1  # length of an observation of a rally
+SCORE_WIDTH: Final = 6  # points, games and serving flag of both players; only in a match
 
 SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE, DUEL, EFFORT + 1, EFFORT, HURRIED]
 """Permutation that turns the striker's observation into the receiver's."""
 
-SWAP_TOKENS: Final = np.array([1, 0, 2, 3, 5, 4, 6])
-"""The same of the numbers of :meth:`shuttle_marl.game.layout.Layout.observation`."""
+SWAP_TOKENS: Final = np.array([1, 0, 2, 3, 5, 4, 6])  # the same of the numbers of `Layout.observation`
 
 
 def stroke_features(game: Layout) -> F32:

@@ -47,19 +47,14 @@ from shuttle_marl.game.shipped import (
 from shuttle_marl.game.stroke import N_SHOTS, frozen
 from shuttle_marl.game.tables import Game
 
-COMPONENTS: Final = ("success", "return", "contact")
-"""Components of a stroke, in the order of the offsets."""
-ROLES: Final = ("striker", "receiver")
-"""Roles of a player in a stroke, in the order of the offsets."""
+COMPONENTS: Final = ("success", "return", "contact")  # components of a stroke, in the order of the offsets
+ROLES: Final = ("striker", "receiver")  # roles of a player in a stroke, in the order of the offsets
 GROUPS: Final = ("attack", "net", "rear", "lift", "block", "serve")
 """Groups of shot types; offset 0 is the general one, offset 1 + g that of group g."""
-AVERAGE: Final = "average"
-"""Name of the player without offsets."""
-DISCIPLINES: Final = ("men", "women")
-"""Names of the numbers in :attr:`Skill.discipline`."""
+AVERAGE: Final = "average"  # name of the player without offsets
+DISCIPLINES: Final = ("men", "women")  # names of the numbers in `Skill.discipline`
 
-Day = datetime.date | str | None
-"""A day, or its ISO 8601 text (``2021-07-31``)."""
+Day = datetime.date | str | None  # A day, or its ISO 8601 text (``2021-07-31``)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -201,10 +196,8 @@ def load_skill(folder: Path) -> Skill:
     return skill
 
 
-STEP: Final = 2.0**-10
-"""Difference of log-odds to which the offsets of a pair are rounded."""
-_LARGEST: Final = 4.0
-"""Offsets are limited to this difference of log-odds."""
+STEP: Final = 2.0**-10  # difference of log-odds to which the offsets of a pair are rounded
+_LARGEST: Final = 4.0  # offsets are limited to this difference of log-odds
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -308,10 +301,8 @@ def seat_names(game: Game, policies: tuple[str, str]) -> tuple[str, str]:
 class Looks(NamedTuple):
     """How the players at seats 0 and 1 look on the court."""
 
-    hands: Hands = (HANDS[0], HANDS[0])
-    """``right`` or ``left``."""
-    athletes: tuple[str, str] = ("male", "male")
-    """``male`` or ``female``."""
+    hands: Hands = (HANDS[0], HANDS[0])  # ``right`` or ``left``
+    athletes: tuple[str, str] = ("male", "male")  # ``male`` or ``female``
 
     @property
     def left(self) -> tuple[bool, bool]:

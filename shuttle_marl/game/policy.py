@@ -23,7 +23,7 @@ from shuttle_marl.base.tensor_files import read_tensors, tensor_bytes
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.layout import RALLY_WIDTH, SWAP, states_of
 from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS
-from shuttle_marl.game.scoring import nears_end, scores_of
+from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
 
@@ -32,8 +32,7 @@ LAGS: Final = 4
 STAGES: Final = {"length": 2, "end": 1}
 """Stages of a rally and of a game in which people choose differently, and their numbers; see :func:`stages_of`."""
 _LONG: Final = (19, 27)
-SUM_TOLERANCE: Final = 1e-6
-"""Tolerance of the sum of the probabilities of the strokes of a state, which is 1."""
+SUM_TOLERANCE: Final = 1e-6  # tolerance of the sum of the probabilities of the strokes of a state, which is 1
 _CHUNK: Final = 4096
 _LEVEL: Final = 9
 
@@ -104,7 +103,7 @@ def stages_of(number: Ints | None, points: Ints | None) -> dict[str, I64]:
     if number is not None:
         stages["length"] = np.asarray(np.searchsorted(_LONG, number, side="right") - 1)
     if points is not None:
-        stages["end"] = np.where(nears_end(points), 0, -1)
+        stages["end"] = np.where((np.asarray(points) >= BWF.points - 2).all(axis=1), 0, -1)
     return stages
 
 
@@ -216,11 +215,14 @@ def _checked(ask: Callable[[States], object], who: str, states: States, legal: B
             row = int(bad.argmax())
             raise PolicyError(f"{who} {says(row)} in state: {states.game.describe(int(states.state[row]))}")
 
-    refuse(~np.isfinite(p).all(axis=1), lambda _: "returned NaN or infinity")
+    refuse(np.asarray(~np.isfinite(p).all(axis=1)), lambda _: "returned NaN or infinity")
     illegal, names = (p != 0) & ~legal, states.game.catalogue.names if what == "stroke" else POSITIONS
     first = illegal.argmax(axis=1)
-    refuse(illegal.any(axis=1), lambda i: f"plays the illegal {what} {names[first[i]]} with probability {p[i, first[i]]:g}")
-    wrong = (p < 0).any(axis=1) | (np.abs(p.sum(axis=1) - 1) > 1e-4)
+    refuse(
+        np.asarray(illegal.any(axis=1)),
+        lambda i: f"plays the illegal {what} {names[first[i]]} with probability {p[i, first[i]]:g}",
+    )
+    wrong = np.asarray((p < 0).any(axis=1) | (np.abs(p.sum(axis=1) - 1) > 1e-4))
     refuse(wrong, lambda i: f"returned no distribution (sum {p[i].sum():g}, least {p[i].min():g})")
     return p
 
@@ -269,7 +271,7 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
         rows = np.where(waits[:, None], rows[:, sides], rows)
     score = None
     if rows.shape[1] > RALLY_WIDTH:
-        score = scores_of(rows[:, RALLY_WIDTH:])
+        score = np.rint(rows[:, RALLY_WIDTH : RALLY_WIDTH + 4] * [BWF.cap, BWF.cap, BWF.games, BWF.games]).astype(np.int16)
     states = States(game=game, state=states_of(game, rows), score=score)
     p = checked_probabilities(policy, states)
     if waits.any():

@@ -46,8 +46,7 @@ from shuttle_marl.game.tables import Game
 
 PER_STROKE: Final = ("stroke", "hurried", "waited", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
-OPTIONAL: Final = ("update", "waited", "log_probability", "value")
-"""Columns of :class:`Rallies` that may be missing."""
+OPTIONAL: Final = ("update", "waited", "log_probability", "value")  # columns of `Rallies` that may be missing
 
 
 def columns_of(game: Game, *others: str) -> tuple[str, ...]:
@@ -210,14 +209,9 @@ class Rally:
 
         Areas of the catalogue are mirrored for a left-handed receiver, and those of serves by the score.
         """
-        area = self._seen
+        areas = self.catalogue.area.astype(np.int64)
+        area = np.stack([seen_by(hand, areas) for hand in reversed(self.hands)])
         return np.where(self.catalogue.is_serve, service_area(area, self.from_right), area)
-
-    @functools.cached_property
-    def _seen(self) -> I64:
-        """``[2, strokes of the catalogue]`` area of each stroke of each seat as the receiver sees it."""
-        area = self.catalogue.area.astype(np.int64)
-        return np.stack([seen_by(self.hands[1 - seat], area) for seat in (0, 1)])
 
     def target(self, seat: int, stroke: int) -> int:
         """Area at which a seat aims with a stroke of the catalogue, as a right-handed receiver sees it."""
@@ -395,18 +389,14 @@ class Stroke(NamedTuple):
     """A stroke that was played.
 
     Attributes:
-        player: seat of the striker, 0 or 1.
-        stroke: catalogue index.
-        outcome: index into :data:`shuttle_marl.game.rules.OUTCOMES`.
-        p_succ: probability that the stroke was good.
         p_ret: probability that a good stroke was returned; in the game with recovery by a receiver who waits as people do, so it
             tells nothing of the position.
     """
 
-    player: int
-    stroke: int
-    outcome: int
-    p_succ: float
+    player: int  # seat of the striker, 0 or 1
+    stroke: int  # catalogue index
+    outcome: int  # index into `OUTCOMES`
+    p_succ: float  # probability that the stroke was good
     p_ret: float
 
 
@@ -427,16 +417,20 @@ class Stepper:
         self._n, self._one, self.n_actions = game.n_strokes, ONE, game.n_actions
         masks = game.reply_mask.reshape(-1, self._n).astype(np.int8)
         self._masks = np.pad(masks, ((0, 0), (0, self.n_actions - self._n)))
-        self._rank, self._pair_start, self._first_reply = map(_view, (game.reply_rank, game.base_pair_start, game.first_reply))
+        tables = game.reply_rank, game.base_pair_start, game.first_reply
+        self._rank, self._pair_start, self._first_reply = (_view(table) for table in tables)
         self._arrival = _view(4 * game.reply_edge + game.edge_attack[game.reply_edge])
         self._incoming = _view(game.edge_incoming)
         self._size, self._levels = game.n_base_states, game.levels
         self._next_block = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
-        waiting = [tables.waiting for tables in game.seats]
-        self._limits, self._met = ([[_view(limits) for limits in one.limits] for one in each] for each in (game.seats, waiting))
-        self._hurry, self._late = ([_view(one.hurry) for one in each] for each in (game.seats, waiting))
+        waiting = [seat.waiting for seat in game.seats]
+        self._limits: list[list[Any]] = [[_view(limits) for limits in seat.limits] for seat in game.seats]
+        self._met: list[list[Any]] = [[_view(limits) for limits in seat.limits] for seat in waiting]
+        self._hurry: list[Any] = [_view(seat.hurry) for seat in game.seats]
+        self._late: list[Any] = [_view(seat.hurry) for seat in waiting]
         self._feasible = waiting[0].place >= 0
-        self._place, self._choices, self._first_row = map(_view, (waiting[0].place, waiting[0].choices, waiting[0].start))
+        by_place = waiting[0].place, waiting[0].choices, waiting[0].start
+        self._place, self._choices, self._first_row = (_view(table) for table in by_place)
         self._only = _view(np.where(waiting[0].choices > 1, -1, waiting[0].position[:, 0]))
         highest = max(1, game.levels - 1)
         self._efforts = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]

@@ -34,22 +34,17 @@ if TYPE_CHECKING:
 POSITIONS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand") for area in AREAS)
 """Names of the nine positions; index = 3 * depth + side, as for areas."""
 N_POSITIONS: Final = len(POSITIONS)
-CENTRE: Final = N_POSITIONS // 2
-"""The position from which serves are received."""
-ACROSS: Final = 0.55
-"""Distance from the middle line beyond which a position is a side position [m]."""
-DEPTHS: Final = (3.2, 4.4)
-"""Distances from the net that divide front, middle and back positions [m]."""
+CENTRE: Final = N_POSITIONS // 2  # the position from which serves are received
+ACROSS: Final = 0.55  # distance from the middle line beyond which a position is a side position [m]
+DEPTHS: Final = (3.2, 4.4)  # distances from the net that divide front, middle and back positions [m]
 EFFECTS: Final = ("winner", "above", "hurried")
 """Outcomes whose odds a position changes: a winner given a good stroke, a return from above given a return, a hurried receiver
 given the contact of a return."""
-STEP: Final = 2.0**-10
-"""Difference of log-odds of one step of an effect."""
+STEP: Final = 2.0**-10  # difference of log-odds of one step of an effect
 _MOST_STEPS: Final = round(4 / STEP)
 PARTS: Final = {"incoming_shot": N_SHOTS + 1, "own_area": N_AREAS + 1, "incoming_area": N_AREAS + 1, "contact": 2, "hurried": 2}
 """What people's positions depend on, and the number of its values; the last one of a previous stroke: none."""
-_ROUNDS: Final = 6
-"""Rounds of the fixed point; more change no table of the shipped model."""
+_ROUNDS: Final = 6  # rounds of the fixed point; more change no table of the shipped model
 
 
 def position_of(x: F64, y: F64) -> I64:
@@ -73,19 +68,14 @@ def position_box(position: int) -> tuple[tuple[float, float], tuple[float, float
 class Waiting(NamedTuple):
     """Probabilities of outcomes by position: R rows, those of a base pair next to each other, one for each feasible position."""
 
-    choices: I32
-    """``[base states]`` number of feasible positions of the receiver."""
-    position: I8
-    """``[base states, 9]`` the feasible positions in rising order, then -1."""
+    choices: I32  # ``[base states]`` number of feasible positions of the receiver
+    position: I8  # ``[base states, 9]`` the feasible positions in rising order, then -1
     start: I64
     """``[base states + 1]`` first row of each state; the i-th position against the k-th stroke: ``start + k choices + i``."""
-    limits: U16
-    """``[L, R, 3]`` thresholds as in :attr:`shuttle_marl.game.tables.Game.limits`."""
-    hurry: U8
-    """``[R, 2]`` chances of a hurried receiver as in :attr:`shuttle_marl.game.tables.Game.hurry`."""
+    limits: U16  # ``[L, R, 3]`` thresholds as in `Game.limits`
+    hurry: U8  # ``[R, 2]`` chances of a hurried receiver as in `Game.hurry`
 
-    place: I8
-    """``[base states, 9]`` number of each position among the feasible ones, else -1."""
+    place: I8  # ``[base states, 9]`` number of each position among the feasible ones, else -1
 
     def row(self, base: Ints, k: Ints, position: Ints) -> I64:
         """Row of the k-th legal stroke of base states against feasible positions, which are not checked; any shape."""

@@ -30,53 +30,36 @@ from shuttle_marl.game.recovery import N_POSITIONS, Recovery
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
 
-GAME: Final = "game.safetensors"
-"""The compiled game in a model folder."""
-BC: Final = "bc.safetensors"
-"""Its behaviour-cloned players."""
+GAME: Final = "game.safetensors"  # the compiled game in a model folder
+BC: Final = "bc.safetensors"  # its behaviour-cloned players
 CHOICE_UNITS: Final = 64
 """Log-probabilities of their strokes are whole multiples of 1/64: within .8 % of a probability, in a third of the space."""
-HISTORY: Final = "history.safetensors"
-"""Shifts of the average player's choices by earlier strokes of the rally."""
-NETWORKS: Final = "networks.safetensors"
-"""The fitted models that the game was compiled from."""
-VARIANTS: Final = "variants.safetensors"
-"""Variants of the game, as differences from it."""
+HISTORY: Final = "history.safetensors"  # shifts of the average player's choices by earlier strokes of the rally
+NETWORKS: Final = "networks.safetensors"  # the fitted models that the game was compiled from
+VARIANTS: Final = "variants.safetensors"  # variants of the game, as differences from it
 Profile = Literal["men", "women"]
-PROFILES: Final = ("men", "women")
-"""Variants that are the games of one discipline."""
+PROFILES: Final = ("men", "women")  # variants that are the games of one discipline
 OPPOSITE: Final = "opposite"
 """Variant of players with different hands; behind another variant: that of it (``men-opposite``, ``3-opposite``)."""
 OPPOSITE_GAME: Final = "opposite.safetensors"
 """The compiled game of players with different hands in a model folder; its legal replies fly to the other side."""
 RECOVERY: Final = "recovery"
 """In names of games: the one in which receivers choose where to wait (``default:recovery``, ``default:men-recovery``)."""
-SKILL: Final = "skill.safetensors"
-"""Skill of the players, as differences from the average player."""
-HABITS: Final = "habits.safetensors"
-"""Counted strokes of the players, for reports."""
-HURRY: Final = "hurry.safetensors"
-"""Index that decides whether strikers were hurried, in models of strokes with positions."""
-POSITIONS: Final = "recovery.safetensors"
-"""Where people wait, and what a position changes (:mod:`shuttle_marl.game.recovery`)."""
-SUPPORT: Final = "support.safetensors"
-"""Data file beside the models: the torch reference of the tables needs it."""
-RELIABLE: Final = 20
-"""Number of real strokes below which the probabilities of a stroke are not reliable."""
+SKILL: Final = "skill.safetensors"  # skill of the players, as differences from the average player
+HABITS: Final = "habits.safetensors"  # counted strokes of the players, for reports
+HURRY: Final = "hurry.safetensors"  # index that decides whether strikers were hurried, in models of strokes with positions
+POSITIONS: Final = "recovery.safetensors"  # where people wait, and what a position changes (`recovery`)
+SUPPORT: Final = "support.safetensors"  # data file beside the models: the torch reference of the tables needs it
+RELIABLE: Final = 20  # number of real strokes below which the probabilities of a stroke are not reliable
 REFITS: Final = 8
 """Number of refits of a shipped model on resampled matches; their names are those of the model with :1, :2, … behind."""
-CARD: Final = "card.json"
-"""The model card, which holds the hashes of the other files."""
-FILES: Final = (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT)
-"""Files of every model, beside its card."""
-OPTIONAL_FILES: Final = (HABITS, HISTORY, HURRY, POSITIONS, SKILL, VARIANTS)
-"""Files that some models have."""
-STEP: Final = 0.0625
-"""Difference of log-odds of one step of a variant."""
+CARD: Final = "card.json"  # the model card, which holds the hashes of the other files
+FILES: Final = (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT)  # files of every model, beside its card
+OPTIONAL_FILES: Final = (HABITS, HISTORY, HURRY, POSITIONS, SKILL, VARIANTS)  # files that some models have
+STEP: Final = 0.0625  # difference of log-odds of one step of a variant
 COARSE: Final = 4
 """Steps of refits are multiples of this: their sampling errors are about five steps, and coarse steps take half the space."""
-MOST_STEPS: Final = 127
-"""Maximum size of a difference in steps."""
+MOST_STEPS: Final = 127  # maximum size of a difference in steps
 _RARE: Final = 0.006
 _SLACK: Final = 1e-6
 _MODELS: Final = Path(__file__).parent.parent / "models"
@@ -85,12 +68,9 @@ _MODELS: Final = Path(__file__).parent.parent / "models"
 class Origin(NamedTuple):
     """The model and the variant that a game was loaded from."""
 
-    folder: Path
-    """The model folder."""
-    variant: str | None = None
-    """Name of the variant; None: the game of the model itself."""
-    recovery: bool = False
-    """Whether receivers choose where to wait."""
+    folder: Path  # the model folder
+    variant: str | None = None  # name of the variant; None: the game of the model itself
+    recovery: bool = False  # whether receivers choose where to wait
 
     def name_in(self, model: str | Path) -> str:
         """Name of the game in a model of this name or folder."""
@@ -536,6 +516,7 @@ def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:
     return drawn
 
 
+@functools.lru_cache(maxsize=8)
 def real_strokes(game: Game) -> F64 | None:
     """``[E]`` real strokes behind each edge: those in the innermost cell of the data that its stroke belongs to.
 
@@ -544,23 +525,14 @@ def real_strokes(game: Game) -> F64 | None:
     Raises:
         GameError: the file of a model folder cannot be read.
     """
-    folder = folder_of(game)
-    if folder is None or not (folder / SUPPORT).is_file():
+    origin = origin_of(game)
+    if origin is None or not (origin.folder / SUPPORT).is_file():
         return None
+    name = f"{OPPOSITE}.strokes" if hands_of_variant(origin.variant)[1] else "strokes"
     try:
-        stamps = [(found.st_mtime_ns, found.st_size) for found in ((folder / name).stat() for name in (SUPPORT, CARD))]
-        origin = origin_of(game)
-        opposite = origin is not None and hands_of_variant(origin.variant)[1]
-        return _real_strokes(folder, len(game.edge_own), f"{OPPOSITE}.strokes" if opposite else "strokes", tuple(stamps))
+        return frozen(checked(read_model(origin.folder, SUPPORT).arrays[name], np.float64, (len(game.edge_own),)))
     except (OSError, KeyError, ValueError) as error:
-        raise GameError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
-
-
-@functools.lru_cache(maxsize=8)
-def _real_strokes(folder: Path, edges: int, name: str, stamps: tuple[tuple[int, int], ...]) -> F64:  # noqa: ARG001  a changed file is another key
-    found = checked(read_model(folder, SUPPORT).arrays[name], np.float64, (edges,)).copy()
-    found.setflags(write=False)  # every decision that a page shows asks for it
-    return found
+        raise GameError(f"{origin.folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
 
 
 def least_support(game: Game) -> int:

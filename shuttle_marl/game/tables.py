@@ -30,7 +30,7 @@ from shuttle_marl.base.files import content_hash, parsed, replace_file
 from shuttle_marl.base.tensor_files import checked, read_tensors, tensor_bytes
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import HURRY_ONE, ONE, with_fault_odds
-from shuttle_marl.game.layout import ALL, LONGEST_DUEL, GameError, Indices, Layout
+from shuttle_marl.game.layout import ALL, LONGEST_DUEL, GameError, Indices, Layout, layout
 from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, Recovery, Waiting, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 
@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from shuttle_marl.game.pairs import People
     from shuttle_marl.game.shipped import Origin
 
-ROOT: Final = 0
-"""The state in which every rally starts: the serve, struck from below the net."""
+ROOT: Final = 0  # the state in which every rally starts: the serve, struck from below the net
 _TYPES: Final[dict[str, tuple[Any, int]]] = {"threshold": (np.uint16, 3), "hurry": (np.uint8, 2)}
 _NO_TABLES: Final = ("catalogue", "recovery", "people", "whole", "seat", "origin")
 _MOST_LEVELS: Final = 8
@@ -108,7 +107,7 @@ class Game(Layout):
         return self  # nothing in it can be changed
 
     def without(self, *strokes: str) -> "Game":
-        """The game in which some strokes are illegal; the catalogue and the states are those of this game.
+        """The game in which some strokes are illegal; the catalogue stays, and the states are those that still occur.
 
         Args:
             strokes: shot types such as ``net-shot``, or strokes of the catalogue.
@@ -121,32 +120,11 @@ class Game(Layout):
         if unknown:
             raise GameError(f"no stroke {unknown[0]!r}; shot types are: {', '.join(dict.fromkeys(shots.tolist()))}")
         removed: Bools = np.isin(shots, strokes) | np.isin(names, strokes)
-        legal: Bools = self.reply_mask & ~removed
-        # States after a removed stroke never occur; they keep their strokes, because every state has one.
-        emptied = np.asarray(self.reply_mask.any(axis=-1) & ~legal.any(axis=-1))
-        for incoming in np.flatnonzero(emptied.any(axis=-1) & ~np.append(removed, False)):
-            raise GameError(
-                f"no stroke is legal after {np.append(names, 'the start of a rally')[incoming]} without {', '.join(strokes)}"
-            )
-        legal |= self.reply_mask & emptied[..., None]
-        count = legal.sum(axis=-1, dtype=np.int32)
-        # Stretches of replies are shared by both lengths of the duel, except after net shots.
-        kept = np.zeros(len(self.reply_edge) + 1, dtype=np.bool_)
-        for incoming, longer, contact in np.ndindex(self.reply_start.shape):
-            first = int(self.reply_start[incoming, longer, contact])
-            replies = slice(first, first + int(self.reply_count[incoming, contact]))
-            kept[replies] = legal[incoming, contact, self.edge_incoming[self.reply_edge[replies]]]
-        start: I32 = (np.cumsum(kept) - kept)[self.reply_start].astype(np.int32)
-        state = self.base_pair_state
-        keep = legal[self.incoming(state), self.contact(state), self.base_pair_stroke]
-        return dataclasses.replace(
-            self,
-            reply_start=start,
-            reply_count=count,
-            reply_edge=self.reply_edge[kept[:-1]],
-            threshold=self.threshold[keep],
-            hurry=self.hurry[keep],
-        )
+        tables = layout(self.catalogue, self.reply_mask.any(axis=1) & ~removed, duels=self.counts_duels)
+        smaller = Layout(catalogue=self.catalogue, **tables)
+        own, incoming, contact, duel, _, _, hurried = smaller.observation(smaller.base_pair_state).T
+        pair = self.pair(self.state_of(own, incoming, contact, duel, hurried=hurried), smaller.base_pair_stroke)
+        return dataclasses.replace(self, **tables, threshold=self.threshold[pair], hurry=self.hurry[pair])
 
     @functools.cached_property
     def seats(self) -> "tuple[Game, Game]":
@@ -185,6 +163,11 @@ class Game(Layout):
     def hides(self) -> bool:
         """Whether receivers choose where they wait, which strikers do not see: the game with recovery."""
         return self.recovery is not None
+
+    @property
+    def n_decisions(self) -> int:
+        """Number of decisions: the stroke in each state, and with recovery the position where the opponent strikes in it."""
+        return self.n_states * (1 + self.hides)
 
     @property
     def n_actions(self) -> int:

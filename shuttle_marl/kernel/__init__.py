@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from shuttle_marl.kernel.matches import Matches, MatchResults, play_matches, wrong_outcomes
     from shuttle_marl.kernel.players import Players, pack
     from shuttle_marl.kernel.rally import MatchBatch, RallyBatch
-    from shuttle_marl.kernel.sampling import Assess, Distinct, RallySampler, play_rallies
+    from shuttle_marl.kernel.sampling import Assess, RallySampler, play_rallies
+    from shuttle_marl.kernel.table_play import Distinct
 
 __all__ = [
     "Assess",

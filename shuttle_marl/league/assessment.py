@@ -2,12 +2,10 @@
 
 import dataclasses
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypedDict
 
 import numpy as np
-from scipy.stats import kendalltau, rankdata
 
 from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.base.cluster import in_threads
@@ -54,18 +52,6 @@ class Cycle(TypedDict):
     match_win: tuple[float, float, float]
 
 
-class Stability(TypedDict):
-    """Ranks of N entrants with a table by the exact fraction of matches won: ``[N]`` in the game itself, ``[R, N]`` in R refits.
-
-    ``kendall_tau``: ``[R]`` agreement of the two, from -1 (reversed) to 1 (the same order).
-    """
-
-    players: list[str]
-    rank: list[int]
-    rank_in_refits: list[list[int]]
-    kendall_tau: list[float]
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Style:
     """Style of a policy.
@@ -92,7 +78,6 @@ class Assessment:
         misfit: of the ratings to the P pairings that were played.
         games: meta-games by description: of all, and without :data:`ANCHOR`.
         cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
-        stability: None without results in refits.
     """
 
     names: tuple[str, ...]
@@ -102,7 +87,6 @@ class Assessment:
     games: dict[str, MetaGame]
     cyclic_share: float
     cycles: list[Cycle]
-    stability: Stability | None
     styles: Mapping[str, Style]
 
 
@@ -124,7 +108,6 @@ def assess(
         games=meta_games([name for name in pool if name in rated], pool, win),
         cyclic_share=cyclic_share(win),
         cycles=cycles(pool, win),
-        stability=stability(exact),
         styles=styles,
     )
 
@@ -196,24 +179,6 @@ def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
     ]
 
 
-def stability(exact: ExactOdds) -> Stability | None:
-    """Stability of the exact ranks in refits of the game; None without refits."""
-    if not exact.away_shares.size:
-        return None
-    known = np.flatnonzero(~np.isnan(exact.away_shares).any(axis=0))
-    match = exact.match[np.ix_(known, known)]
-    home = _ranks(match.sum(axis=1) - match.diagonal())
-    away = [_ranks(shares[known]) for shares in exact.away_shares]
-    tau = [float(kendalltau(home, ranks).statistic) if len(known) > 1 else math.nan for ranks in away]
-    return {"players": [exact.names[i] for i in known], "rank": home, "rank_in_refits": away, "kendall_tau": tau}
-
-
-def _ranks(fractions: F64) -> list[int]:
-    """``[N]`` ranks from 1 for the largest fraction; ties share the better rank."""
-    ranks: list[int] = rankdata(-fractions, method="min").astype(np.intp).tolist()
-    return ranks
-
-
 def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style]:
     """Styles of policies by name; empty if the game has no ``bc``."""
     from shuttle_marl.exact import moved, visits  # noqa: PLC0415  numba
@@ -261,7 +226,6 @@ def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, 
         "meta_games": assessment.games,
         "cyclic_share": assessment.cyclic_share,
         "cycles": assessment.cycles,
-        "stability": assessment.stability,
         "styles": {name: dataclasses.asdict(style) for name, style in assessment.styles.items()},
     }
     plain: dict[str, Any] = json.loads(

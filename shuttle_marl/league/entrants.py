@@ -83,9 +83,6 @@ class LeagueConfig:
     """Points of a game: 21 (best of three, the rules of the sport), or its trials: 15 (best of three), 11 (best of five)."""
     exact: bool = True
     """Also compute exact results of every pair, best responses, and styles; takes seconds per entrant."""
-    away: bool = False
-    """Also solve all pairs in the refits of the game, which shows how the ranking depends on the recorded matches. Changes no
-    other figure; takes some minutes."""
     workers: Annotated[int, msgspec.Meta(ge=1, le=256)] = 1
     """Threads that play pairings of policies with tables; results do not depend on it."""
     ray: str | None = None
@@ -101,8 +98,6 @@ class LeagueConfig:
         check_bounds(self, LeagueError)
         if self.matches % 2:
             raise LeagueError(f"--matches {self.matches}: expected an even number")
-        if not self.exact and self.away:
-            raise LeagueError("--away needs exact results; leave out --no-exact")
         if self.date is not None and self.players is None:
             raise LeagueError(f"--date {self.date}: is the day of the skill of --players; give both")
         twice = sorted({name for name in self.pool if self.pool.count(name) > 1})

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from markupsafe import Markup
 from rich.table import Table as RichTable
 from rich.text import Text
@@ -101,7 +100,6 @@ def ranking(standings: Sequence[Standing], styles: Mapping[str, Style] | None = 
         Column("matches won", lambda s: percent(s.share)),
         Column("95 % interval", lambda s: _percents(s.share_low, s.share_high), about="of the matches won", brief=False),
         Column("exact", lambda s: percent(s.exact_share), about="expected fraction of the matches, without sampling"),
-        Column("away (95 %)", _away, about="the same in refits of the game: mean, and interval for one more refit"),
         Column("rallies won", lambda s: percent(s.rally_share)),
         Column("serving", lambda s: percent(s.serving), about="rallies won when serving", brief=False),
         Column("receiving", lambda s: percent(s.receiving), about="rallies won when receiving", brief=False),
@@ -121,11 +119,6 @@ def _percents(low: float, high: float) -> Cell:
     # Normal intervals of probabilities may reach beyond 0 and 1.
     low, high = max(0.0, low), min(1.0, high)
     return Cell(f"{percent(low).text} to {percent(high).text}", high - low)
-
-
-def _away(standing: Standing) -> Cell:
-    mean = percent(standing.away_share)
-    return Cell(f"{mean.text} ({_percents(standing.away_low, standing.away_high).text})", mean.key) if mean.text else mean
 
 
 def console_table(standings: Sequence[Standing], form: Format = "round-robin") -> RichTable:
@@ -179,7 +172,7 @@ def page(
         games=[_meta_game(about, game) for about, game in assessment.games.items()],
         cyclic_share=assessment.cyclic_share,
         cycles=_cycles(assessment),
-        robustness=_robustness(assessment),
+        misfit=_misfit(assessment),
         recorded_every=every,
         logs=[*logs.values()],
         files=(REPORT, PAIRINGS, "results.csv"),
@@ -237,31 +230,21 @@ def _cycles(assessment: Assessment) -> Table:
     return Table([Column(heading, name, left=i < 3) for i, heading in enumerate(headings)], rows)
 
 
-def _robustness(assessment: Assessment) -> list[Table]:
-    tables, fit, stable = [], assessment.misfit, assessment.stability
-    if stable is not None:
-        ranks: list[Column[Any]] = [
-            Column("player", lambda row: name(row[0]), left=True),
-            Column("rank", lambda row: number(row[1], "d"), ascending=True),
-            Column("in refits", lambda row: interval(min(row[2]), max(row[2]), "d")),
-            Column("the same", lambda row: percent(row[2].count(row[1]) / len(row[2]), 0)),
-        ]
-        tau = stable["kendall_tau"]
-        caption = f"Exact ranks in {len(tau)} refits of the game (mean Kendall's tau {np.mean(tau):.2f})"
-        rows = zip(stable["players"], stable["rank"], zip(*stable["rank_in_refits"], strict=True), strict=True)
-        tables.append(table(rows, ranks, caption))
-    if fit.degrees:
-        misfits: list[Column[Any]] = [
-            Column("player", lambda row: name(row[0][0]), left=True),
-            Column("opponent", lambda row: name(row[0][1]), left=True),
-            Column("matches won", lambda row: percent(row[1])),
-            Column("by the ratings", lambda row: percent(row[2])),
-            Column("standard errors", lambda row: number(row[3], "+.1f")),
-        ]
-        caption = f"Misfit of the ratings: chi-squared {fit.statistic:.1f} with {fit.degrees} degrees of freedom, p = {fit.p:.2g}"
-        pairs = zip(assessment.pairs, fit.share.tolist(), fit.expected.tolist(), fit.z.tolist(), strict=True)
-        tables.append(table(sorted(pairs, key=lambda row: -abs(row[3]))[:_MOST_MISFITS], misfits, caption))
-    return tables
+def _misfit(assessment: Assessment) -> Table | None:
+    """Pairings whose results differ most from the ratings; None without degrees of freedom."""
+    fit = assessment.misfit
+    if not fit.degrees:
+        return None
+    columns: list[Column[Any]] = [
+        Column("player", lambda row: name(row[0][0]), left=True),
+        Column("opponent", lambda row: name(row[0][1]), left=True),
+        Column("matches won", lambda row: percent(row[1])),
+        Column("by the ratings", lambda row: percent(row[2])),
+        Column("standard errors", lambda row: number(row[3], "+.1f")),
+    ]
+    caption = f"Misfit of the ratings: chi-squared {fit.statistic:.1f} with {fit.degrees} degrees of freedom, p = {fit.p:.2g}"
+    pairs = zip(assessment.pairs, fit.share.tolist(), fit.expected.tolist(), fit.z.tolist(), strict=True)
+    return table(sorted(pairs, key=lambda row: -abs(row[3]))[:_MOST_MISFITS], columns, caption)
 
 
 def _pairings(results: Sequence[PairResult], logs: Mapping[int, str], *, numbered: bool) -> Table:

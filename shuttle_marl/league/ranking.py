@@ -8,8 +8,8 @@ matches of a cell have the same random numbers and are dependent. Exact figures 
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
@@ -17,15 +17,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.stats import binomtest, chi2
 
 from shuttle_marl.base.arrays import F64, Bools, Intp
-from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
+from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.league.entrants import Entrant
 from shuttle_marl.league.tournament import COUNTS, PairResult
-
-if TYPE_CHECKING:
-    from shuttle_marl.exact.odds import Spread, Values
 
 ELO: Final = 400 / np.log(10)
 """Elo points for a unit of theta: 400 points are odds of ten to one."""
@@ -39,8 +35,6 @@ _SURE: Final = 5e-7
 """Exact odds are rounded to six decimals; probabilities are clipped to this distance from 0 and 1, so ratings are finite."""
 _DECIMALS: Final = 6
 """Decimals of figures in files: coarser than the error bound, so that files are identical on all machines."""
-_AWAY: Final = 1e-7
-"""Error bound of odds in refits; refits differ by more."""
 _NAN: Final = float("nan")
 
 
@@ -251,8 +245,6 @@ class ExactOdds:
         exploitability: ``[N]`` gain of the best response, as a value from 0 to 1.
         normalised_score: ``[N]`` 0 for ``bc``, 1 for the best response to it, by rallies won against ``bc``; NaN for all if the
             game has no ``bc``.
-        away: ``[N]`` fraction of matches won against all others with a table, in refits of the game; None if not requested.
-        away_shares: ``[R, N]`` the same in each of the R refits; empty if not requested.
         problem: reason why there are no figures; empty if there are.
     """
 
@@ -260,8 +252,6 @@ class ExactOdds:
     match: F64
     exploitability: F64
     normalised_score: F64
-    away: "Spread | None" = None
-    away_shares: F64 = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     problem: str = ""
 
     def share(self, name: str, opponents: Sequence[str]) -> float:
@@ -282,13 +272,9 @@ def unknown(names: Sequence[str], problem: str = "") -> ExactOdds:
     return ExactOdds(names=tuple(names), match=match, exploitability=nothing, normalised_score=nothing.copy(), problem=problem)
 
 
-def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] = (), rules: Rules = BWF) -> ExactOdds:
-    """Solve every pair of entrants, and the best response to each; in the game of a pair, means over both seats.
-
-    Args:
-        refits: two or more refits of the game, in which the pairs are solved too; empty: skipped.
-    """
-    from shuttle_marl.exact import ExactError, moved  # noqa: PLC0415  numba
+def exact_odds(game: Game, entrants: Sequence[Entrant], rules: Rules = BWF) -> ExactOdds:
+    """Solve every pair of entrants, and the best response to each; in the game of a pair, means over both seats."""
+    from shuttle_marl.exact import ExactError  # noqa: PLC0415  numba
     from shuttle_marl.exact.odds import best_odds, crossplay, pair_odds  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
@@ -298,52 +284,23 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
     seats = [known for tables in both if (known := [table for table in tables if table is not None])]
     if not at:
         return unknown(names)
-
-    def match(tables: Sequence[Sequence[TabulatedPolicy]], tolerance: float = TOLERANCE) -> F64:
-        """``[M, M]`` probability that the row wins a match against the column, half of the time from each seat."""
-        win = crossplay(*tables, tolerance=tolerance).match(rules)
-        return win if len(tables) == 1 else np.asarray((win + 1 - win.T) / 2)
-
-    def there(refit: Game) -> F64:
-        return match([[moved(t, seat) for t in tables] for tables, seat in zip(seats, refit.seats, strict=False)], _AWAY)
-
     try:
         gains = [[odds.value for odds in best_odds(tables)] for tables in seats]
-        found = {"match": match(seats), "exploitability": np.mean(gains, axis=0)}
+        win = crossplay(*seats).match(rules)
+        found = {"match": win if len(seats) == 1 else (win + 1 - win.T) / 2, "exploitability": np.mean(gains, axis=0)}
         if game.people is None:
             with contextlib.suppress(PolicyError):  # a game without behaviour-cloned players
                 scorer = Scorer(game)
                 against = pair_odds([(table, scorer.reference) for table in seats[0]])
                 scores = [scorer.normalised(odds.rally) for odds in against]
                 found["normalised_score"] = np.array([np.nan if score is None else score for score in scores])
-        away, shares = _away(len(names), at, refits, there) if refits else (None, np.empty((0, 0)))
     except ExactError as error:
         return unknown(names, str(error))
-    exact = dataclasses.replace(unknown(names), away=away, away_shares=shares)
+    exact = unknown(names)
     for name, figure in found.items():
         # Adding 0 turns a rounded -0.0 into 0.0.
         getattr(exact, name)[np.ix_(*[at] * figure.ndim)] = np.round(figure, _DECIMALS) + 0.0
     return exact
-
-
-def _away(n: int, at: Sequence[int], refits: Sequence[Game], match: Callable[[Game], F64]) -> "tuple[Spread, F64]":
-    """``[N]`` fraction of matches won against all others over refits, and ``[R, N]`` in each; NaN without a table.
-
-    Args:
-        at: indices of the M entrants with a table.
-        match: ``[M, M]`` probability that the row wins a match against the column in a refit.
-    """
-    from shuttle_marl.exact.odds import over  # noqa: PLC0415  numba
-
-    def shares(refit: Game) -> "dict[str, Values]":
-        win, share = match(refit), np.full(n, np.nan)
-        share[at] = np.round((win.sum(axis=1) - win.diagonal()) / max(1, len(at) - 1), _DECIMALS)
-        each.append(share)
-        return {"share": share}
-
-    each: list[F64] = []
-    # Refits are solved one after another, because the pairs of one use all cores.
-    return over(refits, shares, at_once=1)["share"], np.array(each)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -362,8 +319,6 @@ class Standing:
         share_low: lower end of its 95 % Wilson interval.
         share_high: upper end.
         exact_share: exact expected fraction of matches won against the opponents that have a table; NaN if there are none.
-        away_share: mean of the same in refits of the game, against all others; NaN if not requested.
-        away_low, away_high: its 95 % prediction interval for one more refit.
         exploitability: gain of the best response to the entrant, as a value from 0 to 1; NaN without a table.
         normalised_score: by rallies won against ``bc``: 0 for ``bc``, 1 for the best response to it; NaN without a table.
     """
@@ -383,9 +338,6 @@ class Standing:
     receiving: float
     forfeits: int
     exact_share: float = math.nan
-    away_share: float = math.nan
-    away_low: float = math.nan
-    away_high: float = math.nan
     exploitability: float = math.nan
     normalised_score: float = math.nan
     rating_exact: float = math.nan
@@ -414,9 +366,6 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
         count = {c: sum(counts[c] for counts in own) for c in COUNTS}
         matches, wins = count["matches"], count["wins"]
         low, high = binomtest(wins, matches).proportion_ci(method="wilson") if matches else (_NAN, _NAN)
-        away, away_low, away_high = (
-            (_NAN,) * 3 if exact.away is None else np.array(dataclasses.astuple(exact.away))[:, at].tolist()
-        )
         found.append(
             Standing(
                 rank=place,
@@ -437,9 +386,6 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
                 receiving=_ratio(count["points_won"] - count["served_won"], count["rallies"] - count["served"]),
                 forfeits=forfeits[i],
                 exact_share=exact.share(name, [other for result in met for other in result.names if other != name]),
-                away_share=away,
-                away_low=away_low,
-                away_high=away_high,
                 exploitability=float(exact.exploitability[at]),
                 normalised_score=float(exact.normalised_score[at]),
             )

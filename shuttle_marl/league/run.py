@@ -23,7 +23,6 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import csv_bytes, write_parquet
 from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.scoring import RULES
-from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.league.assessment import as_json, assess, styles
 from shuttle_marl.league.entrants import PAIRINGS, REPORT, Entrant, LeagueConfig, LeagueError, default_pool, enter
@@ -224,17 +223,11 @@ class _Run:
         return RallyRecorder(resume_log(path, header, recorded))
 
     def exact(self) -> ExactOdds:
-        config, game = self.config, self.game
+        config = self.config
         if not config.exact:
             return unknown(config.pool)
-        refits: Sequence[Game] = ()
-        if config.away:
-            refits = game.people.refits() if game.people is not None else refits_of(game)
-        if config.away and len(refits) < 2:
-            refits = ()
-            _say(self.console, "the model has fewer than two refits, so there are no results in refits (--away)")
         with self.console.status("solving all pairs"):
-            exact = exact_odds(game, self.entrants, refits, RULES[config.rules])
+            exact = exact_odds(self.game, self.entrants, RULES[config.rules])
         if exact.problem:
             _say(self.console, f"no exact results: {exact.problem}")
         return exact

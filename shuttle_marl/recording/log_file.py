@@ -72,7 +72,7 @@ def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
     """Columns of a log: stroke numbers take one byte in a game of up to 256 strokes, else two.
 
     Args:
-        columns: the columns of :data:`shuttle_marl.game.rally.record.OPTIONAL` in the log.
+        columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log.
     """
     rows = _ROW | ({"update": pa.uint32()} if "update" in columns else {})
     kinds = {"stroke": pa.from_numpy_dtype(stroke_dtype(n_strokes)), "hurried": pa.bool_(), "waited": pa.int8()}

@@ -10,7 +10,6 @@ from types import TracebackType
 from typing import Any, BinaryIO, Final, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
@@ -27,8 +26,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, arrow_schema, existing_parts, from_arrow, part_path, to_arrow
 
-Derive = Callable[[Rallies], dict[str, npt.NDArray[np.generic]]]
-"""Function of a batch that returns further columns ``[N]`` of its strokes."""
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
     ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
     ".csv": pyarrow.csv.CSVWriter,
@@ -57,7 +54,7 @@ class RallyLog:
         catalogue: strokes, by number.
         size: size of all files [bytes].
         first_rally: ``[B]`` number of the first rally of each batch.
-        rallies, strokes: ``[B]`` numbers of them in each batch.
+        rallies, strokes: ``[B]`` numbers of them in each batch; ``n_rallies``, ``n_strokes``: in all.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -92,16 +89,6 @@ class RallyLog:
         if any(header != first for header in others):
             raise RecordingError(f"{self.path}: logs of several runs, which share no header; read them one by one")
         return dataclasses.replace(first, policies=self.policies, pairings=self.pairings)
-
-    @property
-    def n_rallies(self) -> int:
-        """Number of rallies in the log."""
-        return int(self.rallies.sum())
-
-    @property
-    def n_strokes(self) -> int:
-        """Number of strokes in the log."""
-        return int(self.strokes.sum())
 
     def batches(self) -> Iterator[tuple[int, Rallies]]:
         """Number of the first rally, and the rallies, of each batch in order."""
@@ -165,13 +152,9 @@ class RallyLog:
         """All rallies as one table, see :func:`rally_rows`."""
         return pa.concat_tables([rally_rows(self, *batch) for batch in self._batches_or_none()])
 
-    def stroke_table(self, derive: Derive | None = None) -> pa.Table:
-        """All strokes as one table, see :func:`stroke_rows`.
-
-        Args:
-            derive: returns further columns, such as :func:`derived`.
-        """
-        return pa.concat_tables([stroke_rows(self, *batch, derive) for batch in self._batches_or_none()])
+    def stroke_table(self) -> pa.Table:
+        """All strokes as one table, see :func:`stroke_rows`."""
+        return pa.concat_tables([stroke_rows(self, *batch) for batch in self._batches_or_none()])
 
     def _batches_or_none(self) -> Iterable[tuple[int, Rallies]]:
         """The batches; an empty batch if there are none, so that tables have their columns."""
@@ -205,6 +188,7 @@ class RallyLog:
         self.first_rally = np.concatenate([file.first_rally + at for file, at in zip(self.files, self._offsets, strict=True)])
         self.rallies = np.concatenate([file.rallies for file in self.files])
         self.strokes = np.concatenate([file.strokes for file in self.files])
+        self.n_rallies, self.n_strokes = int(self.rallies.sum()), int(self.strokes.sum())
         self._first_batch = np.cumsum([0, *(len(file.rallies) for file in self.files)])[:-1]
         self._policy = [_numbers(file.header.policies, self.policies, np.uint16) for file in self.files]
         self._pairing = [_numbers(file.header.pairings, self.pairings, np.uint32) for file in self.files]
@@ -250,10 +234,9 @@ def rally_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
     """
     table = pa.Table.from_batches([to_arrow(rallies, len(log.catalogue))])
     names = [player.name for player in log.policies]
-    for seat in (0, 1):
-        at = table.schema.get_field_index(f"policy_{seat}")
-        table = table.set_column(at, f"policy_{seat}", _words(rallies.policy[:, seat], names))
-    table = table.set_column(table.schema.get_field_index("reason"), "reason", _words(rallies.reason, OUTCOMES[:2]))
+    words = {f"policy_{seat}": _words(rallies.policy[:, seat], names) for seat in (0, 1)}
+    for name, column in {**words, "reason": _words(rallies.reason, OUTCOMES[:2])}.items():
+        table = table.set_column(table.schema.get_field_index(name), name, column)
     table = table.add_column(table.schema.get_field_index("strokes"), "length", pa.array(rallies.length))
     file = np.full(len(rallies), log.file_of(first))
     seeds = np.array([file.header.seed % 2**64 for file in log.files], dtype=np.uint64)
@@ -262,12 +245,8 @@ def rally_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
     return table.add_column(0, "number", pa.array(np.arange(first, first + len(rallies), dtype=np.uint64)))
 
 
-def stroke_rows(log: RallyLog, first: int, rallies: Rallies, derive: Derive | None = None) -> pa.Table:
+def stroke_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
     """A batch as a table of strokes.
-
-    Args:
-        first: number of its first rally.
-        derive: makes further columns, which stand behind the others.
 
     Returns:
         Columns ``number`` (uint64, of the rally), ``position`` (int32, from 0), ``seat`` (uint8), and as dictionaries
@@ -278,8 +257,6 @@ def stroke_rows(log: RallyLog, first: int, rallies: Rallies, derive: Derive | No
     further = {name: getattr(rallies, name) for name in rallies.optional_columns if name in PER_STROKE}
     if rallies.waited is not None:
         further["waited"] = _words(rallies.waited, POSITIONS)
-    if derive is not None:
-        further |= derive(rallies)
     return pa.table(
         {
             "number": (first + row).astype(np.uint64),
@@ -310,31 +287,7 @@ def require_game(log: RallyLog, game: Game) -> None:
         raise RecordingError(f"{told}; name its model with --game (and --profile)")
 
 
-def derived(log: RallyLog, game: Game) -> Derive:
-    """Columns of strokes that follow from the game; the ``derive`` of :meth:`RallyLog.stroke_table`.
-
-    Returns:
-        A function of a batch that returns ``[N]`` each: ``state`` (int32), ``p_succ`` that the stroke is good, ``p_ret`` that a
-        good one is returned and ``p_above`` that this happens above the net (float64). Illegal strokes have state -1 and
-        probabilities NaN.
-
-    Raises:
-        RecordingError: the log was played on another game.
-    """
-    require_game(log, game)
-
-    def columns(rallies: Rallies) -> dict[str, npt.NDArray[np.generic]]:
-        state, k = rallies.legal(game)
-        pair = game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
-        of_seats = [tables.stroke_probabilities(pair) for tables in game.seats]
-        known = [np.where(rallies.striker == 0, *of_both) for of_both in zip(*of_seats, strict=True)]
-        names = ("p_succ", "p_ret", "p_above")
-        return {"state": state, **{name: np.where(state < 0, np.nan, p) for name, p in zip(names, known, strict=True)}}
-
-    return columns
-
-
-def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: Game | None = None) -> int:
+def export(source: Path, target: Path, rows: Literal["rallies", "strokes"]) -> int:
     """Write a log as a table, complete or not at all.
 
     Args:
@@ -342,13 +295,12 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
             (lists as texts with spaces between their items; names that a spreadsheet would take for formulas begin with an
             apostrophe) or ``.arrow``.
         rows: one row a rally or a stroke, with the columns of :func:`rally_rows` or :func:`stroke_rows`.
-        game: adds to strokes what follows from the game that was played on, see :func:`derived`.
 
     Returns:
         The number of rows.
 
     Raises:
-        RecordingError: an unknown suffix, or a log that cannot be read or was played on another game.
+        RecordingError: an unknown suffix, or a log that cannot be read.
         FileWriteError: the table cannot be written.
     """
     open_writer = _WRITERS.get(target.suffix)
@@ -356,10 +308,9 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
         raise RecordingError(f"{target}: expected a name that ends in {', '.join(_WRITERS)}")
     count = 0
     with RallyLog(source) as log:
-        derive = None if game is None else derived(log, game)
 
         def rows_of(first: int, rallies: Rallies) -> pa.Table:
-            table = rally_rows(log, first, rallies) if rows == "rallies" else stroke_rows(log, first, rallies, derive)
+            table = rally_rows(log, first, rallies) if rows == "rallies" else stroke_rows(log, first, rallies)
             return _flat(table, log) if target.suffix == ".csv" else table
 
         with replacing(target) as file:

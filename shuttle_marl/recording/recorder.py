@@ -331,16 +331,11 @@ class RallyRecorder(LogContext):
         self._thread = ThreadPoolExecutor(1, f"recording {log.path.name}")
 
     @classmethod
-    def create(cls, path: Path, header: LogHeader, record: str = "all", **options: Any) -> Self:
-        """Start a log and record into it.
-
-        Args:
-            record: ``all`` or ``sample:N``.
-            **options: options of :class:`RallyLogWriter`.
-        """
-        if not Sampling.parse(record).every:
+    def create(cls, path: Path, header: LogHeader, **options: Any) -> Self:
+        """Start a log, with options of :class:`RallyLogWriter`, and record into it."""
+        if not Sampling.parse(header.record).every:
             raise RecordingError(f"{path}: --record none records nothing; leave the recorder out")
-        return cls(RallyLogWriter(path, dataclasses.replace(header, record=record), **options))
+        return cls(RallyLogWriter(path, header, **options))
 
     def add(self, rallies: Rallies) -> None:
         """Record those of some finished rallies that are in the sample; blocks while the queue is full.
@@ -401,14 +396,10 @@ def sampled_log(
 
     Args:
         policies: names of the sampled policies, without duplicates; each has a pairing of its own, in this order.
-        record: ``all`` or ``sample:N``.
 
     Yields:
         A function of the number of a pairing and rallies of it that records them; policy 0 of the rallies is the sampled policy,
         policy 1 the opponent.
-
-    Raises:
-        RecordingError: the log exists or cannot be written, or ``record`` is invalid.
     """
     header = LogHeader(
         seed=seed,
@@ -417,9 +408,10 @@ def sampled_log(
         policies=(opponent, *(Player(name=name) for name in policies)),
         pairings=tuple(pairing_key(name, opponent.name) for name in policies),
         matches_per_draw=1,
+        record=record,
         columns=columns_of(game),
     )
-    with RallyRecorder.create(path, header, record) as recorder:
+    with RallyRecorder.create(path, header) as recorder:
 
         def add(pairing: int, rallies: Rallies) -> None:
             numbers = np.full(len(rallies), pairing, np.uint32)
@@ -486,7 +478,7 @@ class _EnvironmentRecorder:
 
     def __init__(self, path: Path, env: ShuttleEnv, names: tuple[str, str]) -> None:
         game, rules = env.game, getattr(env, "rules", None)
-        self._path, self._logs, self._rows = path, 0, list[PlayedRally]()
+        self._path, self._rows = path, list[PlayedRally]()
         self._header = LogHeader(
             seed=0,
             game=game.hash,
@@ -503,10 +495,8 @@ class _EnvironmentRecorder:
         """Record a rally."""
         if self._log is None or rally.seed != self._header.seed:
             self.close()
-            self._logs += 1
-            name = self._path.stem + ("" if self._logs == 1 else f"-{self._logs}")
             self._header = dataclasses.replace(self._header, seed=rally.seed)
-            self._log = RallyLogWriter(self._path.with_stem(name), self._header)
+            self._log = RallyLogWriter(free_name(self._path), self._header)
         self._rows.append(rally)
         if len(self._rows) == _ROWS:
             self._write(self._log)

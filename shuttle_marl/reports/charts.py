@@ -57,8 +57,6 @@ _LOST_TO_WON: Final = ("#ba4830", "#f7f6f0", "#0b6e4f")
 _MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
 """Colours of larger and smaller shares; orange and blue are told apart by all readers."""
 INK: Final = "#0b0f17"
-COLOURS: Final = ("#127257", "#d95f02", "#5b6bb5", "#b5365b")
-"""Colours of pictures."""
 _MAT, _MARKING, _DARK = "#127257", "#dcebe6", "#16191c"
 _WIDE, _NARROW = 1100.0, 460.0
 """Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
@@ -136,11 +134,7 @@ class Chart:
         return gid
 
     def svg(self, title: str) -> Markup:
-        """The figure as an SVG element.
-
-        Args:
-            title: description for screen readers.
-        """
+        """The figure as an SVG element; ``title``: description for screen readers."""
         buffer = io.BytesIO()
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph")  # a browser has fonts for names in any script
@@ -607,29 +601,6 @@ def transitions(summary: "Summary", title: str) -> Any:
     axes.spines[:].set_visible(False)
     drawn.colorbar(picture, ax=axes, shrink=0.6, label="share of the replies to a shot [%]")
     axes.set_title(title, fontsize=11)
-    return drawn
-
-
-def shot_mix(summaries: Mapping[str, "Summary"]) -> Any:
-    """Shares of shot types side by side, and the distributions of rally lengths below."""
-    drawn = figure(9.5, 6.6)
-    above, below = drawn.subplots(2, 1)
-    width = 0.8 / len(summaries)
-    at = np.arange(len(SHOTS))
-    for i, (name, summary) in enumerate(summaries.items()):
-        colour = COLOURS[i % len(COLOURS)]
-        above.bar(at + (i - (len(summaries) - 1) / 2) * width, 100 * summary.shots, width, label=name, color=colour)
-        lengths = 100 * summary.lengths / max(1, summary.lengths.sum())
-        # The first lines are the widest, so that they stay visible behind later ones.
-        wide = 1.3 + 2.2 * (len(summaries) - 1 - i)
-        mean = f"{name}: mean {summary.length:.1f}"
-        below.step(np.arange(len(lengths)), lengths, where="mid", color=colour, linewidth=wide, label=mean)
-    above.set_xticks(at, _NAMES, rotation=40, ha="right", fontsize=8)
-    above.set_ylabel("share of strokes [%]")
-    below.set(xlabel="strokes of a rally", ylabel="share of rallies [%]", xlim=(0, 40))
-    for axes in (above, below):
-        axes.legend(fontsize=8, frameon=False)
-        axes.spines[["top", "right"]].set_visible(False)
     return drawn
 
 

@@ -27,7 +27,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import pyarrow as pa
 from scipy import optimize, special
 
 from shuttle_marl.base.arrays import F64, I64, Bools
@@ -45,7 +44,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import TYPICAL_TAU, human_policy
 from shuttle_marl.reports.advice import TOLERANCE
-from shuttle_marl.reports.value import Value, agree, placed
+from shuttle_marl.reports.value import Placed, Value, agree
 
 MARKS: Final = ("!!", "!", "?!", "?", "??")
 RARE: Final = 0.25
@@ -244,10 +243,8 @@ class RatedStrokes:
     position: I64
 
 
-def rated_strokes(strokes: pa.Table, rater: Rater) -> RatedStrokes:
-    """Strokes of schema :data:`~shuttle_marl.data.schema.STROKES` with all that could be played instead."""
-    game = rater.game
-    found = placed(strokes, game)
+def rated_strokes(found: Placed, rater: Rater) -> RatedStrokes:
+    """Strokes with all that could be played instead."""
     known = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
     state = found.state[known]
     rated = rater.rated(state)
@@ -255,11 +252,7 @@ def rated_strokes(strokes: pa.Table, rater: Rater) -> RatedStrokes:
 
 
 def theme_of(rally: Rally, number: int, *, above: bool) -> str:
-    """The theme of a stroke of a rally, with the contact above the net or below.
-
-    Args:
-        number: of the stroke, from 0.
-    """
+    """The theme of a stroke of a rally, with the contact above the net or below; ``number``: of the stroke, from 0."""
     if number < 3:
         return ("serve", *THEMES[:2])[number]
     came = SHOTS[rally.catalogue.shot[rally.stroke[number - 1]]]

@@ -20,8 +20,8 @@ from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.recovery import N_POSITIONS, position_of
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
-from shuttle_marl.reports.course import rally_numbers
 from shuttle_marl.reports.habits import discoveries
+from shuttle_marl.reports.summary import rally_numbers
 
 MOST: Final = 3
 """Shot types of a player."""

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from scipy.stats import spearmanr
 
-from shuttle_marl.base.files import Fraction, content_hash
+from shuttle_marl.base.files import FractionOrZero, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.odds import best_odds, pair_odds
 from shuttle_marl.game.policy import TabulatedPolicy
@@ -195,7 +195,7 @@ class Evaluate(LogTask):
         """Error, bias, rank correlation and regret; bias also of the trained policies alone."""
         policies, estimates = targets(arena, case, seed), outcome.answers.get("estimates")
         try:
-            estimated = np.array(msgspec.convert(estimates, list[Fraction]))
+            estimated = np.array(msgspec.convert(estimates, list[FractionOrZero]))
         except msgspec.ValidationError as error:
             raise SuiteError(f"the estimates are no numbers from 0 to 1 ({error})") from error
         if len(estimated) != len(policies):

@@ -220,12 +220,11 @@ class Observer:
     """Network inputs of states, or with recovery of decisions, as tensors on a device."""
 
     def __init__(self, game: Game, device: str) -> None:
-        self.device, self._game, self._position = torch.device(device), game, None
-        decisions = np.arange(game.n_states if game.recovery is None else 2 * game.n_states)
-        self._observation = torch.from_numpy(decision_observations(game, decisions)).to(self.device)
+        self.device, self._game = torch.device(device), game
+        seen = decision_observations(game, np.arange(game.n_decisions))
+        self._observation = torch.from_numpy(seen).to(self.device)
         self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
-        if game.recovery is not None:
-            self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
+        self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
 
     def observations(self, states: torch.Tensor) -> torch.Tensor:
         """``[U, 7]`` observations of ``[U]`` states, with recovery ``[U, 8]`` of decisions."""
@@ -240,8 +239,6 @@ class Observer:
         """``[R]`` catalogue indices of ``[R]`` legal pairs; n + p of positions, see :mod:`shuttle_marl.kernel.table_play`."""
         pairs = pairs.long().to(self.device)
         stroke = self._stroke[pairs % len(self._stroke)]
-        if self._position is None:
-            return stroke
         positions = self._position[(pairs - self._game.n_pairs) % len(self._position)]
         return torch.where(pairs < self._game.n_pairs, stroke, self._game.n_strokes + positions)
 

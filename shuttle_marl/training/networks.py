@@ -43,19 +43,15 @@ def decision_observations(game: Game, decisions: Ints) -> I32:
 
     A player who is to choose a position sees the strokes and efforts with their own first, and 1 as the last number.
     """
-    own = game.observation(decisions % game.n_states)
-    if game.recovery is None:
-        return own
-    position = (decisions >= game.n_states)[:, None]
-    return np.hstack([np.where(position, own[:, SWAP_TOKENS], own), position]).astype(np.int32)
+    own, position = game.observation(decisions % game.n_states), (decisions >= game.n_states)[:, None]
+    seen = np.hstack([np.where(position, own[:, SWAP_TOKENS], own), position], dtype=np.int32)
+    return seen[:, : own.shape[1] + game.hides]
 
 
 def decision_masks(game: Game, decisions: Ints) -> Bools:
     """``[U, n]`` legal strokes of states; with recovery ``[U, n + 9]`` legal actions of decisions."""
-    if game.recovery is None:
-        return game.mask(decisions)
     position, states = (decisions >= game.n_states)[:, None], decisions % game.n_states
-    return np.hstack([game.mask(states) & ~position, game.waiting.mask(game.base(states)) & position])
+    return np.hstack([game.mask(states) & ~position, game.waiting.mask(game.base(states)) & position])[:, : game.n_actions]
 
 
 class LegalStrokes(Categorical):

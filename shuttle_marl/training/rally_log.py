@@ -86,7 +86,7 @@ class RunLog(LogContext):
         """
         if self._recorder is None:
             return
-        numbers = sampler.numbers[sampler.served(sampler.numbers)]
+        numbers = sampler.numbers
         numbers = numbers[self._kept(self._sampling, segment, numbers)]
         if not len(numbers):
             return

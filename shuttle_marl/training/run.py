@@ -3,9 +3,9 @@
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -461,14 +461,13 @@ def _train(config: TrainingConfig) -> None:
     train(dataclasses.replace(config, resume=(config.out / runs.CONFIG).exists()))
 
 
-def train_all(configs: Sequence[Any], jobs: int, console: Console, work: Callable[[Any], None] = _train) -> None:
+def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) -> None:
     """Start or resume training runs, in processes that end with this one.
 
     Args:
         configs: their settings, in the order in which they start.
         jobs: number of parallel processes; does not change the results.
-        work: function of a module that trains with such settings.
     """
-    done: Iterator[None] = in_processes(work, configs, min(jobs, len(configs)))
+    done = in_processes(_train, configs, min(jobs, len(configs)))
     for _ in track(done, "training", len(configs), console=console, transient=True):
         pass

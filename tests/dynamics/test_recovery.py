@@ -13,7 +13,7 @@ from scipy.special import expit
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import STROKES, Outcome
-from shuttle_marl.dynamics.card import as_markdown, write_card
+from shuttle_marl.dynamics.evaluate import as_markdown, write_card
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.recovery import (
     FEATURES,

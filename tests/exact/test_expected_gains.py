@@ -11,7 +11,7 @@ import pytest
 
 from shuttle_marl.commands.exact import main
 from shuttle_marl.data import read_matches
-from shuttle_marl.dynamics.card import add_truth, write_card
+from shuttle_marl.dynamics.evaluate import add_truth, write_card
 from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import Estimate, factor_of, factors_of, load_game, read_model_card
 from shuttle_marl.policy import baselines

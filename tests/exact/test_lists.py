@@ -76,8 +76,8 @@ def test_no_allowed_stroke_is_better_than_the_limited_response() -> None:
     assert value.odds().rally == pytest.approx(answer.value.odds().rally, abs=1e-8)
     # Policy improvement: with the values of this profile, the best allowed stroke is the one that is played.
     worth = np.where(allowed, GAME.stroke_values(value.striking[1]), -2)
-    best = np.maximum.reduceat(worth, GAME.first_pairs)
-    assert np.maximum.reduceat(np.where(played, worth, -2), GAME.first_pairs) == pytest.approx(best, abs=1e-7)
+    best = np.maximum.reduceat(worth, GAME.pair_start[:-1][GAME.playable])
+    assert np.maximum.reduceat(np.where(played, worth, -2), GAME.pair_start[:-1][GAME.playable]) == pytest.approx(best, abs=1e-7)
     assert answer.value.odds().rally < best_response(opponent).value.odds().rally
 
 

@@ -72,7 +72,7 @@ def test_a_cache_that_cannot_be_used_only_costs_time(
         np.testing.assert_allclose(unwritable, exact.crossplay(policies).serving, atol=1e-12)
 
 
-@pytest.mark.parametrize("file", ["exact/sweeps.py", "game/rally/stepper.py", "kernel/core.py", "policy/network.py"])
+@pytest.mark.parametrize("file", ["exact/sweeps.py", "game/rally.py", "kernel/core.py", "policy/network.py"])
 def test_results_of_other_source_code_are_not_used(file: str, tmp_path: Path) -> None:
     def key() -> bytes:
         spec = importlib.util.spec_from_file_location("copy_of_cache", tmp_path / "base" / "cache.py")

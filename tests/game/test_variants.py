@@ -15,7 +15,7 @@ from safetensors.numpy import save_file
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import Tensors, read_tensors
-from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.dynamics.evaluate import write_card
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import shipped
 from shuttle_marl.game.draws import ONE

@@ -278,7 +278,6 @@ def test_what_cannot_be_resumed(small: dict[str, Any], tmp_path: Path) -> None:
         ({"seed": -1}, "expected `int` >= 0"),
         ({"pool": ("safe", "random", "safe")}, "names safe twice"),
         ({"pool": ("safe",)}, "needs two entrants"),
-        ({"exact": False, "away": True}, "leave out --no-exact"),
         ({"rounds": 3}, "with --format swiss"),
         ({"decide": 0.0}, "expected `float` > 0"),
         ({"workers": 0}, "--workers 0: expected `int` >= 1"),

@@ -56,7 +56,6 @@ def tournament() -> dict[str, Any]:
         match=match,
         exploitability=np.array([0.4, 0, math.nan, math.nan]),
         normalised_score=np.array([0, 0.8, math.nan, math.nan]),
-        away_shares=np.array([[0.1, 0.9, math.nan, math.nan], [0.2, 0.8, math.nan, math.nan]]),
     )
     styles = {
         name: Style(likeness=likeness, rally_length=9.0, shots={axis: (i + 1) / 36 for i, axis in enumerate(AXES)})

@@ -15,8 +15,8 @@ from shuttle_marl.court.match import PolicyTables, play_rally
 from shuttle_marl.court.plan import Side
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.simulated import simulate, simulated_rallies
-from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.choices import fit_history
+from shuttle_marl.dynamics.evaluate import write_card
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.game.draws import stream

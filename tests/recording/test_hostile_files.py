@@ -73,7 +73,7 @@ def watch() -> Watch:
         (recording, ["info", "LOG"]),
         (recording, ["check", "LOG"]),
         (recording, ["recover", "LOG", "--out", "recovered.mcap"]),
-        (recording, ["export", "LOG", "strokes.parquet", "--rows", "strokes", "--game", "default"]),
+        (recording, ["export", "LOG", "strokes.parquet", "--rows", "strokes"]),
         (recording, ["show", "LOG", "--rally", "1"]),
         (recording, ["scene", "LOG", "--rally", "1", "--out", "scene.mcap"]),
         (analysis, ["LOG", "--rallies", "50", "--out", "pictures"]),

@@ -37,7 +37,7 @@ def simulated(player: TabulatedPolicy, against: TabulatedPolicy, seed: int) -> t
     env = RallyVectorEnv(ROWS, opponent=against, game=game, mask="none", info="none")
     _, infos = env.reset(seed=seed)
     first = np.zeros(game.n_states, dtype=np.int64)
-    first[game.playable] = game.first_pairs
+    first[game.playable] = game.pair_start[:-1][game.playable]
     played, won, unseen = np.zeros(ROWS, dtype=int), 0.0, np.zeros((ROWS, 2))
     while (played < EPISODES).any():
         counting = played < EPISODES

@@ -171,7 +171,7 @@ def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:First")
     player = results.read_outcome(folder, results.read_entry(results.entry_path(folder, 0, 0)), GAME).policies["player"]
     first = np.zeros(GAME.n_pairs)
-    first[GAME.first_pairs] = 1
+    first[GAME.pair_start[:-1][GAME.playable]] = 1
     assert np.array_equal(player.pair_probabilities(), first)
 
 

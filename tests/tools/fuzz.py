@@ -140,7 +140,7 @@ LOG: Final = Format(
         "recording info rallies.mcap --json",
         "recording show rallies.mcap --match 0",
         "recording export rallies.mcap out.csv",
-        "recording export rallies.mcap out.csv --rows strokes --game model",
+        "recording export rallies.mcap out.csv --rows strokes",
         "recording recover rallies.mcap --out recovered.mcap",
         "recording scene rallies.mcap --rally 0 --out scene.mcap --game model",
         "analysis rallies.mcap --rallies 50 --game model --json",

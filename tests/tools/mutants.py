@@ -88,7 +88,7 @@ CORE: Final = tuple(
     f"shuttle_marl/{name}"
     for name in (
         *("game/", "kernel/", "env/", "exact/", "recording/", "data/readers.py", "data/elan.py", "data/sheet.py", "data/own.py"),
-        *("league/ratings.py", "league/ranking.py"),
+        "league/ranking.py",
     )
 )
 """Folders and files of rules, kernel, environments, exact values, recording, readers and ratings."""

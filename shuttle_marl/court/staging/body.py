@@ -14,19 +14,9 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Intp
-from shuttle_marl.court.staging import limbs
+from shuttle_marl.court.staging import geometry, limbs
 from shuttle_marl.court.staging.feet import Feet, Plants, lifted, move, standing, steps
-from shuttle_marl.court.staging.geometry import (
-    apply,
-    curve,
-    curve_at,
-    ease,
-    from_yaw_pitch_roll,
-    slopes_through,
-    smooth,
-    turned,
-    unit,
-)
+from shuttle_marl.court.staging.geometry import apply, ease, from_yaw_pitch_roll, smooth, unit
 from shuttle_marl.court.staging.limbs import Arm, Goal, arm_of
 from shuttle_marl.court.staging.poses import BACKHANDS, FREE_ARM, HELD, N_POSE, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.court.staging.skeleton import (
@@ -168,7 +158,7 @@ class PlayerMotion:
         keys = self.prepared.keys
         n = int(np.searchsorted(keys.frame, frame))
         if keys.frame[0] < frame < keys.frame[-1]:
-            pose, slope = curve_at(keys.frame, keys.pose, keys.slope, frame)
+            pose, slope = geometry.curve_at(keys.frame, keys.pose, keys.slope, frame)
         else:
             pose = keys.pose[min(n, len(keys.frame) - 1)]
             slope = np.zeros_like(pose)
@@ -187,7 +177,7 @@ def prepare(
     before: Course | None = None,
 ) -> Prepared:
     """Place feet and hips ``[F, 2]`` [m], and solve the contacts; ``known`` plants and frames ``before`` a branch stay."""
-    body = curve(timeline.frame, timeline.pose, slopes_of(timeline, timeline.pose), len(hips))[:, TRUNK]
+    body = geometry.curve(timeline.frame, timeline.pose, slopes_of(timeline, timeline.pose), len(hips))[:, TRUNK]
     place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift]) + added.place
     reach = limbs.reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
@@ -222,7 +212,7 @@ def _settled(skeleton: Skeleton, place: F64, root: F64, feet: Feet, before: Cour
 def course(skeleton: Skeleton, prepared: Prepared, shuttle: F64, before: Course | None = None) -> Course:
     """Inputs of the bones in all frames; the head follows the shuttle ``[F, 3]`` [m], and frames ``before`` a branch stay."""
     keys, done = prepared.keys, len(before.hips) if before else 0
-    pose = curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + prepared.added.pose
+    pose = geometry.curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + prepared.added.pose
     arm = arm_of(skeleton)
     for part in (RACKET_ARM, FREE_ARM):
         pose[:, part] = arm.clipped(pose[:, part])
@@ -311,7 +301,7 @@ def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
 
 def slopes_of(timeline: Timeline, poses: F64) -> F64:
     """``[K, 27]`` slopes at key poses: the known ones, and those of monotone cubics."""
-    out = slopes_through(timeline.frame, poses)
+    out = geometry.slopes_through(timeline.frame, poses)
     out[: len(timeline.known.slope)] = timeline.known.slope
     return out
 
@@ -403,7 +393,7 @@ def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F
         return
     chest, collar = chest_of(skeleton, place[timeline.frame[keys]], poses[keys], free=True)
     above = timeline.frame[keys] <= hit.frame - round(HELD[hit.stance.motion][1] * fps)
-    spot = (hit.point + turned(np.array(hit.stance.heading)) @ np.array(HELD[hit.stance.motion][0])) * FLIP
+    spot = (hit.point + geometry.turned(np.array(hit.stance.heading)) @ np.array(HELD[hit.stance.motion][0])) * FLIP
     goal = Goal(np.tile(spot, (len(keys), 1)), elbow=unit(np.array([0.62, 0.2, -0.75])), weight=(10.0, 0.0, 0.0, 0.2))
     found = limbs.solve(arm_of(skeleton), in_chest(chest, collar, goal), poses[keys, FREE_ARM], rounds=14)
     poses[keys[above], FREE_ARM] = found[above]

@@ -19,16 +19,14 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.compiling import compiled
+from shuttle_marl.court.staging import geometry
 from shuttle_marl.court.staging.feet import Feet
 from shuttle_marl.court.staging.geometry import (
     Mat,
     Vec,
     add,
-    apply,
-    cross,
     cross_of,
     dot,
-    frame,
     frame_of,
     mat_mul,
     mat_vec,
@@ -37,13 +35,10 @@ from shuttle_marl.court.staging.geometry import (
     put_vec,
     rotation_about,
     scaled,
-    smooth,
     sub,
     transposed,
     turned_by,
-    unit,
     unit_of,
-    widen,
 )
 from shuttle_marl.court.staging.skeleton import LEFT, RIGHT, SWEET_SPOT, Skeleton
 
@@ -57,7 +52,7 @@ Orthopaedic Surgeons 1965), ulnar deviation and extension as measured in racket 
 palm, deviation towards the little finger, pronation positive."""
 SWING_LIMIT: Final = np.radians(125)
 """Greatest angle between the upper arm and its middle direction [rad]."""
-MIDDLE: Final = unit(np.array([0.80, 0.58, 0.12]))
+MIDDLE: Final = geometry.unit(np.array([0.80, 0.58, 0.12]))
 """The middle direction of the upper arm, seen from the chest."""
 RELAXED: Final[F64] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])
 """Preferred angles of the solver [rad]."""
@@ -122,18 +117,18 @@ def arm_of(skeleton: Skeleton) -> Arm:
         skeleton.at(b) for b in ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
     )
     offset = np.array([shoulder - collar, elbow - shoulder, hand - elbow, grip - hand])
-    upper, lower = unit(offset[1]), unit(offset[2])
-    hinge, normal = unit(np.cross(upper, lower)), skeleton.grip_normal
+    upper, lower = geometry.unit(offset[1]), geometry.unit(offset[2])
+    hinge, normal = geometry.unit(np.cross(upper, lower)), skeleton.grip_normal
     # The wrist bends about the line across the hand and deviates about the line through the palm.
-    palm = unit(normal - (normal @ lower) * lower)
-    across = unit(np.cross(lower, palm))
-    swing = frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
+    palm = geometry.unit(normal - (normal @ lower) * lower)
+    across = geometry.unit(np.cross(lower, palm))
+    swing = geometry.frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
     up, forward = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     return Arm(
         axes=np.array([up, forward, *swing, MIDDLE, hinge, -lower, across, palm, skeleton.grip_axis]),
         offset=offset,
         # Turns the arm at rest into the middle direction, the elbow's hinge so that the forearm bends upwards and inwards.
-        to_middle=frame(MIDDLE, np.array([0.28, -0.53, 0.71])) @ frame(upper, hinge).T,
+        to_middle=geometry.frame(MIDDLE, np.array([0.28, -0.53, 0.71])) @ geometry.frame(upper, hinge).T,
         rest_bend=float(np.arccos(upper @ lower)),
         normal=normal,
     )
@@ -345,7 +340,7 @@ def solve_best(arm: Arm, goal: Goal, starts: F64, rounds: int = 40) -> F64:
     many = Goal(*(np.concatenate([part] * s) for part in goal))
     solved = solve(arm, many, starts.reshape(s * n, -1), rounds=rounds)
     pose = arm.pose(solved)
-    shaft, upper = pose.rotation[4] @ arm.axis, unit(pose.position[2] - pose.position[1])
+    shaft, upper = pose.rotation[4] @ arm.axis, geometry.unit(pose.position[2] - pose.position[1])
     errors = (pose.position[4] + np.expand_dims(many.reach, -1) * shaft - many.point, shaft - many.shaft, upper - many.elbow)
     weights = np.asarray(many.weight)[:, (0, 1, 3)]
     cost = (np.stack([np.linalg.norm(e, axis=1) for e in errors], axis=1) * weights) ** 2
@@ -361,7 +356,7 @@ def sweet_spot(arm: Arm, pose: ArmPose) -> F64:
 def sweet_spot_jacobian(arm: Arm, angles: F64) -> F64:
     """``[N, 3, 10]`` Jacobian of the middle of the strings."""
     pose = arm.pose(angles)
-    return cross(pose.axes, sweet_spot(arm, pose)[:, None] - pose.pivot).transpose(0, 2, 1)
+    return geometry.cross(pose.axes, sweet_spot(arm, pose)[:, None] - pose.pivot).transpose(0, 2, 1)
 
 
 KNEE_LIMITS: Final = tuple(np.radians((2.0, 150.0)))
@@ -400,7 +395,7 @@ class _Leg(NamedTuple):
 @functools.cache
 def _leg_of(skeleton: Skeleton, side: str) -> _Leg:
     rest = np.diff([skeleton.at(f"{side}{bone}") for bone in ("UpLeg", "Leg", "Foot", "ToeBase")], axis=0)
-    aligned = frame(rest[:2], np.array([1.0, 0.0, 0.0]))
+    aligned = geometry.frame(rest[:2], np.array([1.0, 0.0, 0.0]))
     return _Leg(rest, aligned, *skeleton.leg, _toe_height(skeleton), 1.0 if side == "Right" else -1.0)
 
 
@@ -557,15 +552,15 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
         toe_out = 0.25 if foot == LEFT else -0.25
         off = (yaw[foot] - heading - toe_out + np.pi) % (2 * np.pi) - np.pi
         yaw[foot] = heading + toe_out + np.clip(off, -_TURN, _TURN)
-        joint = hips + apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))
+        joint = hips + geometry.apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))
         needed = _raised(joint, feet.ball[foot], yaw[foot], heel, above, limit) * feet.planted[foot]
-        pitch[foot] = np.where(feet.planted[foot], smooth(widen(needed, 3), 3), pitch[foot])
+        pitch[foot] = np.where(feet.planted[foot], geometry.smooth(geometry.widen(needed, 3), 3), pitch[foot])
         ankle = _ankles(feet.ball[foot], yaw[foot], pitch[foot], heel, above)
         flat = np.minimum(np.hypot(*(ankle - joint)[:, :2].T), 0.97 * limit)
         height = ankle[:, 2] + np.sqrt(limit**2 - flat**2)
         drop = np.where(feet.planted[foot], np.maximum(drop, joint[:, 2] - height), drop)
     # The maximum filter is as wide as the mean, so that the drop is nowhere too small.
-    drop = smooth(widen(drop, _DROP), _DROP)
+    drop = geometry.smooth(geometry.widen(drop, _DROP), _DROP)
     lowered = hips.copy()
     lowered[:, 2] -= drop
     return lowered, feet._replace(yaw=yaw, pitch=pitch)
@@ -581,7 +576,7 @@ def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F64
     """
     rotation, position = np.empty((2, 4, len(hips), 3, 3)), np.empty((2, 4, len(hips), 3))
     for foot, side in ((LEFT, "Left"), (RIGHT, "Right")):
-        joint = hips + apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))
+        joint = hips + geometry.apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))
         ball, yaw, pitch = feet.ball[foot], feet.yaw[foot], feet.pitch[foot]
         _solve_legs(joint, root, ball, yaw, pitch, _leg_of(skeleton, side), rotation[foot], position[foot])
     return rotation, position
@@ -590,7 +585,7 @@ def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F64
 def strays(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> F64:
     """``[2, F]`` distance of the ball of each foot from its place on the floor, because of the limits of the leg [m]."""
     rotation, position = legs(skeleton, hips, root, feet)
-    ball = position[:, 2] - apply(rotation[:, 2], _heel(skeleton))
+    ball = position[:, 2] - geometry.apply(rotation[:, 2], _heel(skeleton))
     return np.asarray(np.linalg.norm((ball - feet.ball)[..., :2], axis=-1))
 
 
