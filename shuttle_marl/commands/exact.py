@@ -1,7 +1,6 @@
 """``python -m shuttle_marl.exact COMMAND``: exact solution of the game, and exact measures of policies."""
 
 import contextlib
-import dataclasses
 import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,18 +30,6 @@ if TYPE_CHECKING:
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PlotOptions:
-    """A chart of the solved game."""
-
-    plot: File = None
-    """Draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF)."""
-    incoming: str | None = None
-    """Incoming stroke of the chart, as in smash:middle-left:above:forehand; default: the most frequent one in perfect play."""
-    own: str | None = None
-    """The striker's own last stroke in the chart; default: the mean over all."""
-
-
 Model = tyro.conf.OmitArgPrefixes[GameOptions]
 AtLeast = Annotated[int | None, tyro.conf.arg(metavar="INT")]
 _SCORES: Final = (
@@ -50,7 +37,6 @@ _SCORES: Final = (
 )
 _HOLES: Final = ("state", "plays, better", "in self-play", "against its best response", "lost a stroke", "lost a rally")
 _GAME: Final = GameOptions()
-_NO_PLOT: Final = PlotOptions()
 _SAMPLES: Final = SampleOptions()
 
 
@@ -59,7 +45,9 @@ def solve(
     model: Model = _GAME,
     away: bool = True,
     tolerance: float = 1e-9,
-    chart: tyro.conf.OmitArgPrefixes[PlotOptions] = _NO_PLOT,
+    plot: File = None,
+    incoming: str | None = None,
+    own: str | None = None,
     json_output: Json = False,
 ) -> None:
     """Solve the game: the value of a rally under perfect play, and statistics of perfect play.
@@ -68,7 +56,10 @@ def solve(
         model: the game.
         away: also play the solution in the refits of the game.
         tolerance: largest acceptable error bound of a value.
-        chart: a chart of the solution.
+        plot: draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF).
+        incoming: incoming stroke of the chart, as in smash:middle-left:above:forehand; default: the most frequent one in perfect
+            play.
+        own: the striker's own last stroke in the chart; default: the mean over all.
         json_output: print JSON.
     """
     from shuttle_marl.exact.odds import of_solution  # noqa: PLC0415
@@ -76,7 +67,7 @@ def solve(
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
 
     tables = model.load()
-    strokes = _strokes_to_plot(tables, chart)
+    strokes = _strokes_to_plot(tables, plot, incoming, own)
     with cli.working("compiling"):
         warm_up(tables)
         if tables.recovery is not None:
@@ -86,8 +77,8 @@ def solve(
     with cli.working("solving"):
         solution = exact.solve(tables, tolerance=tolerance)
     seconds = time.perf_counter() - begun
-    if chart.plot is not None:
-        _plot(solution, chart.plot, *strokes)
+    if plot is not None:
+        _plot(solution, plot, *strokes)
     others, spreads = _in_refits(tables, away, functools.partial(of_solution, solution))
     seen = exact.visits(*solution.policy)
     serving = (1 + solution.value_at_serve) / 2
@@ -354,19 +345,19 @@ def _recorded(
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
-def _strokes_to_plot(game: Game, chart: PlotOptions) -> tuple[int | None, int | None]:
+def _strokes_to_plot(game: Game, plot: Path | None, incoming: str | None, own: str | None) -> tuple[int | None, int | None]:
     """Catalogue indices of the incoming and the own stroke of a chart, checked before anything is computed."""
     from shuttle_marl.reports import charts, rally  # noqa: PLC0415
 
-    if chart.plot is None:
-        if chart.incoming is not None or chart.own is not None:
+    if plot is None:
+        if incoming is not None or own is not None:
             raise ExactError("--incoming and --own select the content of a chart; name its file with --plot FILE")
         return None, None
-    charts.check_format(chart.plot)
-    incoming, own = (None if name is None else rally.stroke_index(game, name) for name in (chart.incoming, chart.own))
-    if incoming is not None:
-        rally.edges_of(game, incoming, own)
-    return incoming, own
+    charts.check_format(plot)
+    came, before = (None if name is None else rally.stroke_index(game, name) for name in (incoming, own))
+    if came is not None:
+        rally.edges_of(game, came, before)
+    return came, before
 
 
 def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:

@@ -1,6 +1,5 @@
 """``python -m shuttle_marl.recording info | check | recover | export | show | scene``."""
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
@@ -33,6 +32,7 @@ Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
 Policies = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
 
 _LOG_GAME: Final = RallyGameOptions()
+_APPEARANCE: Final = Appearance()
 _HINT: Final = "--policy NAME=POLICY gives the policy for a name in the log; --trust-policies runs the code that the log names"
 
 
@@ -143,76 +143,53 @@ def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | 
         cli.say(f"games: {', '.join(f'{a}-{b}' for a, b in log.points_of_games(pairing, match or 0).values())}")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Selection:
-    """The rallies of a scene: exactly one of rally, match and best.
-
-    Attributes:
-        rally: number of the rally in the log.
-        match: number of the match in its pairing: all its rallies.
-        pairing: number of the pairing of the match.
-        best: number of rallies: the longest of the log.
-    """
-
-    rally: int | None = None
-    match: int | None = None
-    pairing: int = 0
-    best: int | None = None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SceneAppearance(Appearance):
-    """Athletes and frame rate."""
-
-    fps: int = 50
-    """Frames per second, 25 to 50."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Model(RallyGameOptions):
-    """Game and policies of the log."""
-
-    policy: Policies = ()
-    """Policy for a name in the log; modules and files are allowed here."""
-    trust_policies: bool = False
-    """Load policies from the modules and files that the log names, which runs their code."""
-
-
 def scene(
     path: Log,
     *,
     out: Path,
-    selection: tyro.conf.OmitArgPrefixes[Selection] = Selection(),
-    appearance: tyro.conf.OmitArgPrefixes[SceneAppearance] = SceneAppearance(),
-    model: tyro.conf.OmitArgPrefixes[Model] = Model(),
+    rally: int | None = None,
+    match: int | None = None,
+    pairing: int = 0,
+    best: int | None = None,
+    fps: int = 50,
+    policy: Policies = (),
+    trust_policies: bool = False,
+    appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
+    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LOG_GAME,
 ) -> None:
-    """Write rallies as a 3D scene for Foxglove or Lichtblick.
+    """Write rallies as a 3D scene for Foxglove or Lichtblick: one of --rally, --match and --best.
 
     Args:
         path: a rally log, or a folder of them.
         out: the file to write, NAME.mcap.
-        selection: rallies of the scene.
-        appearance: athletes and frame rate.
-        model: game and policies of the log.
+        rally: number of the rally in the log.
+        match: number of the match in its pairing: all its rallies.
+        pairing: number of the pairing of the match.
+        best: number of rallies: the longest of the log.
+        fps: frames per second, 25 to 50.
+        policy: policy for a name in the log; modules and files are allowed here.
+        trust_policies: load policies from the modules and files that the log names, which runs their code.
+        appearance: appearance of the players.
+        model: game of the log.
     """
     from rich.progress import track  # noqa: PLC0415  keeps --help quick
 
     console = cli.console(stderr=True)
     with RallyLog(path) as log:
-        numbers = scenes.select(log, **dataclasses.asdict(selection))
+        numbers = scenes.select(log, rally=rally, match=match, pairing=pairing, best=best)
         content, unknown = scenes.write_scene(
             log,
             numbers,
             model.load_for(path),
             hands=appearance.hands,
             athletes=appearance.athletes,
-            fps=appearance.fps,
-            resolve=_resolver(model, [player.name for player in log.policies]),
+            fps=fps,
+            resolve=_resolver(policy, trust_policies, [player.name for player in log.policies]),
             progress=lambda numbers: track(numbers, "staging", console=console, transient=True),
         )
     for name, reason in unknown.items():
         console.print(f"without probabilities of {name}: {reason}", soft_wrap=True)
-    if unknown and not (model.trust_policies or model.policy):
+    if unknown and not (trust_policies or policy):
         console.print(_HINT, soft_wrap=True)
     replace_file(out, content)
     size = f"{len(numbers):,} rallies, {len(content) / 1e6:.1f} MB"
@@ -256,12 +233,12 @@ def _describe(log: RallyLog, number: int) -> str:
     return "\n".join(lines)
 
 
-def _resolver(model: Model, names: Sequence[str]) -> "Resolve":
+def _resolver(policies: Sequence[str], trusted: bool, names: Sequence[str]) -> "Resolve":
     """Function that resolves the policies of a log: given by the user, else by their names in the log."""
     from shuttle_marl.policy.registry import resolve, resolve_recorded  # noqa: PLC0415
 
     given: dict[str, str] = {}
-    for entry in model.policy:
+    for entry in policies:
         matching = [name for name in names if entry.startswith(f"{name}=")]
         if not matching:
             raise SceneError(f"--policy {entry}: expected NAME=POLICY with a name of the log, which has {', '.join(names)}")
@@ -271,6 +248,6 @@ def _resolver(model: Model, names: Sequence[str]) -> "Resolve":
     def resolved(name: str, game: Game) -> Policy:
         if name in given:
             return resolve(given[name], game)
-        return (resolve if model.trust_policies else resolve_recorded)(name, game)
+        return (resolve if trusted else resolve_recorded)(name, game)
 
     return resolved
