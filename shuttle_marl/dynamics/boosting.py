@@ -79,7 +79,6 @@ def stored_trees(booster: Any, leaves: int) -> tuple[dict[str, npt.NDArray[Any]]
 
 
 SHARE: Final = 0.25
-"""Share of hurried strikers among the strokes of an incoming shot type and contact height."""
 MIN_ROWS: Final = 5000
 """Strokes with positions and times of a fit; fewer hold some hundred faults, which no index can be fitted to."""
 MIN_CELL: Final = 200
@@ -90,7 +89,6 @@ _INDEX: Final = {"objective": "l2", "learning_rate": 0.04, "num_leaves": _LEAVES
 _ROUNDS: Final = 150
 _ITERATIONS: Final = 200
 _PRIOR_STROKES: Final = 20.0
-"""Weight of the mean of all strokes in that of a shot type and technique, in strokes."""
 
 
 def fit_hurry(rows: Rows, *, seed: int = 0) -> Hurry | None:
@@ -124,7 +122,6 @@ def fit_hurry(rows: Rows, *, seed: int = 0) -> Hurry | None:
 
 
 def _thresholds(index: F64, rows: Rows, asked: Bools) -> F64:
-    """``[15, 2]`` index of the worst quarter, by incoming shot type and contact height."""
     found = np.full((SLOTS["incoming_shot"], SLOTS["contact"]), np.finfo(np.float64).min)
     for shot, contact in np.ndindex(*found.shape):
         both = asked & (rows.codes["incoming_shot"] == shot)

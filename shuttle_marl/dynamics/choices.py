@@ -30,7 +30,6 @@ from shuttle_marl.game.shipped import HISTORY, read_model
 from shuttle_marl.game.stroke import N_SHOTS
 
 MIN_STROKES: Final = 1000
-"""Training strokes from which a player gets a model."""
 CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 _TYPICAL_PRECISION: Final = {"style": 30.0, "area": 3.0}
 """Precisions that were chosen for the shipped model."""

@@ -61,7 +61,6 @@ SHOT_SHARE: Final = 0.02
 """Minimum share of a legal shot type in the choices of the fitted average player, of those to supported targets. Chosen with the
 other numbers of the rule by the health of the solved game and the illegal strokes of people (``docs/truth_record.md``)."""
 TECHNIQUE_SHARE: Final = 0.01
-"""The same for a technique among the choices of a shot type."""
 _FALLBACK_SHARE: Final = 0.05
 CONTEXT_STROKES: Final = 20.0
 """Weight of the contexts of a shot type in those of an incoming stroke, in strokes."""
@@ -257,7 +256,6 @@ def is_long_duel_pair(game: Game, pair: Ints | slice = ALL) -> Bools:
 
 
 def _key(parts: Sequence[Ints]) -> I64:
-    """Combined key of integers below 32."""
     return np.asarray(np.ravel_multi_index(tuple(parts), (32,) * len(parts)))
 
 
@@ -310,7 +308,10 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, calm:
         calm: numbers of base pairs whose strikers are not hurried: those are evaluated and, in the second half of the result,
             those of hurried strikers that are equal otherwise; None: all base pairs, in their order.
     """
-    pairs = _both(game, np.flatnonzero(game.hurried(game.base_pair_state) == 0) if calm is None else calm)
+    first = np.flatnonzero(game.hurried(game.base_pair_state) == 0) if calm is None else calm
+    # Pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise.
+    late = game.base_pair_start[game.base_pair_state[first] + _HURRIED] + game.base_pair_rank[first]
+    pairs = np.stack([first, late], axis=1)
     those = np.arange(game.n_base_pairs) if calm is None else pairs.T.ravel()
     at = pairs if calm is None else np.arange(len(those)).reshape(2, -1).T
     codes = _read(models, codes_of_pairs(game, those, opposite=models.opposite))
@@ -319,8 +320,8 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, calm:
     situations, codes_of = models.situations, {name: code[at[:, 0]] for name, code in codes.items()}
     edge = game.base_pair_edge[pairs[:, 0]]
     is_serve, long, duel = (test(game, pairs[:, 0]) for test in (is_serve_pair, is_long_duel_pair, is_duel_pair))
-    late = situations.hurried_share[codes_of["incoming_shot"], codes_of["shot"]]
-    share = np.stack([1 - late, late], axis=1)
+    hurried = situations.hurried_share[codes_of["incoming_shot"], codes_of["shot"]]
+    share = np.stack([1 - hurried, hurried], axis=1)
     # The supported ranges are those of the mean over the situations.
     weights = situations.spread(codes_of["own_shot"], np.full(len(pairs), -1), np.where(duel, -1, 0))
     fault = situations.mixed(logit, weights)
@@ -351,12 +352,6 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, calm:
         hurry=models.averaged(models.hurried, codes),
         fault_odds=np.exp(situations.effort),
     )
-
-
-def _both(game: Game, calm: Ints) -> I64:
-    """``[N, 2]`` base pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise."""
-    late = game.base_pair_start[game.base_pair_state[calm] + _HURRIED] + game.base_pair_rank[calm]
-    return np.stack([calm, late], axis=1)
 
 
 def _read(models: FittedModels, codes: dict[str, I16]) -> dict[str, I16]:
@@ -461,7 +456,6 @@ class ModelStepper(Stepper):
         return with_fault_odds(self._row(row)[0], odds)
 
     def _evaluated(self, row: int) -> tuple[U16, U8]:
-        """Thresholds ``[3]`` at effort 0 and chances of a hurried receiver ``[2]`` of a base pair."""
         state = int(self.game.base_pair_state[row])
         late = self.is_hurried(state)
         calm = row - (int(self.game.base_pair_start[state] - self.game.base_pair_start[state - 2]) if late else 0)

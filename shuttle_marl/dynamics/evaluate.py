@@ -309,7 +309,6 @@ def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
 
 
 def _variety(perfect: dict[str, Any]) -> dict[str, float]:
-    """Largest share of a shot type, and number of shot types above 2 %, of :func:`play_statistics`."""
     shots = list(perfect["shot_mix"].values())
     return {"largest_shot_share": max(shots), "shot_types_above_2_percent": sum(share > OFTEN for share in shots)}
 

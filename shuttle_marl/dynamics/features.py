@@ -63,9 +63,7 @@ SLOTS: Final[dict[str, int]] = {
 STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
 """Attributes of the context, which the striker knows before choosing."""
 ATTACK: Final = np.isin(SHOTS, ATTACKS)
-"""``[13]`` whether a shot type is an attack."""
 NET_SHOT: Final = np.isin(SHOTS, NET_SHOTS)
-"""``[13]`` whether a shot type is a net shot."""
 MIN_LANDINGS: Final = 20
 """With fewer winners or returned strokes of a shot type and height, both heights count; with still fewer none are moved."""
 MOVEMENT: Final = (
@@ -74,19 +72,13 @@ MOVEMENT: Final = (
 )  # fmt: skip
 """Positions and times before a stroke, in the striker's frame [m, s].
 
-- ``contact_x``, ``contact_y``: where the striker meets the shuttle.
-- ``striker_x``, ``striker_y``: where they stand.
-- ``reach``: distance of the two.
-- ``moved``, ``forward``, ``sideways``: how far they moved since the opponent's hit, of it forwards, and to the right.
-- ``speed``: how fast they moved.
-- ``since``: time since the opponent's hit.
-- ``before``: time between that hit and the one before it; 0 without one.
-- ``own_x``, ``own_y``, ``opponent_x``, ``opponent_y``: where striker and opponent were at the opponent's hit.
+Where they meet the shuttle and where they stand, distance of the two, how far they moved since the opponent's hit (of it
+forwards, and to the right) and how fast, time since that hit, time between it and the one before it (0 without one), and where
+striker and opponent were at it.
 """
 MAX_DEPTH_QUANTILE: Final = 0.9
 """Quantile of the depth of returned strokes that bounds the target of an out stroke."""
 _ACROSS: Final = [MOVEMENT.index(name) for name in MOVEMENT if name.endswith("_x") or name == "sideways"]
-"""Columns of :data:`MOVEMENT` that are mirrored for a left-handed striker."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -320,7 +320,9 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     choosers, chosen = _with_choices(prior.models.choosers, train, validation)
     models = dataclasses.replace(prior.models, m_choice=choosers["choice"], m_target=choosers["target"], share=shares)
     report("faults, returns and contacts, as corrections")
-    fault, share = _faults(models, known)
+    by_target = (dataclasses.replace(known, codes=known.with_area(area)) for area in range(N_AREAS))
+    fault = np.stack([log_odds(_over_bit(models.fault, models, rows)) for rows in by_target], axis=1)
+    share = models.targets(known.codes)
     weights = models.situations.weights(known)
 
     def marginal(shift: float) -> F64:
@@ -366,15 +368,6 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     )
 
 
-def _faults(models: FittedModels, rows: Rows) -> tuple[F64, F64]:
-    """``[N, 9]`` each: log-odds of a fault by target at effort 0, and probability of each target."""
-    faults = [
-        log_odds(_over_bit(models.fault, models, dataclasses.replace(rows, codes=rows.with_area(area))))
-        for area in range(N_AREAS)
-    ]
-    return np.stack(faults, axis=1), models.targets(rows.codes)
-
-
 def _over_bit(probability: Callable[[dict[str, I16]], F64], models: FittedModels, rows: Rows) -> F64:
     """``[N]`` probabilities; the mean over hurried strikers and others where it is not known who was hurried."""
     found = probability(rows.codes)
@@ -414,14 +407,9 @@ def _with_choices(
         if uncorrected <= loss:
             precision, shift = np.inf, np.zeros_like(shift)
         chosen[f"average_{name}"] = {"precision": str(precision), "shift": shift.tolist()}
-        corrected[name] = _shifted(network, shift)
+        corrected[name] = copy.deepcopy(network)
+        corrected[name].last_bias.add_(torch.from_numpy(shift))
     return corrected, chosen
-
-
-def _shifted(network: Ensemble, shift: F64) -> Ensemble:
-    moved = copy.deepcopy(network)
-    moved.last_bias.add_(torch.from_numpy(shift))
-    return moved
 
 
 def _moved(support: Support, shifts: dict[str, float], own: Support) -> Support:

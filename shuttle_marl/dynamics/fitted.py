@@ -236,7 +236,6 @@ def load_models(name: str = "default") -> FittedModels:
 
 
 def _part(name: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """Arrays of a part of the models, without the prefix of their names."""
     return {key.removeprefix(f"{name}."): array for key, array in arrays.items() if key.startswith(f"{name}.")}
 
 

@@ -390,7 +390,6 @@ def fit_trees(
 
 
 _PRIOR_STROKES: Final = 20.0
-"""Weight of the mean over shot types in a frequency of hurried strikers, in strokes."""
 _PRECISION: Final = 4.0
 """Precision of the normal prior of an offset of the log-odds; its standard deviation is 0.5."""
 

@@ -35,9 +35,7 @@ _CHUNK: Final = 1024
 _LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))])
 """``[256]`` position of the lowest bit."""
 INPUTS: Final = tuple(SLOTS)
-"""Inputs of the trees, in this order."""
 LEVELS: Final = 2
-"""Levels of effort."""
 LONG_DUEL: Final = 3
 """Minimum number of consecutive net shots before a stroke in a long duel."""
 
@@ -120,7 +118,6 @@ def encode(spec: NetworkSpec, codes: Tensor) -> Tensor:
 
 @functools.cache
 def _columns(spec: NetworkSpec) -> tuple[Tensor, Tensor]:
-    """``[15, C]`` weights of the codes in the number of an active column, and ``[C]`` first columns."""
     crosses = [*((name,) for name in spec.inputs), *spec.crosses]
     strides, widths = torch.zeros(len(SLOTS), len(crosses), dtype=torch.float64), []
     for column, cross in enumerate(crosses):

@@ -228,7 +228,6 @@ SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
 }
 """Shot types that share an offset, by the group (:data:`~shuttle_marl.game.pairs.GROUPS`)."""
 GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS].index(True) for shot in SHOTS], dtype=np.int8)
-"""``[13]`` group of each shot type."""
 VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
 """Variance components: general and group offsets of each role, change of the general ones in a year, nuisance effects."""
 YEAR: Final = 0.05
@@ -425,11 +424,9 @@ class _Design:
         return cls(players=players, walks=walks, day=day, source=source)
 
     def index(self, players: npt.NDArray[np.str_]) -> I64:
-        """``[N]`` index of each player."""
         return np.searchsorted(self.players, players)
 
     def model(self, part: Predicted) -> MixedModel:
-        """The mixed model of a component."""
         rows, groups = part.rows, len(GROUPS)
         roles = [self.index(getattr(rows, role)) for role in ROLES]
         side = (roles[0] > roles[1]).astype(np.int64)

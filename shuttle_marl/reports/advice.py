@@ -40,7 +40,6 @@ _LEAST_COVERED: Final = 0.5
 """Least part of a situation in which the advised stroke is legal and has enough real strokes behind it."""
 N_SITUATIONS: Final = 2 * N_SHOTS * N_AREAS + 1
 SERVE: Final = N_SITUATIONS - 1
-"""The situation of the server."""
 
 
 class Situation(NamedTuple):

@@ -52,7 +52,6 @@ _PLAYERS: Final = ("#1f5fa8", "#b8500a")
 _THEME: Final = {_INK: "--ink", _DIM: "--dim", _LINE: "--line", _ACCENT: "--accent", _SECOND: "--second"} | dict(
     zip(_PLAYERS, ("--first", "--other"), strict=True)
 )
-"""Colours that follow the theme of the page, and their variables."""
 _LOST_TO_WON: Final = ("#ba4830", "#f7f6f0", "#0b6e4f")
 _MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
 """Colours of larger and smaller shares; orange and blue are told apart by all readers."""
@@ -62,11 +61,9 @@ _WIDE, _NARROW = 1100.0, 460.0
 """Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
 _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
-"""Letters in a line of a label."""
 _MISSING: Final = 4.5
 """Width that a letter takes beyond what a missing one does [px]."""
 _SMALLEST_LABELLED: Final = 30.0
-"""Least size of a cell that shows its number [px]."""
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _NAMES: Final = [{"cross-court-net-shot": "cross-court\nnet shot"}.get(shot, shot.replace("-", " ")) for shot in SHOTS]
 _MOST_POINTS: Final = 4000
@@ -76,27 +73,16 @@ _LEAST_SHARE: Final = 3.0
 _SPREAD: Final = 0.35
 """Range of the colours: probabilities of winning from 0.15 to 0.85."""
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
-_STYLE: Final = {
+_STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "shuttle_marl",
-    "text.parse_math": False,
     "font.size": 11,
-    "text.color": _INK,
-    "axes.edgecolor": _LINE,
-    "axes.labelcolor": _DIM,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
     "axes.xmargin": 0.02,
-    "grid.color": _LINE,
-    "xtick.color": _LINE,
-    "ytick.color": _LINE,
-    "xtick.labelcolor": _DIM,
-    "ytick.labelcolor": _DIM,
-    "legend.frameon": False,
-    "legend.labelcolor": _INK,
-    "savefig.transparent": True,
+    **dict.fromkeys(("text.color", "legend.labelcolor"), _INK),
+    **dict.fromkeys(("axes.edgecolor", "grid.color", "xtick.color", "ytick.color"), _LINE),
+    **dict.fromkeys(("axes.labelcolor", "xtick.labelcolor", "ytick.labelcolor"), _DIM),
+    **dict.fromkeys(("axes.grid", "axes.axisbelow", "savefig.transparent"), True),
+    **dict.fromkeys(("text.parse_math", "axes.spines.top", "axes.spines.right", "legend.frameon"), False),
 }
 
 
@@ -160,7 +146,6 @@ def _tag(element: ElementTree.Element) -> str:
 
 
 def _drawn(group: ElementTree.Element) -> list[ElementTree.Element]:
-    """The shapes in a group, without those that it only defines."""
     shapes = []
     for child in group:
         if _tag(child) == "g":
@@ -189,7 +174,6 @@ def label(name: str, longest: int = _LONGEST_NAME) -> str:
 
 
 def _listed(axes: Any, labels: Sequence[str]) -> None:
-    """Name the rows of estimates, from the top."""
     axes.set_yticks(range(len(labels)), labels, color=_INK)
     axes.set_ylim(len(labels) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
@@ -204,7 +188,6 @@ def _shades(*colours: str) -> Callable[[float], str]:
 
 
 def _write(axes: Any, x: float, y: float, text: str, size: float, colour: str = _DARK, **style: Any) -> None:
-    """A text centred at a point."""
     axes.text(x, y, text, **{"ha": "center", "va": "center", "color": colour, "fontsize": size} | style)
 
 
@@ -383,7 +366,6 @@ class Bar(NamedTuple):
 
 
 def _wide(text: str) -> int:
-    """Number of letters that are as wide as two."""
     return sum(east_asian_width(letter) == "W" for letter in text)
 
 

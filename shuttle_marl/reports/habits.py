@@ -163,7 +163,6 @@ def endings(mine: Tally, others: Tally) -> list[Ending]:
 DOS: Final = 3
 DONTS: Final = 2
 MAIN: Final = 3
-"""Number of main strokes, serves apart."""
 _HIGH: Final = (SHOTS.index("clear"), SHOTS.index("lift"))
 
 

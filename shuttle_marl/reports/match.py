@@ -14,7 +14,8 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import plays_of, tally
 from shuttle_marl.exact.match import Odds, match_table
@@ -36,7 +37,7 @@ from shuttle_marl.reports.habits import (
     is_short,
     plain,
 )
-from shuttle_marl.reports.rating import RatedStrokes, Rater, rated_strokes, rater_of
+from shuttle_marl.reports.rating import Rater, rater_of
 from shuttle_marl.reports.summary import (
     AnalysisError,
     hand_of,
@@ -45,7 +46,7 @@ from shuttle_marl.reports.summary import (
     with_hands_of_model,
     won_or_lost,
 )
-from shuttle_marl.reports.value import NORMAL, calibrated, placed, stroke_values
+from shuttle_marl.reports.value import NORMAL, Placed, calibrated, placed, stroke_values
 from shuttle_marl.reports.waits import Wait, waits
 
 _TURN: Final = 0.1
@@ -200,7 +201,6 @@ LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
 """Classes of rallies by number of strokes."""
 MOMENTS: Final = 5
 _OF_GAME: Final = 2
-"""Most key moments of a game."""
 _MOST_CHOICES: Final = 5
 _LATE: Final = 30
 """Number of the stroke in a rally after which players tire."""
@@ -345,19 +345,19 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         played = game if players[0] == near else game.swapped if players[0] == far else None
     known_game = base if played is None else played
     average, rater = baselines.load(None, without_skill(known_game)), rater_of(known_game)
-    # The strokes: hands, rallies and who won them, state and value of each, and what was played instead.
+    # The strokes: hands, rallies and who won them, state and value of each.
     strokes = strokes if played is None else with_hands_of_model(strokes, people_of(played).skill)
     hands = hand_of(strokes, players[0]), hand_of(strokes, players[1])
     frame, rally, won = rally_table(strokes), rally_numbers(strokes), won_or_lost(strokes)
     found = placed(strokes, average.game)
     added = stroke_values(found, average)["value_added"]
-    rated = rated_strokes(found, rater)
     # What is counted of them.
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     plays = plays_of(found.rows)
     tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
     waiting = waits(strokes, players)
     briefs = [brief(tallies[1 - player], tallies[player], plays, won, seat == player, seat != player) for player in (0, 1)]
+    forced = [strokes["forced"].filter(pa.array(seat == player)).drop_null().to_numpy() for player in (0, 1)]
     changed = changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
     # The match.
     even = Odds(serving=0.5, receiving=0.5, error_bound=0.0)
@@ -377,13 +377,13 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         rallies=rallies,
         moments=_moments(rallies),
         values=_values(added, plays.shot, seat, rally),
-        choices=_costly(rated, rater, strokes["stroke"].to_numpy().astype(np.int64), seat, rally, stakes),
+        choices=_costly(found, rater, seat, rally, stakes),
         refits=rater.refits,
         factor=factor_of(average.game),
         serving=_serving(rallies, np.where(found.rows.stroke == 1, plays.shot, -1)[frame["first"].to_numpy()]),
         lengths=_lengths(rallies),
         heat=[heat(plays, seat == player, won, player) for player in (0, 1)],
-        faults=[_faults(strokes, seat == player) for player in (0, 1)],
+        faults=[(int(known.sum()), int((~known).sum())) for known in forced],
         changes=changed,
         waits=waiting,
         game=known_game,
@@ -416,11 +416,6 @@ def _moments(rallies: Sequence[RallyRow]) -> list[int]:
         if counts and len(found) < MOMENTS and sum(rallies[k].key[0] == rallies[i].key[0] for k in found) < _OF_GAME:
             found.append(i)
     return found
-
-
-def _faults(strokes: pa.Table, own: Bools) -> tuple[int, int]:
-    known = strokes["forced"].filter(pa.array(own)).drop_null().to_numpy()
-    return int(known.sum()), int((~known).sum())
 
 
 def _values(added: F64, shot: I64, seat: I64, rally: I64) -> list[ShotValue]:
@@ -474,28 +469,32 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
 
 
-def _costly(found: RatedStrokes, rater: Rater, number: I64, seat: I64, rally: I64, stakes: F64) -> list[Choice]:
+def _costly(found: Placed, rater: Rater, seat: I64, rally: I64, stakes: F64) -> list[Choice]:
     """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind.
 
     The better stroke has the technique of the stroke played, which follows from where the striker stands. Strokes late in a rally
     are left out: the game knows no fatigue.
 
     Args:
-        number, seat, rally: ``[N]`` number in the rally, striker and rally of each stroke of the match.
+        seat, rally: ``[N]`` striker and rally of each stroke of the match.
         stakes: ``[2, rallies]`` what each rally is worth to each player, by which costs are ordered; 0: not costly.
     """
-    rated, position = found.rated, found.position
-    incoming, contact, stroke = rater.game.incoming(found.state), rater.game.contact(found.state), rated.stroke[position]
+    # Where a fault was aimed at is not recorded.
+    row = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
+    state, number = found.state[row], found.rows.stroke[row]
+    rated = rater.rated(state)
+    position = rated.start + found.rank[row]
+    incoming, contact, stroke = rater.game.incoming(state), rater.game.contact(state), rated.stroke[position]
     bad = np.array(["?" in mark for mark in rated.marks])[position]
-    who = seat[found.row]
-    stake = stakes[who, rally[found.row]]
+    who = seat[row]
+    stake = stakes[who, rally[row]]
     catalogue = rater.game.catalogue
     technique = catalogue.technique[rated.stroke]
     fair = (technique == technique[position][rated.row]) & (rated.behind >= RELIABLE)
     fair &= ~is_short(catalogue.shot, catalogue.area)[rated.stroke]
     alike = np.where(fair, rated.change, -np.inf)
     better = np.array([s + part.argmax() for s, part in zip(rated.start, np.split(alike, rated.start[1:]), strict=True)])
-    bad &= (stake > 0) & (number[found.row] <= _LATE) & (alike[better] > rated.change[position])
+    bad &= (stake > 0) & (number <= _LATE) & (alike[better] > rated.change[position])
     seen: set[tuple[int, int, int]] = set()
     out: list[Choice] = []
     for k in np.flatnonzero(bad)[np.argsort((rated.change[position] * stake)[bad], kind="stable")].tolist():
@@ -508,8 +507,8 @@ def _costly(found: RatedStrokes, rater: Rater, number: I64, seat: I64, rally: I6
         out.append(
             Choice(
                 player=what[0],
-                rally=int(rally[found.row[k]]),
-                stroke=int(number[found.row[k]]),
+                rally=int(rally[row[k]]),
+                stroke=int(number[k]),
                 incoming=int(incoming[k]),
                 contact=int(contact[k]),
                 played=int(stroke[k]),

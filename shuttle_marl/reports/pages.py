@@ -15,7 +15,7 @@ from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.recovery import ACROSS, DEPTHS
 from shuttle_marl.game.scoring import is_over, wins_game
 from shuttle_marl.game.shipped import RELIABLE, Estimate
-from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts
 from shuttle_marl.reports.advice import LEAST_STEADY
 from shuttle_marl.reports.habits import (
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from shuttle_marl.reports.coach import Source
 
 DRILLS: Final = 3
-"""Number of drills."""
 
 
 class Clips(NamedTuple):
@@ -62,26 +61,18 @@ NO_CLIPS: Final = Clips()
 
 
 class Drill(NamedTuple):
-    """A stroke to train.
-
-    Attributes:
-        shot: shot type that is fed; None: the player serves.
-        area: where the player meets it; -1: the player serves.
-        stroke: catalogue index of the stroke to play.
-        kind: shot type of that stroke.
-    """
+    """A stroke to train: shot type that is fed (None: the player serves), area where it is met, catalogue index of the stroke."""
 
     shot: str | None
     area: int
     stroke: int
-    kind: int
 
 
-def drills(asked: Iterable[Drill]) -> list[Drill]:
-    """The first drills of different kinds."""
+def drills(catalogue: Catalogue, asked: Iterable[tuple[int, int, int]]) -> list[Drill]:
+    """The first strokes of different shot types, each asked for after a shot type (-1: a serve) to an area."""
     first: dict[int, Drill] = {}
-    for drill in asked:
-        first.setdefault(drill.kind, drill)
+    for shot, area, stroke in asked:
+        first.setdefault(int(catalogue.shot[stroke]), Drill(None if shot < 0 else SHOTS[shot], int(area), stroke))
     return [*first.values()][:DRILLS]
 
 
@@ -168,6 +159,8 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
     if source is not None and isinstance(source.match, tuple) and match:
         match = log_title(*source.match)  # in the language of the page
     report = dataclasses.replace(report, players=(words().player(named[0]), words().player(named[1])))
+    catalogue = report.game.catalogue
+    shots, areas = ([*part.tolist(), -1] for part in (catalogue.shot, catalogue.area))  # the last one is of the serve
     content: dict[str, Any] = {
         "report": report,
         "command": "" if source is None else source.command,
@@ -186,8 +179,11 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
         "values": sorted((each for each in report.values if each.clear), key=lambda each: -abs(each.points.value)),
         "all_values": sorted(report.values, key=lambda each: (each.player, -each.points.value)),
         "bars": lambda values: [_bar(report, each) for each in values],
-        "areas": [*report.game.catalogue.area.tolist(), -1],
-        "drills": [_drills(report, player) for player in (0, 1)],
+        "areas": areas,
+        "drills": [
+            drills(catalogue, ((shots[c.incoming], areas[c.incoming], c.better) for c in report.choices if c.player == player))
+            for player in (0, 1)
+        ],
         "mean_length": float(np.mean([row.strokes for row in report.rallies])),
         "maps": [heat for heat in report.heat if min(sum(heat.won), sum(heat.lost)) >= _LEAST_HEAT],
         "share_of": lambda counts: np.array(counts) / np.sum(counts),
@@ -215,7 +211,6 @@ def _course(report: MatchReport) -> dict[str, Any]:
 
 
 def _reasons(report: MatchReport, i: int) -> Iterator[str]:
-    """Why a rally counted."""
     rows, row = report.rallies, report.rallies[i]
     assert row.winner is not None
     rules, own, other = report.rules, row.points[row.winner], row.points[1 - row.winner]
@@ -233,21 +228,7 @@ def _bar(report: MatchReport, each: ShotValue) -> charts.Bar:
     return charts.Bar(named, *each.points, clear=each.clear, player=each.player)
 
 
-def _drills(report: MatchReport, player: int) -> list[Drill]:
-    """The better strokes of the costly decisions of a player."""
-    catalogue = report.game.catalogue
-    asked = []
-    for choice in report.choices:
-        if choice.player == player:
-            serve = choice.incoming >= len(catalogue.names)
-            shot = None if serve else SHOTS[catalogue.shot[choice.incoming]]
-            area = -1 if serve else int(catalogue.area[choice.incoming])
-            asked.append(Drill(shot, area, choice.better, int(catalogue.shot[choice.better])))
-    return drills(asked)
-
-
 _DOUBTFUL = 0.5
-"""Confidence below which a recognised stroke is doubtful."""
 
 
 def log_title(pairing: int, match: int) -> str:
@@ -276,14 +257,14 @@ _ENDS = ("fault", "winner")
 def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips = NO_CLIPS) -> bytes:
     """The scouting report as the content of a file; ``gaps``: sentences on what the data lack; ``clips``: its rallies."""
     say = words()
-    report = report.renamed(say.player)
+    report, catalogue = report.renamed(say.player), None if report.pair is None else report.pair.catalogue
     content = {
         "report": report,
         "known": [known for known in (report.player, report.opponent) if known is not None],
         "gaps": gaps,
         "enough_refits": report.refits >= LEAST_REFITS,
         "least_steady": LEAST_STEADY,
-        "catalogue": None if report.pair is None else report.pair.catalogue,
+        "catalogue": catalogue,
         "habit_bars": lambda habits: [
             charts.Bar(say.habit(each), 100 * each.share, 100 * each.low, 100 * each.high, 100 * each.usual, player=1)
             for each in habits[:_SHOWN]
@@ -297,7 +278,7 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips
             for end in _ENDS
         ],
         "beside": _beside(report),
-        "drills": _advised_drills(report),
+        "drills": [] if catalogue is None else drills(catalogue, ((*a.situation[:2], a.stroke) for a in report.advice)),
     }
     return page("scout.html.j2", clips, content)
 
@@ -328,12 +309,3 @@ def _beside(report: ScoutingReport) -> dict[str, Any] | None:
     differ = sum(habit.clear for habit in found)
     name = words().player(report.beside[0])
     return {"name": name, "differ": differ, "tested": len(found), "habits": list(filter(_listed, found))}
-
-
-def _advised_drills(report: ScoutingReport) -> list[Drill]:
-    """The advised strokes."""
-    if report.pair is None:
-        return []
-    kinds = report.pair.catalogue.shot
-    situations = ((*advice.situation[:2], advice.stroke) for advice in report.advice)
-    return drills(Drill(None if shot < 0 else SHOTS[shot], area, stroke, int(kinds[stroke])) for shot, area, stroke in situations)

@@ -32,7 +32,6 @@ from scipy import optimize, special
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Solution, evaluate, moved
 from shuttle_marl.game.pairs import without_recovery, without_skill
 from shuttle_marl.game.policy import position_shares
@@ -44,7 +43,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import TYPICAL_TAU, human_policy
 from shuttle_marl.reports.advice import TOLERANCE
-from shuttle_marl.reports.value import Placed, Value, agree
+from shuttle_marl.reports.value import Value, agree
 
 MARKS: Final = ("!!", "!", "?!", "?", "??")
 RARE: Final = 0.25
@@ -59,10 +58,8 @@ _ANSWERS: Final = 4
 SCALE: Final = 0.02
 """Change at which a stroke has 0.73 of the logistic function, where elite players have a half: what separates players best."""
 _UNIT: Final = 400 / math.log(10)
-"""Points of a unit of the Glicko-2 scale."""
 _CENTRE: Final = 1500.0
 _TAU: Final = 0.5
-"""Constant of the system: how much volatility changes."""
 
 THEMES: Final = ("return", "third", "defence", "attack", "net", "wait")
 """Situations of puzzles: return of serve, third stroke, after a hard stroke, above the net, other strokes, and where to wait."""
@@ -224,31 +221,6 @@ def rater_of(game: Game) -> Rater:
 @functools.lru_cache(maxsize=2)
 def _computed(game: Game) -> Rater:
     return Rater(game)
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class RatedStrokes:
-    """The M strokes of a table whose target and context are known; where a fault was aimed at is not recorded.
-
-    Attributes:
-        row: ``[M]`` row of the table.
-        state: ``[M]`` state in which they were struck.
-        rated: all legal strokes of their M states.
-        position: ``[M]`` of the strokes among them.
-    """
-
-    row: I64
-    state: I64
-    rated: Rated
-    position: I64
-
-
-def rated_strokes(found: Placed, rater: Rater) -> RatedStrokes:
-    """Strokes with all that could be played instead."""
-    known = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
-    state = found.state[known]
-    rated = rater.rated(state)
-    return RatedStrokes(row=known, state=state, rated=rated, position=rated.start + found.rank[known])
 
 
 def theme_of(rally: Rally, number: int, *, above: bool) -> str:

@@ -50,7 +50,6 @@ from shuttle_marl.reports.summary import (
 from shuttle_marl.reports.waits import Wait, waits
 
 PIECES: Final = 5
-"""Number of pieces of advice."""
 LEAST_EACH: Final = 0.01
 """Smaller gains per time, in rallies won, are of no use on court."""
 ATTACKS: Final = ("smash", "half-smash", "net-kill")

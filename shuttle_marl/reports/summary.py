@@ -243,7 +243,6 @@ def _shares(numbers: I64, size: int) -> F64:
 
 
 RALLIES = 20_000
-"""Default approximate number of rallies sampled from a log."""
 
 
 def strokes_of(path: Path | str, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table:

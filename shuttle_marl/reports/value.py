@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
+from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Intp, Ints
 from shuttle_marl.data.schema import Outcome
@@ -94,7 +94,6 @@ def calibrated(values: F64, factor: Estimate | None) -> Estimate:
 
 
 COLUMNS: Final = ("win_before", "win_after", "value_added", "decision", "execution", "decision_expected")
-"""Columns of :func:`add_values`."""
 _UNKNOWN: Final = -1
 
 
@@ -311,7 +310,6 @@ LEAST_STROKES: Final = 200
 RESAMPLES: Final = 2000
 LEVEL: Final = 0.95
 _DRAWS_AT_ONCE: Final = 1 << 22
-"""Largest number of bootstrap samples in memory."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -420,5 +418,5 @@ def _interval(sums: F64, drawn: F64) -> tuple[float, float, float]:
     with np.errstate(invalid="ignore", divide="ignore"):
         spread = float(np.nanstd(drawn[:, 0] / drawn[:, 1]))
     mean = float(sums[:, 0].sum() / max(1.0, sums[:, 1].sum()))
-    error = spread * math.sqrt(size / (size - 1)) * float(stats.t.ppf((1 + LEVEL) / 2, size - 1))
+    error = spread * math.sqrt(size / (size - 1)) * float(special.stdtrit(size - 1, (1 + LEVEL) / 2))
     return mean, mean - error, mean + error

@@ -24,7 +24,6 @@ from shuttle_marl.reports.habits import discoveries
 from shuttle_marl.reports.summary import rally_numbers
 
 MOST: Final = 3
-"""Shot types of a player."""
 LEAST_METRES: Final = 0.1
 """Smaller differences are of no use on court, and are not named [m]."""
 LEAST_MATCHES: Final = 5

@@ -14,7 +14,7 @@ import shuttle_marl
 from shuttle_marl.court.clips import base91
 from shuttle_marl.data.words import bare, table
 from shuttle_marl.game.court import AREA_WORDS, AREAS
-from shuttle_marl.game.shipped import Estimate
+from shuttle_marl.game.shipped import Estimate, default_game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.reports.languages import FOLDER, LANGUAGES, Language, speaking
 from shuttle_marl.reports.pages import Drill, differences, drills
@@ -141,10 +141,15 @@ def test_names_of_players_and_events() -> None:
 
 
 def test_drills_are_the_first_three_of_different_kinds() -> None:
-    asked = [Drill("lift", 1, stroke, kind) for stroke, kind in ((1, 5), (2, 5), (3, 6), (4, 7), (5, 7), (6, 8), (7, 5))]
-    assert [drill.stroke for drill in drills(asked)] == [1, 3, 4]
-    assert drills(asked[:2]) == asked[:1]
-    assert drills([]) == []
+    catalogue = default_game().catalogue
+    clear, lift, drop, smash = (
+        np.flatnonzero(catalogue.shot == SHOTS.index(name)) for name in ("clear", "lift", "drop", "smash")
+    )
+    asked = [clear[0], clear[1], lift[0], drop[0], drop[1], smash[0]]
+    found = drills(catalogue, ((3, 1, int(stroke)) for stroke in asked))
+    assert found == [Drill(SHOTS[3], 1, int(stroke)) for stroke in (clear[0], lift[0], drop[0])]
+    assert drills(catalogue, [(-1, -1, 0)]) == [Drill(None, -1, 0)]
+    assert drills(catalogue, []) == []
 
 
 def test_a_difference_of_a_match_is_said_of_one_player() -> None:
