@@ -1,5 +1,6 @@
 """Scorecards, sampled and exact, and the league's exact figures."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -113,7 +114,7 @@ def test_exact_figures_of_a_game_without_clones_and_of_one_without_end() -> None
     assert np.isnan(found.normalised_score).all()
     threshold = game.threshold.copy()
     threshold[:, :2] = 0
-    endless = type(game)(**{**{f: getattr(game, f) for f in game.__dataclass_fields__}, "threshold": threshold})
+    endless = dataclasses.replace(game, threshold=threshold)
     pool = [Entrant(name=name, policy=Moody("safe"), table=random_policy(endless, i)) for i, name in enumerate("ab")]
     found = exact_odds(endless, pool)
     assert "ever ends the rally" in found.problem
