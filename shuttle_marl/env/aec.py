@@ -32,8 +32,6 @@ RenderMode = Literal["human", "rgb_array", "ansi"]
 OutcomesFrom = Literal["tables", "models"]
 """Source of the outcomes: the tables of the game, or the PyTorch modules from which they were compiled."""
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
-"""Metadata of the PettingZoo environments, without their names."""
-
 Observation = dict[str, npt.NDArray[Any]]
 """Observation of an agent: ``observation`` and ``action_mask``."""
 
@@ -322,7 +320,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._show(striker, stroke, hurried, played)
 
     def forfeit(self, stroke: int | None = None) -> None:
-        """End the episode as a loss of the agent to move, who tried an illegal action; -1 for it, +1 for the other.
+        """End the episode as a loss of the agent to move, who tried an illegal action: -1 for it, +1 for the other.
 
         Args:
             stroke: number of the illegal stroke or position, if it has one.

@@ -182,12 +182,10 @@ class Striker(Protocol):
     @property
     def game(self) -> Game:
         """The tables with which the player strikes."""
-        ...
 
     @property
     def contraction(self) -> float:
         """Factor by which a sweep reduces an error of the rally states."""
-        ...
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         """Values of one block and their linear part.
@@ -195,7 +193,6 @@ class Striker(Protocol):
         Args:
             plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
         """
-        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -61,7 +61,6 @@ class _Player(Striker, Protocol):
 
     def policy(self, following: F64) -> tuple[Any, F64 | None]:
         """The strokes, and ``[S, 9]`` positions of the receiver, from the ``[S]`` values of the next states to the receiver."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -28,19 +28,15 @@ class StatePolicy(Protocol):
     @property
     def game(self) -> Game:
         """The tables with which the player strikes."""
-        ...
 
     def pair_probabilities(self) -> F64:
         """``[P]`` probability of each legal pair given its state."""
-        ...
 
     def block_probabilities(self, block: int) -> F64:
         """``[base pairs]`` the same in one block of states."""
-        ...
 
     def position_probabilities(self) -> F64 | None:
         """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
-        ...
 
     def __hash__(self) -> int: ...
 

@@ -36,7 +36,7 @@ class Fixed(NamedTuple):
 
 
 class Strategies(NamedTuple):
-    """What a block of matrix games comes to, written by the solvers."""
+    """Solution of a block of matrix games."""
 
     value: F64  # [base states] values
     strokes: F64  # [base pairs] probabilities of strokes
@@ -102,24 +102,19 @@ def _simplex(matrix: F64, k: int, m: int, tableau: F64, basis: I64, outside: I64
                 tableau[a * width + column] = -factor / pivot
         tableau[row * width + column] = 1.0 / pivot
         basis[row], outside[column] = outside[column], basis[row]
-    for a in range(k):
-        x[a] = 0.0
-    for b in range(m):
-        y[b] = 0.0
+    x[:k], y[:m] = 0.0, 0.0
     total = 0.0
     for a in range(k):
         if basis[a] < m:
             y[basis[a]] = max(tableau[a * width + m], 0.0)
             total += y[basis[a]]
-    for b in range(m):
-        y[b] /= total
+    y[:m] /= total
     total = 0.0
     for b in range(m):
         if outside[b] >= m:
             x[outside[b] - m] = max(-tableau[k * width + b], 0.0)
             total += x[outside[b] - m]
-    for a in range(k):
-        x[a] /= total
+    x[:k] /= total
 
 
 @inlined
@@ -145,10 +140,7 @@ def _solved(matrix: F64, k: int, m: int, tableau: F64, basis: I64, outside: I64,
         if high < worst - 1e-12:
             worst, column = high, b
     if worst - best <= 1e-12:
-        for a in range(k):
-            x[a] = 0.0
-        for b in range(m):
-            y[b] = 0.0
+        x[:k], y[:m] = 0.0, 0.0
         x[row], y[column] = 1.0, 1.0
         return best, worst
     # No optimal strategy plays a row that is everywhere below what another row guarantees.
@@ -174,21 +166,11 @@ def _solved(matrix: F64, k: int, m: int, tableau: F64, basis: I64, outside: I64,
         for b in range(m):
             mean += y[b] * matrix[a * m + b]
         high = max(high, mean)
-    for a in range(n, k):
-        x[a] = 0.0
+    x[n:k] = 0.0
     for i in range(n - 1, -1, -1):
         share, x[i] = x[i], 0.0
         x[rows[i]] = share
     return low, high
-
-
-@inlined
-def _most_replies(replies: Replies, states: int) -> int:
-    """Largest number of legal strokes of the first states, at least 1."""
-    most = 1
-    for s in range(states):
-        most = max(most, replies.pair_start[s + 1] - replies.pair_start[s])
-    return most
 
 
 @inlined
@@ -209,11 +191,7 @@ def _write_matrix(rows: Rows, replies: Replies, following: F64, s: int, against:
 
 @inlined
 def _reset(rows: Rows, replies: Replies, found: Strategies, s: int) -> tuple[int, int, int]:
-    """Reset value and positions of a state: 0, and the first feasible position where no stroke is legal.
-
-    Returns:
-        First pair, number of legal strokes and number of feasible positions.
-    """
+    """Reset value and positions of a state; returns first pair, number of legal strokes and number of feasible positions."""
     first = replies.pair_start[s]
     k = replies.pair_start[s + 1] - first
     found.value[s] = 0.0
@@ -225,19 +203,15 @@ def _reset(rows: Rows, replies: Replies, found: Strategies, s: int) -> tuple[int
 
 @compiled
 def _saddles(rows: Rows, replies: Replies, following: F64, fixed: Fixed, against: bool, found: Strategies) -> float:
-    """Values of the matrix games of all states of a block, and the strategies.
+    """Write values and strategies of the matrix games of all states of a block; returns the largest gap that they leave.
 
     Args:
         rows: of G games, of which nature picks one after each stroke.
         following: ``[4, V]`` values of the successors (:mod:`shuttle_marl.exact.sweeps`).
         against: whether nature picks the worst game for the striker; else the best one.
-        found: written.
-
-    Returns:
-        The largest gap between what the strategies of a state guarantee.
     """
     value, x, y, picked = found
-    largest, most = 0.0, _most_replies(replies, value.size)
+    largest, most = 0.0, max(1, (replies.pair_start[1:] - replies.pair_start[:-1]).max())
     share, bound = fixed.share, fixed.strokes.size > 0
     matrix, tableau, means = np.empty(most * 9), np.empty((most + 1) * 10), np.empty(most + 9)
     basis, outside, shares = np.empty(2 * most, np.int64), np.empty(9, np.int64), np.empty(9)
@@ -293,7 +267,7 @@ def _answers(rows: Rows, replies: Replies, following: F64, strokes: Chances, uni
 
 @compiled
 def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, tau: float, found: Strategies) -> float:
-    """Values of the KL-regularised matrix games of all states of a block (:mod:`shuttle_marl.exact.optimal`), and the strategies.
+    """:func:`_saddles` of KL-regularised matrix games (:mod:`shuttle_marl.exact.optimal`).
 
     The receiver minimises the convex function tau log sum_a b(a) exp((M y)_a / tau) + tau KL(y || q) of positions y by Newton
     steps with a line search; at its minimum the striker's strokes are the soft maximum against y.
@@ -301,13 +275,9 @@ def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, ta
     Args:
         prior: strokes b and positions q.
         tau: cost of a nat of divergence from them.
-        found: written.
-
-    Returns:
-        The largest gap between what the strategies of a state guarantee.
     """
     value, x, y, picked = found
-    largest, most = 0.0, _most_replies(replies, value.size)
+    largest, most = 0.0, max(1, (replies.pair_start[1:] - replies.pair_start[:-1]).max())
     entries, mean, trial, slope = np.empty(most * 9), np.empty(most), np.empty(9), np.empty(9)
     hessian, step = np.empty((10, 10)), np.empty(10)
     for s in range(value.size):
@@ -352,8 +322,7 @@ def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, ta
                 if then <= now + 1e-4 * scale * decrease + 1e-15:
                     break
                 scale *= 0.5
-            for b in range(m):
-                waits[b] = trial[b]
+            waits[:] = trial[:m]
             now = then
         total, divergence = 0.0, 0.0
         _means(played, matrix, slope)

@@ -331,7 +331,7 @@ def listed(game: Game, chance: Chances) -> Chances:
     return chance[lists_of(game).order]
 
 
-def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
+def block_choices(games: tuple[Game, ...], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
     """The best strokes in the states of one block: ``[base states]`` of :class:`Choices`.
 
     Args:
@@ -342,7 +342,7 @@ def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F
     game = games[0]
     size = game.n_base_states
     found = Choices(np.zeros(size), np.full(size, -1, np.int32), np.zeros(size, np.int32), np.zeros((size, 4)))
-    outcomes, following = _outcomes(tuple(games), game.table_of(block)), gathered(game, plain, after_attack)
+    outcomes, following = _outcomes(games, game.table_of(block)), gathered(game, plain, after_attack)
     _choose(outcomes, lists_of(game), game.reply_edge, following, against, found)
     return found
 
@@ -367,23 +367,14 @@ def unit_of(chance: Chances) -> float:
 
 
 def block_expected(game: Game, block: int, chance: Chances) -> tuple[F64, F64]:
-    """``[base states]`` expected reward to the striker in a block under a policy, and probability that the rally continues.
-
-    Args:
-        chance: :func:`listed` chances.
-    """
+    """``[base states]`` expected reward to the striker and probability that the rally continues, under :func:`listed` chances."""
     reward, continuation = np.zeros(game.n_base_states), np.zeros(game.n_base_states)
     _expect(chance, unit_of(chance) / ONE, _outcomes((game,), game.table_of(block)), lists_of(game), reward, continuation)
     return reward, continuation
 
 
 def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack: F64) -> F64:
-    """``[base states]`` mean value of the successors of each state of one block, 0 where the rally ends.
-
-    Args:
-        chance: :func:`listed` chances.
-        plain, after_attack: as for :func:`block_choices`.
-    """
+    """``[base states]`` mean value of the successors of each state of one block under :func:`listed` chances."""
     out = np.zeros(game.n_base_states)
     outcomes, following = _outcomes((game,), game.table_of(block)), gathered(game, plain, after_attack)
     _mean(chance, unit_of(chance) / ONE, outcomes, lists_of(game), following, out)
@@ -396,7 +387,6 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
     Args:
         prior: :func:`listed` probability of each base pair.
         tau: cost of a nat of divergence from it.
-        plain, after_attack: as for :func:`block_choices`.
     """
     out, policy = np.zeros(game.n_base_states), np.empty(game.n_base_pairs)
     following = gathered(game, plain, after_attack)
@@ -405,11 +395,7 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
 
 
 def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
-    """``[S]`` expected visits of the successors of ``[S]`` visits, for the policy in each block: the transpose of a sweep.
-
-    Args:
-        chances: :func:`listed` chances of each block.
-    """
+    """``[S]`` visits of the successors of ``[S]`` visits, under :func:`listed` chances of each block: a sweep transposed."""
     out, values = np.zeros(game.n_states), np.zeros((4, len(game.reply_edge)))
     for block, chance in enumerate(chances):
         here = visits[game.block_states(block)]
@@ -423,7 +409,7 @@ def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
 def warm_up(game: Game) -> None:
     """Compile the sweeps, or load them from the disk, by sweeping one block."""
     zeros, states = np.zeros(game.n_base_states), np.ones(game.n_states)
-    after_block_choices(game, block_choices([game], 0, zeros, zeros), zeros, zeros)
+    after_block_choices(game, block_choices((game,), 0, zeros, zeros), zeros, zeros)
     for chance in (np.zeros(game.n_base_pairs), np.zeros(game.n_base_pairs, np.uint16)):
         block_expected(game, 0, chance)
         block_mean(game, 0, chance, zeros, zeros)

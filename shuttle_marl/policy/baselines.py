@@ -265,9 +265,7 @@ def load_remembering(game: Game) -> HistoryPolicy:
 Rules = Callable[[States], F64]
 """Function from a batch of states to ``[B, n]`` points of every stroke; illegal strokes are masked afterwards."""
 
-SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}
-"""Serves: short, because a long serve can be smashed."""
-
+SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}  # a long serve can be smashed
 ATTACK_ABOVE: Final = {
     "smash": 4.0,
     "net-kill": 4.0,

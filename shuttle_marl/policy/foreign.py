@@ -30,8 +30,7 @@ from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 
 PACKAGE: Final = Path(__file__).parents[1]
-PROTOCOL: Final = 1
-"""Version of the messages to programs."""
+PROTOCOL: Final = 1  # version of the messages to programs
 _AHEAD: Final = 64  # number of decisions that are sent before their answers are read, so few that all answers fit into a pipe
 
 

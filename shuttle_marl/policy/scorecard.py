@@ -205,103 +205,54 @@ class Scorer:
         return dict(zip(HEADLINES, (odds.rally, odds.match(), gain), strict=True))
 
     def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
-        key = draws.pairing_key(name, REFERENCE)
-        played = sample(policy, self.reference, matches=matches, seed=seed, key=key, watch=watch)
+        """The figures of matches against ``bc``; seats and the first serve are balanced over four matches."""
+        opponent, key = self.reference, draws.pairing_key(name, REFERENCE)
+
+        def asking(of_table: Callable[[I32, I32], Intp], of_policy: Callable[..., Intp]) -> Choose:
+            """Choices of both; entrant 0 is the policy, entrant 1 the table."""
+
+            def choose(entrant: I32, state: I32, draw: I32, player: I32, score: I32, *_: I32) -> Intp:
+                found = of_table(state, draw)
+                asked = np.flatnonzero(entrant == 0)
+                if len(asked):
+                    found[asked] = of_policy(policy, self.game, state[asked], draw[asked], player[asked], score[:, asked])
+                return found
+
+            return choose
+
+        choose, wait = asking(opponent.choose, ask), asking(opponent.choose_position, ask_position)
+        rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
+        for first in range(0, matches, _BATCH):
+            number = np.arange(first, min(first + _BATCH, matches))
+            seat = number & 1
+            seated = Matches(
+                entrant=np.stack([seat, 1 - seat], axis=1).astype(np.int32),
+                first_server=((number >> 1) & 1).astype(np.int8),
+                key=draws.stream(seed, key, number),
+            )
+            games, played = play_asked(self.game, seated, choose, wait, keep_strokes=watch is not None)
+            match = first + played.match
+            if watch is not None:
+                watch(dataclasses.replace(played, match=match))
+            rallies += np.bincount(match, minlength=matches)
+            won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
+            strokes += int(played.length.sum())
+            wins += int((games.argmax(axis=1) == seat).sum())
+        share = float(won.sum() / rallies.sum())
+        # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent, unlike rallies.
+        spread = _Z * math.sqrt(float(((won - share * rallies) ** 2).sum())) / float(rallies.sum())
+        interval = binomtest(wins, matches).proportion_ci(method="wilson")  # Wilson, J. Am. Stat. Assoc. 1927
         return Scorecard(
             policy=name,
             sampled=True,
-            rally_win_vs_bc=played.rally,
-            match_win_vs_bc=played.match,
-            normalised_score=self.normalised(played.rally),
-            rally_length_vs_bc=played.strokes / played.rallies,
-            matches=played.matches,
-            rally_interval=played.rally_interval,
-            match_interval=played.match_interval,
+            rally_win_vs_bc=share,
+            match_win_vs_bc=wins / matches,
+            normalised_score=self.normalised(share),
+            rally_length_vs_bc=strokes / int(rallies.sum()),
+            matches=matches,
+            rally_interval=(max(0.0, share - spread), min(1.0, share + spread)),
+            match_interval=(float(interval.low), float(interval.high)),
         )
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SampledOdds:
-    """Fractions of sampled matches and rallies won, with 95 % intervals.
-
-    Attributes:
-        rally_interval: its interval; matches are independent, the rallies of a match are not.
-        match_interval: its interval (Wilson, J. Am. Stat. Assoc. 1927).
-    """
-
-    matches: int
-    rallies: int
-    strokes: int
-    rally: float
-    rally_interval: tuple[float, float]
-    match: float
-    match_interval: tuple[float, float]
-
-
-def sample(
-    policy: Policy,
-    opponent: TabulatedPolicy,
-    *,
-    matches: int,
-    seed: int = 0,
-    key: int = 0,
-    watch: Watch | None = None,
-) -> SampledOdds:
-    """Play matches of a policy against a tabulated one; seats and the first serve are balanced over four matches.
-
-    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.matches.play`.
-
-    Args:
-        key: of the pairing, see :func:`shuttle_marl.game.draws.pairing_key`.
-        watch: called with the matches, see :data:`Watch`.
-
-    Raises:
-        PolicyError: the policy raised, or returned no distribution over the legal strokes.
-    """
-
-    def asking(of_table: Callable[[I32, I32], Intp], of_policy: Callable[..., Intp]) -> Choose:
-        """Choices of both; entrant 0 is the policy, entrant 1 the table."""
-
-        def choose(entrant: I32, state: I32, draw: I32, player: I32, score: I32, *_: I32) -> Intp:
-            found = of_table(state, draw)
-            asked = np.flatnonzero(entrant == 0)
-            if len(asked):
-                found[asked] = of_policy(policy, opponent.game, state[asked], draw[asked], player[asked], score[:, asked])
-            return found
-
-        return choose
-
-    choose, wait = asking(opponent.choose, ask), asking(opponent.choose_position, ask_position)
-    rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
-    for first in range(0, matches, _BATCH):
-        number = np.arange(first, min(first + _BATCH, matches))
-        seat = number & 1
-        seated = Matches(
-            entrant=np.stack([seat, 1 - seat], axis=1).astype(np.int32),
-            first_server=((number >> 1) & 1).astype(np.int8),
-            key=draws.stream(seed, key, number),
-        )
-        games, played = play_asked(opponent.game, seated, choose, wait, keep_strokes=watch is not None)
-        match = first + played.match
-        if watch is not None:
-            watch(dataclasses.replace(played, match=match))
-        rallies += np.bincount(match, minlength=matches)
-        won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
-        strokes += int(played.length.sum())
-        wins += int((games.argmax(axis=1) == seat).sum())
-    share = float(won.sum() / rallies.sum())
-    # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent.
-    interval = binomtest(wins, matches).proportion_ci(method="wilson")
-    spread = _Z * math.sqrt(float(((won - share * rallies) ** 2).sum())) / float(rallies.sum())
-    return SampledOdds(
-        matches=matches,
-        rallies=int(rallies.sum()),
-        strokes=strokes,
-        rally=share,
-        rally_interval=(max(0.0, share - spread), min(1.0, share + spread)),
-        match=wins / matches,
-        match_interval=(float(interval.low), float(interval.high)),
-    )
 
 
 _SURE: Final = 0.99

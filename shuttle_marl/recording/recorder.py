@@ -392,7 +392,7 @@ class RallyRecorder(LogContext):
 def sampled_log(
     path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int, record: str = "all"
 ) -> Iterator[Callable[[int, Rallies], None]]:
-    """Log of the matches of :func:`shuttle_marl.policy.scorecard.sample` of several policies against one opponent.
+    """Log of the matches of :class:`shuttle_marl.policy.Scorer` of several policies against one opponent.
 
     Args:
         policies: names of the sampled policies, without duplicates; each has a pairing of its own, in this order.
