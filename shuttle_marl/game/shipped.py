@@ -11,7 +11,6 @@ variant has the same tables, and the same hash, on every machine.
 
 import dataclasses
 import functools
-import itertools
 import json
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
@@ -139,7 +138,8 @@ def game_of(origin: Origin) -> Game:
             )
         else:
             game = unpacked(tensors, game_of(Origin(folder)), variant, folder)
-    _ORIGINS[game.hash] = origin
+    if folder.parent == _MODELS or game.hash not in _ORIGINS:
+        _ORIGINS[game.hash] = origin
     object.__setattr__(game, "origin", origin)
     return game
 
@@ -463,25 +463,28 @@ def origin_of(game: Game) -> Origin | None:
     """
     if game.whole is not None and game.whole.people is not None:
         return game.whole.people.origin
-    return game.origin or _origin_of_hash(game.hash)
+    return game.origin or _ORIGINS.get(game.hash) or _shipped_origins().get(game.hash)
 
 
 def shipped_game(digest: str) -> Game | None:
     """The game of a shipped model or variant by its hash; None if none has it."""
-    if _origin_of_hash(digest) is None:  # those of different hands and with recovery are known once they are loaded
-        for name, opposite in itertools.product((None, *PROFILES), (False, True)):
-            game_of(Origin(_MODELS / "default", variant_of(name, opposite=opposite), recovery=True))
-    origin = _origin_of_hash(digest)
-    return None if origin is None or origin.folder.parent != _MODELS else game_of(origin)
+    origin = _shipped_origins().get(digest) or _shipped_origins(positions=True).get(digest)
+    return None if origin is None else game_of(origin)
 
 
-def _origin_of_hash(digest: str) -> Origin | None:
+@functools.cache
+def _shipped_origins(*, positions: bool = False) -> dict[str, Origin]:
+    """Origins of shipped games by hash; ``positions``: those of different hands and with recovery, which are loaded for it."""
     folder = _MODELS / "default"
-    if digest not in _ORIGINS and (folder / GAME).is_file():
-        load_game("default")
-        if (tensors := _variants(folder)) is not None:
-            _ORIGINS.update({value: Origin(folder, name) for name, value in _hashes_of(tensors, folder).items()})
-    return _ORIGINS.get(digest)
+    if not (folder / GAME).is_file():
+        return {}
+    if positions:
+        names = [variant_of(name, opposite=opposite) for name in (None, *PROFILES) for opposite in (False, True)]
+        origins = [Origin(folder, name, recovery=recovery) for name in names for recovery in (False, True)]
+        return {game_of(origin).hash: origin for origin in origins}
+    tensors = _variants(folder)
+    variants = {} if tensors is None else _hashes_of(tensors, folder)
+    return {load_game("default").hash: Origin(folder), **{value: Origin(folder, name) for name, value in variants.items()}}
 
 
 def refits_of(game: Game) -> tuple[Game, ...]:

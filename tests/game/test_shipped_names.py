@@ -95,6 +95,14 @@ def test_advice_needs_twenty_real_strokes_in_models_of_own_data() -> None:
     assert [least_support(game) for game in (GAME, default_game(), reduced_game())] == [0, 0, 20]
 
 
+def test_a_shipped_game_is_found_though_a_copy_of_its_model_was_loaded(tmp_path: Path) -> None:
+    shutil.copytree(shipped.model_folder(), tmp_path / "copy")
+    copy = shipped.load_game(str(tmp_path / "copy"))
+    assert shipped.folder_of(copy) == tmp_path / "copy"
+    assert shipped.shipped_game(copy.hash) is default_game()
+    assert shipped.folder_of(dataclasses.replace(default_game())) == shipped.model_folder()
+
+
 def test_copies_of_a_game_with_other_tables_come_from_no_model() -> None:
     assert origin_of(GAME) is None
     assert shipped.folder_of(GAME) is None
