@@ -11,6 +11,7 @@ variant has the same tables, and the same hash, on every machine.
 
 import dataclasses
 import functools
+import itertools
 import json
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
@@ -479,11 +480,10 @@ def _shipped_origins(*, positions: bool = False) -> dict[str, Origin]:
     if not (folder / GAME).is_file():
         return {}
     if positions:
-        names = [variant_of(name, opposite=opposite) for name in (None, *PROFILES) for opposite in (False, True)]
-        origins = [Origin(folder, name, recovery=recovery) for name in names for recovery in (False, True)]
+        kinds = itertools.product((None, *PROFILES), (False, True), (False, True))
+        origins = [Origin(folder, variant_of(name, opposite=opposite), recovery) for name, opposite, recovery in kinds]
         return {game_of(origin).hash: origin for origin in origins}
-    tensors = _variants(folder)
-    variants = {} if tensors is None else _hashes_of(tensors, folder)
+    variants = {} if (tensors := _variants(folder)) is None else _hashes_of(tensors, folder)
     return {load_game("default").hash: Origin(folder), **{value: Origin(folder, name) for name, value in variants.items()}}
 
 
