@@ -134,9 +134,7 @@ def game_of(origin: Origin) -> Game:
         if opposite and equal in known:
             game = between_hands(game_of(Origin(folder, equal)), folder)
         elif tensors is None or variant not in known:
-            raise GameError(
-                f"no variant {variant!r} of the model {Origin(folder).name!r}; there are: {', '.join(known) or 'none'}"
-            )
+            raise GameError(f"no variant {variant!r} of model {Origin(folder).name!r}; there are: {', '.join(known) or 'none'}")
         else:
             game = unpacked(tensors, game_of(Origin(folder)), variant, folder)
     if folder.parent == _MODELS or game.hash not in _ORIGINS:

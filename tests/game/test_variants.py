@@ -162,7 +162,7 @@ def test_variants_are_found_by_name(model: Path) -> None:
     assert model_folder(f"{model}:men") == model
     assert resolve_game(str(model), "men").hash == men.hash
     assert resolve_game(men, "men") is men
-    with pytest.raises(GameError, match=r"no variant 'women' of the model .*; there are: men, 1, 2"):
+    with pytest.raises(GameError, match=r"no variant 'women' of model .*; there are: men, 1, 2"):
         load_game(f"{model}:women")
     with pytest.raises(GameError, match=r"no model 'nothing:men'"):
         load_game("nothing:men")
