@@ -15,7 +15,7 @@ import platform
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import shuttle_marl
 from shuttle_marl.base.errors import ShuttleError
@@ -33,6 +33,12 @@ class ClusterError(ShuttleError):
     """Processes or a cluster that cannot be used, or that lose a task repeatedly."""
 
 
+class Shared(NamedTuple):
+    """A value in the object store of a cluster."""
+
+    reference: Any
+
+
 class Cluster:
     """Runs tasks on a Ray cluster, which starts lost ones again."""
 
@@ -45,9 +51,9 @@ class Cluster:
         """Current number of parallel tasks; at least 1."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 0)))
 
-    def share(self, value: Any) -> Any:
-        """Prepare a value as an argument of many tasks, which is sent once to every machine."""
-        return self._ray.put(value)
+    def share(self, value: Any) -> Shared:
+        """Prepare a value as an argument of many tasks, which is sent once to every machine, and read once by every worker."""
+        return Shared(self._ray.put(value))
 
     def submit(self, function: Callable[..., T], *arguments: Any) -> Callable[[], T]:
         """Start a task.
@@ -59,8 +65,7 @@ class Cluster:
         Returns:
             Waits for the result; raises what the function raised, or a ClusterError if the task was lost repeatedly.
         """
-        reference = self._call.remote(function, self._versions, *arguments)
-        return functools.partial(self._result, reference)
+        return functools.partial(self._result, self._call.remote(function, self._versions, *arguments))
 
     def _result(self, reference: Any) -> Any:
         try:
@@ -118,18 +123,24 @@ def _call(function: Callable[..., Any], versions: Mapping[str, str], *arguments:
             f"machine {platform.node()} of the cluster has other versions than this one ({'; '.join(different)}); "
             "install the same ones on all"
         )
-    return function(*arguments)
+    return function(*(_fetched(each) if isinstance(each, Shared) else each for each in arguments))
+
+
+@functools.lru_cache(maxsize=2)  # a tournament copies a hundred megabytes when it is read
+def _fetched(shared: Shared) -> Any:
+    import ray  # noqa: PLC0415  an extra
+
+    return ray.get(shared.reference)
 
 
 @functools.cache
 def _versions(packages: tuple[str, ...]) -> dict[str, str]:
     """Versions of Python, of this package and of distributions; empty if not installed."""
-    found = {"python": platform.python_version(), "shuttle_marl": shuttle_marl.__version__}
-    for name in (name for name in packages if name not in found):
-        try:
+    known = {"python": platform.python_version(), "shuttle_marl": shuttle_marl.__version__}
+    found = {**known, **{name: "" for name in packages if name not in known}}
+    for name in found.keys() - known.keys():
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = ""
     return found
 
 
@@ -159,8 +170,7 @@ def in_processes(
     """
     if ray is not None:
         with open_cluster(ray, packages) as cluster:
-            for result in [cluster.submit(function, each) for each in arguments]:
-                yield result()
+            yield from (result() for result in [cluster.submit(function, each) for each in arguments])
         return
     check_processes(processes)
     if processes <= 1:

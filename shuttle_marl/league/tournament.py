@@ -224,8 +224,7 @@ _MATCHES_A_LOOK: Final = 32
 ERROR: Final = 0.05
 BOUND: Final = math.log((1 - ERROR) / ERROR)
 _CELL_SCORES: Final = np.array([0.0, 0.5, 1.0])
-_LEAST_COUNT: Final = 1e-3
-"""Count of a result that never occurred, as in fishtest."""
+_LEAST_COUNT: Final = 1e-3  # count of a result that never occurred, as in fishtest
 Block = tuple[PairResult, list[Rallies]]
 """A finished pairing and those of its rallies that are recorded, in order."""
 
@@ -295,8 +294,8 @@ class Tournament:
         if self.cluster is not None:
             self.workers = self.cluster.slots
         tabulated = np.array([entrant.table is not None for entrant in self.entrants])
+        # [N] index of each entrant among those that have a table; -1 without one.
         self._table_of = np.where(tabulated, np.cumsum(tabulated) - 1, -1).astype(np.int32)
-        """``[N]`` index of each entrant among those that have a table; -1 without one."""
 
     def play(self, pairings: Sequence[Pairing]) -> Iterator[list[Block]]:
         """Play pairings in order; the blocks of one list were played in the same batch."""
@@ -315,7 +314,7 @@ class Tournament:
                     yield self._play_alone(group)
                 elif self.cluster is not None:
                     shared = shared or self.cluster.share(self)
-                    waiting.append(self.cluster.submit(_play_remote, shared, group))
+                    waiting.append(self.cluster.submit(Tournament._play_group, shared, group))
                 elif self.workers == 1:
                     yield self._play_group(group)
                 else:
@@ -406,10 +405,6 @@ class Tournament:
     @functools.cached_property
     def _strikers(self) -> Strikers:
         return Strikers(self.game, self.entrants)
-
-
-def _play_remote(tournament: Tournament, group: Sequence[Pairing]) -> list[Block]:
-    return tournament._play_group(group)
 
 
 def share_of(elo: float) -> float:

@@ -47,8 +47,7 @@ RALLIES: Final = "rallies"
 LEARNERS: Final = "learners"
 _ABOUT, _STATE, NETWORK = "json", "state.safetensors", "network.safetensors"
 _TOLERANCE: Final = 1e-4
-_PATIENCE: Final = 0.2
-"""Longest time after which Ctrl-C is noticed while workers compute [s]."""
+_PATIENCE: Final = 0.2  # longest time after which Ctrl-C is noticed while workers compute [s]
 _ATTEMPTS: Final = 3
 
 
@@ -274,9 +273,8 @@ class Workers:
             warm_up(config)
 
     def _take_on(self, cluster: Cluster, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
-        missing = [turn for turn in turns if completed(folder, turn) is None]
         tasks: list[Callable[[], dict[Path, bytes]]] = []
-        for turn in missing:
+        for turn in [turn for turn in turns if completed(folder, turn) is None]:
             read = [policy_file(Path(TABLES), name) for name in turn.opponents]
             if not turn.fresh:
                 read += [turn_file(Path(), turn.member, turn.round - 1, kind) for kind in (_STATE, _ABOUT)]
