@@ -92,8 +92,8 @@ CORE: Final = tuple(
     )
 )
 """Folders and files of rules, kernel, environments, exact values, recording, readers and ratings."""
-GENERAL: Final = tuple(f"package/test_{name}.py" for name in ("limits", "refusals", "command_line", "printed"))
-"""Tests of all packages: limits and settings, refusals, and what commands print."""
+GENERAL: Final = tuple(f"package/test_{name}.py" for name in ("refusals", "command_line", "printed"))
+"""Tests of all packages: refusals, and what commands print."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
 MODULES: Final = "shuttle_marl/court/page/node_modules"
 """Folder of the page's tools, which copies link to."""
