@@ -199,13 +199,8 @@ class _Running:
 
     def __init__(self, game: Game, matches: Matches, players: Players, rules: Rules, *, keep: bool) -> None:
         size, shape, room = len(matches), (len(matches), rules.max_rallies), _STROKES_A_MATCH * keep
-        self.tables, self.players, self.lanes, self.live, self.step = (
-            core.tables_of(game),
-            players,
-            new_rows(max(1, size)),
-            size,
-            0,
-        )
+        self.tables, self.players = core.tables_of(game), players
+        self.lanes, self.live, self.step = new_rows(max(1, size)), size, 0
         points, games = np.zeros((2, size, 2), np.int32)
         server, winner, reason = np.empty((3, *shape), np.uint8)
         score, length, stroke = np.empty((*shape, 4), np.uint8), np.zeros(shape, np.int32), np.empty((size, room), np.uint16)
