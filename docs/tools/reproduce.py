@@ -119,7 +119,7 @@ def differences(before: Any, after: Any, tolerance: float, speeds: Collection[st
 
 
 def _deviations(before: Any, after: Any, path: str) -> Iterator[tuple[float, str, str]]:
-    """How great differences are, where, and what they are."""
+    """Size, place and description of each difference between two results."""
     match before, after:
         case dict(), dict():
             for key in sorted((before.keys() | after.keys()) - _PROVENANCE):

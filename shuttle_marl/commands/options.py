@@ -141,7 +141,7 @@ class SampleOptions:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ReportOptions(PlayerOptions):
-    """What is written of a report."""
+    """Files and figures of a report."""
 
     out: File = None
     """HTML file; default: the name of the command."""
@@ -155,7 +155,7 @@ class ReportOptions(PlayerOptions):
     """Print the figures as JSON, and write no page unless --out or --pdf is given."""
 
     def write(self, figures: Mapping[str, Any], page: Callable[[], bytes], name: str) -> None:
-        """Write what is asked for.
+        """Write the page, the PDF file and the figures that the options ask for.
 
         Args:
             page: makes the page, in the language.

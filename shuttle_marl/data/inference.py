@@ -288,13 +288,13 @@ def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[st
 _MISSING: Final = frozenset(
     {"nan", "none", "null", "nil", "nat", "na", "<na>", "undefined", "missing", "ref!", "value!", "name?", "div0!", "num!", "inf"}
 )
-"""What programs write for a missing value, bare."""
+"""Words that programs write for a missing value, as :func:`bare` gives them."""
 _ROLES: Final = frozenset(
     {"server", "receiver", "striker", "hitter", "winner", "loser", "发球方", "接发球方", "发球者", "接发球者"}
 )
 _IF_ONE: Final = "; map it in [values.player] if it is one"
 _TWO: Final = re.compile(r"[/&+;|\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(and|und|og|et|dan|vs|v|और)\.?\s", re.IGNORECASE)
-"""What stands between two names."""
+"""Separators of two names in one cell."""
 _OTHER_END: Final = {"near": "far", "far": "near", "left": "right", "right": "left"}
 _DECIDER: Final = 3
 """Game within which the players change ends."""
@@ -329,7 +329,7 @@ def at_ends(ends: Mapping[str, str], words: Sequence[str], games: Iterable[int],
 
 
 def ends_note(games: Iterable[int]) -> str:
-    """What is inferred about names of ends in these games."""
+    """Sentence on the names of ends that are inferred in these games."""
     if len(set(games)) > 1:
         return "names of the ends: those of the first game of a match, exchanged in the second, because the players change"
     return "names of the ends: the same in all rallies, because they are of one game by their numbers"
@@ -394,7 +394,7 @@ def _checked(sheet: Sheet, name: str, values: list[str]) -> list[str]:
 
 
 def _no_name(value: str, *, of_player: bool) -> str:
-    """What is expected instead of a text; empty if it may be a name."""
+    """Text that is expected instead of a value; empty if the value may be a name."""
     if not value or not value.isprintable():
         return "expected a name"
     if of_player and not any(map(str.isalnum, value)):

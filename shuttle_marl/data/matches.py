@@ -173,7 +173,7 @@ class TaggedStrokes:
 
     @property
     def hash(self) -> str:
-        """What pages compare: they must show the same inputs, not only as many."""
+        """Hash of the inputs: pages that show the same ones have the same hash."""
         return content_hash(self.inputs)
 
     def _enter(self, entered: str | None) -> None:

@@ -145,7 +145,7 @@ class Motion:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Branch:
-    """Where a motion is continued: number of strokes struck, and last unchanged frame."""
+    """Point from which a motion continues: number of strokes struck, and last unchanged frame."""
 
     motion: Motion
     strokes: int

@@ -65,7 +65,7 @@ HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
 
 
 class Manner(NamedTuple):
-    """How a shot type is played."""
+    """Contact heights and racket speed of a shot type."""
 
     below: tuple[float, float]  # range of the contact height below the net [m]
     above: tuple[float, float]  # the same above the net [m]
