@@ -64,7 +64,6 @@ export class Tagging {
   private saving = false;
   private again = 0;
   private after: string;
-  private saved = 0;
   private savingTimes: number[] = [];
   private suggested: Suggestion[] = [];
   private suggestedFor = "";
@@ -129,7 +128,7 @@ export class Tagging {
     const suggested = known?.map(({ shot }) => this.hall.shots[shot]) ?? null;
     const ways = Object.fromEntries(known?.filter(likely).map(({ shot, ways }) => [this.hall.shots[shot], ways]) ?? []);
     const strokes = rallies.at(-1)?.strokes ?? [];
-    const { inputs, saved, savingTimes } = this;
+    const { inputs, unsaved, savingTimes } = this;
     return {
       ready: true,
       phase,
@@ -142,7 +141,7 @@ export class Tagging {
       corners: this.state.corners.length,
       rally: rallies.length,
       inputs: inputs.length,
-      saved,
+      unsaved: unsaved.length,
       saving_ms: savingTimes,
     };
   }
@@ -150,7 +149,6 @@ export class Tagging {
   private resume(): void {
     const known = this.file.inputs.map((text) => JSON.parse(text) as Input);
     this.inputs.push(...known);
-    this.saved = known.length;
     this.state = replay(known, this.hall);
     // The table may lack what the last input changed.
     const last = this.state.rallies.at(-2)?.strokes.length ?? 0;
@@ -432,7 +430,6 @@ export class Tagging {
         const { facts } = await this.server.ask("tag", { ...change.request, after: this.after });
         this.after = facts.after;
         this.unsaved.shift();
-        this.saved = change.inputs;
         this.savingTimes.push(performance.now() - change.begun);
         this.status.textContent = say("tag.saved", {
           inputs: change.inputs,
