@@ -518,7 +518,7 @@ class Moment(Struct):
 
 
 class MatchReply(Struct):
-    """Reply to :class:`MatchRequest`; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides."""
+    """Reply to :class:`MatchRequest`; ``marks``: numbers of ``!!``, ``!``, ``?!``, ``?`` and ``??`` of both sides."""
 
     rallies: list[MatchRally]
     win_after: float | None

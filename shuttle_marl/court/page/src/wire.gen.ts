@@ -395,7 +395,7 @@ export interface MatchRequest {
   partial: boolean;
 }
 
-/** Reply to MatchRequest; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides. */
+/** Reply to MatchRequest; ``marks``: numbers of ``!!``, ``!``, ``?!``, ``?`` and ``??`` of both sides. */
 export interface MatchReply {
   rallies: MatchRally[];
   win_after: number | null;
