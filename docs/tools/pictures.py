@@ -227,8 +227,6 @@ def _show(page: "Page", mode: str) -> None:
         page.get_by_role("tab", name="Analyse").click()
         _until(page, "s.mode === 'analyse' && s.analysis")
         page.keyboard.press("3")
-        page.locator(".openings summary").click()
-        page.locator(".openings tbody button").first.wait_for()
         page.evaluate("scrollTo(0, 0)")
     page.wait_for_timeout(1000)
 

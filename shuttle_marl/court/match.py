@@ -10,7 +10,7 @@ import itertools
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -275,24 +275,6 @@ def play_rally(
         chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
         key=int(key[0] >> np.uint64(1)),
     )
-
-
-def seed_of_line(game: Game, line: Sequence[int]) -> int | None:
-    """The first of 4,096 seeds in whose first rally, served by seat 0, all strokes of a line are legal and returned."""
-    stepper = stepper_of(game)
-    for seed in range(4096):
-        if int(first_server(draw(stream(seed, 0, 0), 0))[0]):
-            continue
-        key, state = stream(seed, 0, 0), ROOT
-        for i, stroke in enumerate(line):
-            if not stepper.is_legal(state, stroke):
-                break
-            played, state = stepper.step(state, i % 2, stroke, int(outcome_draw(draw(key, i))[0]))
-            if played.outcome < RETURNED_BELOW:
-                break
-        else:
-            return seed
-    return None
 
 
 def _side_name(side: Side) -> str:

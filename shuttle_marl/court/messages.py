@@ -87,10 +87,6 @@ class MatchRequest(Query, kw_only=True, tag="match", frozen=True):
     partial: bool = False  # it ends with that rally; matches of a person always do
 
 
-class LikenessRequest(Query, kw_only=True, tag="likeness", frozen=True):
-    """Players whose choices are like those of a person, up to a rally."""
-
-
 class RatingRequest(Request, kw_only=True, tag="rating", frozen=True):
     """The rating of a person after a match."""
 
@@ -108,12 +104,6 @@ class FriendRequest(Request, kw_only=True, tag="friend", frozen=True):
     rally: RallyNumber = 0
     stroke: StrokeNumber = 0
     choice: CatalogueIndex | None = None  # for this stroke: a stroke, or as the receiver a position; None: none
-
-
-class OpeningRequest(Request, tag="opening", frozen=True):
-    """Strokes that follow the first strokes of a rally."""
-
-    line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()  # catalogue indices of the first ones
 
 
 _HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
@@ -394,19 +384,14 @@ class RallyReply(Struct):
     rally: RallyFacts
 
 
-class ValuedStroke(StrokeFacts, kw_only=True):
-    """A stroke with its values: ``win`` if both players continue with their policies, ``best`` if both play strongly."""
+class Option(StrokeFacts, kw_only=True):
+    """A stroke of a decision: ``win`` if both players continue with their policies, ``best`` if both play strongly."""
 
     p_succ: float
     p_ret: float
     support: float | None
     win: float
     best: float
-
-
-class Option(ValuedStroke, kw_only=True):
-    """A stroke of a decision."""
-
     probability: float
 
 
@@ -527,14 +512,6 @@ class MatchReply(Struct):
     marks: tuple[list[int], list[int]]
 
 
-class Likeness(Struct):
-    """Reply to :class:`LikenessRequest`: imitated players and the average pro, the likeliest first."""
-
-    names: list[str]
-    probability: list[float]  # that each made the choices, if all are equally likely before and one of them did
-    strokes: int  # number of strokes that the person chose
-
-
 class RatingReply(Struct):
     """Reply to :class:`RatingRequest`; ``interval``: that of 95 %."""
 
@@ -556,26 +533,6 @@ class FriendReply(Struct, kw_only=True):
     strokes: int = 0  # so far
     chosen: bool = False  # this person has chosen for the next stroke
     plan: Plan | None = None  # of the match that is over
-
-
-class OpeningStroke(ValuedStroke, kw_only=True):
-    """A stroke after the first ones of a rally between two average pros."""
-
-    available: float  # probability that it is legal
-    share: float  # probability that the average pro chooses it
-
-
-class OpeningReply(Struct):
-    """Reply to :class:`OpeningRequest`."""
-
-    strokes: list[OpeningStroke]  # the most frequent first
-    seed: int | None  # of a match whose first rally, served by seat 0, returns all strokes of the line; None: none was found
-
-
-class Openings(Struct):
-    """Replies to :class:`OpeningRequest` in a site, by the line: its catalogue indices with hyphens between them."""
-
-    lines: dict[str, OpeningReply]
 
 
 class Saved(Struct):
@@ -607,10 +564,8 @@ REPLIES: Final[Mapping[type[Request], type[Struct]]] = {
     OptionsRequest: OptionsReply,
     StylesRequest: Styles,
     MatchRequest: MatchReply,
-    LikenessRequest: Likeness,
     RatingRequest: RatingReply,
     FriendRequest: FriendReply,
-    OpeningRequest: OpeningReply,
     TagRequest: Saved,
     SuggestRequest: Suggestions,
 }

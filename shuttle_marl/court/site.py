@@ -21,9 +21,7 @@ _MARK: Final = b'<meta name="site" content="static">'
 """Element by which the page knows that no server answers, in the first file that is written."""
 _REPLIES: Final = "replies"
 _ROOM: Final = 600_000
-"""Space for the overviews of matches, the styles and the openings [bytes]."""
-_USUAL: Final = 0.01
-"""Least share of strokes of openings that a site holds."""
+"""Space for the overviews of matches and the styles [bytes]."""
 
 
 def save_site(
@@ -73,7 +71,6 @@ def save_site(
         whole = hello.recorded.count
         known = replace(hello.recorded, count=count, first=min(hello.recorded.first, count - 1))
         hello = replace(hello, recorded=known)
-    rallies["openings"] = gzip.compress(messages.encode_reply(0, _openings(answers)), mtime=0)
     rallies["hello"] = gzip.compress(messages.encode_reply(0, hello), mtime=0)
     content = {**fixed, **{f"{_REPLIES}/{name}.bin": reply for name, reply in rallies.items()}}
     for name, data in content.items():
@@ -118,18 +115,6 @@ def _rallies(answers: Answers, hello: messages.Hello) -> Iterator[tuple[dict[str
         if hello.recorded is None and over:
             return
         number += 1
-
-
-def _openings(answers: Answers) -> messages.Openings:
-    lines: dict[str, messages.OpeningReply] = {}
-    waiting: list[tuple[int, ...]] = [()]
-    for line in waiting:  # grows
-        found = answers.opening(line)
-        usual = [stroke for stroke in found.strokes if stroke.share >= _USUAL]
-        lines["-".join(map(str, line))] = messages.OpeningReply(strokes=usual, seed=None)
-        if len(line) < 2:
-            waiting += [(*line, stroke.stroke) for stroke in usual]
-    return messages.Openings(lines=lines)
 
 
 def _overviews(answers: Answers, hello: messages.Hello, count: int) -> dict[str, bytes]:

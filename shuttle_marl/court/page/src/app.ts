@@ -174,10 +174,8 @@ export class App {
       choose: (choice) => void this.choose(choice),
       nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
       isLast: () => this.isLast,
-      daily: this.source.opening ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
-      opening: this.source.opening,
+      daily: this.source.puzzles ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
       retry: () => void this.retry(),
-      playLine: (line, seed) => this.playLine(line, seed),
       hints: async () => {
         const { friend, number } = this.course;
         return friend?.now ? { options: [], positions: [] } : this.source.options(this.course.wanted(number));
@@ -361,12 +359,6 @@ export class App {
       this.screen.learn.start(null);
       void this.go(0, null, true);
     }
-  }
-
-  /** Starts a match whose first rally begins with a line of strokes. */
-  private playLine(line: number[], seed: number): void {
-    this.course.open({ seed, sides: this.course.sides!, chosen: { 0: Object.fromEntries(line.entries()) } });
-    void this.go(0, null, true);
   }
 
   /** Opens the link in the address. */

@@ -9,7 +9,7 @@ import { Motion } from "./motion";
 import type { Source, Wanted } from "./rallies";
 import { isSite, openReply, openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
 import { Tagging } from "./tag";
-import type { Analysis, Hello, MatchReply, OpeningReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
+import type { Analysis, Hello, MatchReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
 import { say } from "./words";
 
 declare global {
@@ -51,11 +51,10 @@ async function served(): Promise<Opened> {
     options: async (wanted) => (await server.ask("options", query(wanted))).facts,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
     match: async (wanted) => (await server.ask("match", { ...query(wanted), partial: false })).facts,
-    likeness: async (wanted) => (await server.ask("likeness", query(wanted))).facts,
     rating: async ({ points, deviation, volatility }, scores) =>
       (await server.ask("rating", { points, deviation, volatility, scores })).facts,
     friend: async (asked) => (await server.ask("friend", asked)).facts,
-    opening: async (line) => (await server.ask("opening", { line })).facts,
+    puzzles: true,
     model: fetchModel,
     share: async (rallies, title, hash, progress) => {
       const [script = "", style = ""] = await Promise.all(
@@ -100,11 +99,10 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
     walk: null,
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
     options: noPlay,
-    likeness: noPlay,
     rating: noPlay,
     styles: async () => (await find<Styles>("styles")).facts,
     match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
-    opening: null,
+    puzzles: false,
     friend: null,
     model,
     share: null,
@@ -138,16 +136,9 @@ async function site(): Promise<Opened> {
   };
   const { facts: hello } = await find<Hello>("hello");
   const match = ({ plan, rally }: Wanted) => `match ${plan ? 0 : rally}`;
-  const openings = () => find<{ lines: Record<string, OpeningReply> }>("openings");
-  let loaded: ReturnType<typeof openings> | null = null;
-  const opening = async (line: number[]): Promise<OpeningReply> => {
-    loaded ??= openings();
-    const { lines } = (await loaded).facts;
-    return lines[line.join("-")] ?? { strokes: [], seed: null };
-  };
   const walk = async ({ rally }: Wanted, motion: Motion) =>
     (await unpacked(await find<{ rally: RallyFacts }>(`walk ${rally}`), motion)).motion;
-  return { hello, source: { ...stored(find, match, fetchModel), walk, opening } };
+  return { hello, source: { ...stored(find, match, fetchModel), walk, puzzles: true } };
 }
 
 const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();
