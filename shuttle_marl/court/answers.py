@@ -147,14 +147,14 @@ class Answers:
         return sum(1 for _ in self._rallies_of(messages.MatchRequest(id=0, plan=plan, rally=0)))
 
     def warm(self) -> None:
-        """Compute the first rally, the walk to the next one, and its analysis, so that no page waits for them.
+        """Compute the first rally and its analysis, so that no page waits for them.
 
         A page that shows the shipped rally comes first: compiling would delay its picture.
         """
         if self._shipped is not None:
             self._shown.wait(_PATIENCE)
         about = messages.RallyRequest(id=0, plan=None if self._recorded else self._plan, rally=self._first_shown)
-        for request in (about, replace(about, walk=True), messages.AnalysisRequest(id=0, plan=about.plan, rally=about.rally)):
+        for request in (about, messages.AnalysisRequest(id=0, plan=about.plan, rally=about.rally)):
             with contextlib.suppress(ShuttleError):  # the page that asks receives the error
                 self(request)
 
@@ -192,13 +192,7 @@ class Answers:
             self._log.add(request.plan, rally)
         # A page that has the motion up to the branch needs only the frames after it.
         first = begun if request.have else 0
-        packed: bytes
-        if request.walk:
-            next_request = replace(request, rally=request.rally + 1, tried={})
-            following, _ = self._motion(next_request, self._played(next_request))
-            packed = self._packed.get((motion, following), lambda: staging.with_walk(motion, following).pack(len(motion.time)))
-        else:
-            packed = self._packed.get((motion, first), lambda: motion.pack(first))
+        packed: bytes = self._packed.get((motion, first), lambda: motion.pack(first))
         return messages.RallyReply(rally_facts(self._values_of(request).game, rally, motion)), packed
 
     def _analysis(self, query: messages.Query) -> messages.Analysis:

@@ -66,7 +66,6 @@ class RallyRequest(Query, kw_only=True, tag="rally", frozen=True):
     """Strokes and motion of a rally."""
 
     have: bool = False  # the page has the motion up to the branch; the reply holds the frames after it
-    walk: bool = False  # the reply holds the walk to the next rally instead, the frames after those of the rally
 
 
 class AnalysisRequest(Query, kw_only=True, tag="analysis", frozen=True):

@@ -97,22 +97,16 @@ def _packed(answers: Answers, request: messages.Request) -> bytes:
 
 
 def _rallies(answers: Answers, hello: messages.Hello) -> Iterator[tuple[dict[str, bytes], list[str]]]:
-    """Replies about each rally in turn, with the walk that leads to it, and its athletes; a match ends with its last rally."""
+    """Replies about each rally in turn, and its athletes; a match ends with its last rally."""
     plan, number = None if hello.recorded else hello.plan, 0
-    before: tuple[object, ...] | None = None  # ends and players from which a walk leads to the next rally
     while hello.recorded is None or number < hello.recorded.count:
         request = messages.RallyRequest(id=0, plan=plan, rally=number)
         facts = answers.rally(request)[0].rally
         replies = {f"rally-{number}": _packed(answers, request)}
-        here = facts.ends_changed, facts.players
-        if before == here:
-            replies[f"walk-{number - 1}"] = _packed(answers, replace(request, rally=number - 1, walk=True))
-        over = facts.after is not None and facts.after.over
-        before = here if facts.winner is not None and not over else None
         if facts.strokes:
             replies[f"analysis-{number}"] = _packed(answers, messages.AnalysisRequest(id=0, plan=plan, rally=number))
         yield replies, [player.athlete for player in facts.players]
-        if hello.recorded is None and over:
+        if hello.recorded is None and facts.after is not None and facts.after.over:
             return
         number += 1
 

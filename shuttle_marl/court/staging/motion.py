@@ -42,7 +42,7 @@ class Motion:
         position: ``[F, 2, 23, 3]`` where each bone begins.
         planted: ``[F, 2, 2]`` whether the left and the right foot of each player stand.
         contact_frame: ``[n]`` frame in which each stroke is struck.
-        players: state of both players for :func:`~shuttle_marl.court.staging.continue_motion`; None after a walk.
+        players: state of both players for :func:`~shuttle_marl.court.staging.continue_motion`.
     """
 
     fps: int
@@ -55,7 +55,7 @@ class Motion:
     contact_frame: I64
     skeletons: tuple[Skeleton, Skeleton]
     trajectory: Trajectory
-    players: tuple[PlayerMotion, PlayerMotion] | None = dataclasses.field(default=None, repr=False)
+    players: tuple[PlayerMotion, PlayerMotion] = dataclasses.field(repr=False)
 
     @property
     def hands(self) -> Hands:
@@ -153,7 +153,6 @@ class Branch:
 
     def player(self, seat: int) -> PlayerMotion:
         """A player of the motion."""
-        assert self.motion.players is not None
         return self.motion.players[seat]
 
     def course(self, seat: int) -> Course:

@@ -91,7 +91,7 @@ export class App {
     if (source.friend && this.live) {
       this.course.friend = new FriendGame(source.friend, layout, (now) => this.friendPlayed(now));
     }
-    this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, source, () =>
+    this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, () =>
       this.go(this.course.number + 1, null, true),
     );
     this.saving = new Saving(this.course, this.player, this.frames, source, this.screen);
@@ -303,7 +303,7 @@ export class App {
 
   toggle(): void {
     const { player } = this;
-    if (!player.playing && player.time >= player.end) {
+    if (!player.playing && player.time >= player.duration) {
       player.seek(0);
     }
     const mine = this.screen.board.turn && (player.waits || player.time >= player.choice);
@@ -324,8 +324,6 @@ export class App {
   stepStroke(step: number): void {
     if (this.player.stepStroke(step)) {
       this.saving.updateAddress();
-    } else if (step > 0 && this.player.time >= this.player.duration) {
-      void this.go(this.course.number + 1); // from the walk on
     } else {
       this.seek(step > 0 ? this.player.duration : 0);
     }

@@ -18,7 +18,7 @@ declare global {
   }
 }
 
-function query({ plan, rally, person, tried, friend }: Wanted): Omit<RallyRequest, "have" | "walk"> {
+function query({ plan, rally, person, tried, friend }: Wanted): Omit<RallyRequest, "have"> {
   if (friend) {
     return { rally, friend: friend.seat };
   }
@@ -43,10 +43,7 @@ async function served(): Promise<Opened> {
   const server = new Connection(address, (open) => lost.classList.toggle("hidden", open));
   const { facts: hello, raw } = await server.ask("hello", {});
   const source: Source = {
-    rally: async (wanted, before) =>
-      unpacked(await server.ask("rally", { ...query(wanted), have: before !== null, walk: false }), before),
-    walk: async (wanted, motion) =>
-      (await unpacked(await server.ask("rally", { ...query(wanted), have: false, walk: true }), motion)).motion,
+    rally: async (wanted, before) => unpacked(await server.ask("rally", { ...query(wanted), have: before !== null }), before),
     analysis: async (wanted) => (await server.ask("analysis", query(wanted))).facts,
     options: async (wanted) => (await server.ask("options", query(wanted))).facts,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
@@ -64,7 +61,7 @@ async function served(): Promise<Opened> {
       const athletes = new Set<string>();
       for (const [i, wanted] of rallies.entries()) {
         progress(i);
-        const reply = await server.ask("rally", { ...query(wanted), have: false, walk: false });
+        const reply = await server.ask("rally", { ...query(wanted), have: false });
         reply.facts.rally.players.forEach(({ athlete }) => athletes.add(athlete));
         replies.set(`rally ${wanted.rally}`, reply.raw);
         replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw);
@@ -96,7 +93,6 @@ type Found<F> = Promise<{ facts: F; body: ArrayBuffer }>;
 function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => string, model: Source["model"]): Source {
   return {
     rally: async ({ rally }) => unpacked(await find(`rally ${rally}`)),
-    walk: null,
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
     options: noPlay,
     rating: noPlay,
@@ -136,9 +132,7 @@ async function site(): Promise<Opened> {
   };
   const { facts: hello } = await find<Hello>("hello");
   const match = ({ plan, rally }: Wanted) => `match ${plan ? 0 : rally}`;
-  const walk = async ({ rally }: Wanted, motion: Motion) =>
-    (await unpacked(await find<{ rally: RallyFacts }>(`walk ${rally}`), motion)).motion;
-  return { hello, source: { ...stored(find, match, fetchModel), walk, puzzles: true } };
+  return { hello, source: { ...stored(find, match, fetchModel), puzzles: true } };
 }
 
 const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();

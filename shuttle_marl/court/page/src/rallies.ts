@@ -33,8 +33,6 @@ export interface Shown {
 export interface Source {
   /** `before` has the frames before the branch of a motion that continues it. */
   rally(wanted: Wanted, before: Motion | null): Promise<Shown>;
-  /** The motion of a rally, followed by the walk to the next one; null: this page has no walks. */
-  walk: ((wanted: Wanted, motion: Motion) => Promise<Motion>) | null;
   analysis(wanted: Wanted): Promise<Analysis>;
   options(wanted: Wanted): Promise<OptionsReply>;
   styles(wanted: Wanted): Promise<Styles>;

@@ -51,7 +51,6 @@ export interface Acts extends Hooks {
 }
 
 const BEFORE = 0.03; // time before a contact at which a question stops the playback [s]
-const BANNER = 0.8; // time of the walk for which the result of the rally stays [s]
 
 export class Screen {
   mode: Mode = "watch";
@@ -349,7 +348,6 @@ export class Screen {
     this.layout.scrubber.value = String(time);
     this.layout.clock.textContent = `${decimal(Math.min(time, player.duration), 2)} / ${decimal(player.duration, 1)} s`;
     this.layout.showPlaying(player.playing);
-    this.layout.court.classList.toggle("walking", player.time > player.duration + BANNER);
     if (player.stroke !== this.shownStroke) {
       this.showStroke(rally, player.stroke);
     }

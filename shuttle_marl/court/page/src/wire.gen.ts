@@ -153,7 +153,6 @@ export interface RallyRequest {
   tried?: Record<string, number>;
   friend?: FriendSeat | null;
   have: boolean;
-  walk: boolean;
 }
 
 /** A person who plays instead of a policy. */
