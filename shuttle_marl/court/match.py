@@ -113,8 +113,7 @@ class PolicyTables:
         return self._visits.get(sides, lambda: visits(self.table(sides[0], 0), self.table(sides[1], 1)))
 
 
-PERSON, FRIEND = "you", "friend"
-"""Names of a person, and of another person at the other seat."""
+PERSON, FRIEND = "you", "friend"  # names of a person, and of another person at the other seat
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -283,8 +282,7 @@ def _side_name(side: Side) -> str:
     return f"{printable(side.policy)}@{'greedy' if side.temperature == 0 else format(side.temperature, 'g')}"
 
 
-_MOST_OPEN: Final = 8
-"""Maximum number of open logs: pages in several tabs play matches in turn."""
+_MOST_OPEN: Final = 8  # maximum number of open logs: pages in several tabs play matches in turn
 
 
 class MatchLog:

@@ -21,8 +21,7 @@ from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 Point = tuple[float, float, float]
-Box = tuple[float, float, float, float]
-"""A rectangle on the floor: x0, x1, y0, y1 [m]."""
+Box = tuple[float, float, float, float]  # A rectangle on the floor: x0, x1, y0, y1 [m]
 Pair = tuple[int, int]
 
 
@@ -32,8 +31,7 @@ class Request(Struct, forbid_unknown_fields=True, tag_field="op", frozen=True):
     id: int
 
 
-_END: Final = r"(?![\s\S])"
-"""The end of a text, to Python and JavaScript; ``$`` is also before a last line feed to Python."""
+_END: Final = r"(?![\s\S])"  # the end of a text, to Python and JavaScript; ``$`` is also before a last line feed to Python
 Secret = Annotated[str, Meta(pattern=f"^[A-Za-z0-9_-]{{1,64}}{_END}")]
 
 

@@ -39,20 +39,15 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 HOST: Final = "127.0.0.1"
-MAX_MESSAGE: Final = 1 << 18
-"""Maximum size of a message from a page [bytes]: the plan of a match holds all strokes of the person."""
+MAX_MESSAGE: Final = 1 << 18  # maximum size of a message from a page [bytes]: the plan of a match holds all strokes of the person
 MAX_CONNECTIONS: Final = 200
-_RATE, _BURST = 40.0, 120.0
-"""Requests per second of a connection: sustained rate, and burst."""
-_CONCURRENT: Final = 16
-"""Maximum number of concurrent requests of a connection."""
+_RATE, _BURST = 40.0, 120.0  # requests per second of a connection: sustained rate, and burst
+_CONCURRENT: Final = 16  # maximum number of concurrent requests of a connection
 _THREADS: Final = 4
 _FAST: Final = (messages.HelloRequest, messages.RallyRequest, messages.TagRequest, messages.FriendRequest)
 """Requests that never wait for the game to be solved; the others have separate threads."""
-_REQUEST, _STALLED = 10.0, 30.0
-"""Times for the head of a request, and for a page to read a reply [s]."""
-_SHUTDOWN: Final = 1
-"""Time for connections to close when the server stops [s]."""
+_REQUEST, _STALLED = 10.0, 30.0  # times for the head of a request, and for a page to read a reply [s]
+_SHUTDOWN: Final = 1  # time for connections to close when the server stops [s]
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 CONTENT_POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "

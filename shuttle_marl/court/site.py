@@ -15,13 +15,11 @@ from shuttle_marl.court.server import CONTENT_POLICY, in_language
 from shuttle_marl.court.staging import model_file
 from shuttle_marl.reports.languages import Language
 
-MAX_SITE: Final = 8_000_000
-"""Default of the maximum size of a site [bytes]."""
+MAX_SITE: Final = 8_000_000  # default of the maximum size of a site [bytes]
 _MARK: Final = b'<meta name="site" content="static">'
 """Element by which the page knows that no server answers, in the first file that is written."""
 _REPLIES: Final = "replies"
-_ROOM: Final = 600_000
-"""Space for the overviews of matches and the styles [bytes]."""
+_ROOM: Final = 600_000  # space for the overviews of matches and the styles [bytes]
 
 
 def save_site(

@@ -224,11 +224,9 @@ PLAYERS: Final = ((56, 189, 248), (251, 113, 133))
 YELLOW, GREEN, RED = (251, 191, 36), (52, 211, 153), (248, 80, 80)
 MAT, AROUND, TARGET = (18, 114, 87), (14, 93, 72), (70, 128, 76)
 
-SIZE: Final = (900, 560)
-"""Width and height of the picture [px]; it is painted twice as large."""
+SIZE: Final = (900, 560)  # width and height of the picture [px]; it is painted twice as large
 WIDE, HIGH = 2 * SIZE[0], 2 * SIZE[1]
-PX: Final = 116.0
-"""Painted pixels per metre."""
+PX: Final = 116.0  # painted pixels per metre
 _RISE: Final = 34.0  # painted pixels that a flight is lifted for each metre of height
 
 

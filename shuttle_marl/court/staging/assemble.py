@@ -19,10 +19,8 @@ from shuttle_marl.game.rally import Rally
 
 _ATTEMPTS, _RETRIES = 5, 3
 _TOLERANCE: Final = 3e-3
-_MOOD: Final = 1 << 20
-"""Counter of the draws for the reactions, above those of the strokes."""
-_TAIL: Final = 2.0
-"""Time after the end of the last flight [s]."""
+_MOOD: Final = 1 << 20  # counter of the draws for the reactions, above those of the strokes
+_TAIL: Final = 2.0  # time after the end of the last flight [s]
 
 
 def stage(

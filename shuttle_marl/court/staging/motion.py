@@ -18,10 +18,8 @@ from shuttle_marl.game.court import Hands
 from shuttle_marl.game.rules import OUTCOMES
 
 _MAGIC: Final = b"SMOT\x02"
-_SCALE: Final = ((1 << 14) - 1) * np.sqrt(2)
-"""Steps of a component of a quaternion."""
-_HIPS_STEP, _SHUTTLE_STEP = 2.5e-4, 5e-4
-"""Steps of the places of the hips, and of the shuttle outside flights [m]."""
+_SCALE: Final = ((1 << 14) - 1) * np.sqrt(2)  # steps of a component of a quaternion
+_HIPS_STEP, _SHUTTLE_STEP = 2.5e-4, 5e-4  # steps of the places of the hips, and of the shuttle outside flights [m]
 _OTHERS: Final = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
