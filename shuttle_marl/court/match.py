@@ -296,11 +296,7 @@ class MatchLog:
         self._started, self._count = time.strftime("%Y%m%d-%H%M%S"), 0
 
     def add(self, plan: Plan, rally: CourtRally) -> None:
-        """Record a rally if it is finished and not recorded yet.
-
-        Raises:
-            RecordingError: the log cannot be written.
-        """
+        """Record a rally if it is finished and not recorded yet. Raises RecordingError: the log cannot be written."""
         winner = rally.winner
         if winner is None:
             return

@@ -212,7 +212,6 @@ def _open_parts(path: Path, opened: contextlib.ExitStack) -> list[LogFile]:
 
 
 def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[list[LogFile]]:
-    """The rally logs of a folder, each with its parts."""
     logs: list[list[LogFile]] = []
     # Further parts, NAME.1.mcap and so on, are sorted last, so those that belong to a log were opened with it.
     for path in sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (bool(re.search(r"\.[1-9]\d{0,8}$", path.stem)), path.name)):

@@ -21,15 +21,11 @@ from shuttle_marl.recording.reader import RallyLog, require_game
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Replay:
-    """Result of :func:`replay`.
-
-    Attributes:
-        wrong: numbers of the rallies with an illegal stroke, or another outcome, winner or choice than the replay.
-    """
+    """Result of :func:`replay`."""
 
     rallies: int
     strokes: int
-    wrong: tuple[int, ...]
+    wrong: tuple[int, ...]  # numbers of the rallies with an illegal stroke, or another outcome, winner or choice than the replay
 
 
 def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> Replay:
@@ -85,16 +81,12 @@ def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Ma
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Checked:
-    """Result of :func:`check`.
-
-    Attributes:
-        problems: descriptions of the problems; empty for a correct log.
-    """
+    """Result of :func:`check`."""
 
     rallies: int
     strokes: int
     replayed: bool
-    problems: tuple[str, ...]
+    problems: tuple[str, ...]  # descriptions of the problems; empty for a correct log
 
 
 def check(path: Path, game: Game | None = None) -> Checked:

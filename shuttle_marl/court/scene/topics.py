@@ -268,7 +268,6 @@ _NAME_HEIGHT: Final = 2.3
 
 
 def _rod(a: F64, b: F64, radius: float, until: float, shade: fox.Color) -> fox.CylinderPrimitive:
-    """A cone along the line from a to b, with a radius at each end [m]."""
     along, wide = b - a, max(radius, until)
     turn = frame(along, np.array([1.0, 0.2, 0.1]))[:, [1, 2, 0]]  # whose third column is the line
     return fox.CylinderPrimitive(
@@ -313,7 +312,6 @@ DRAWN: Final = (
 
 
 def _body(motion: Motion, seat: int, kit: dict[str, fox.Color]) -> dict[str, dict[str, list[Any]]]:
-    """Limbs, joints, trunk and head by bone."""
     out: dict[str, dict[str, list[Any]]] = {bone: {"cylinders": [], "spheres": []} for bone in DRAWN[:-1]}
     scale, rest = motion.skeletons[seat].scale, motion.rest(seat)
 

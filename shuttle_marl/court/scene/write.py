@@ -65,7 +65,6 @@ def commentary(staged: StagedRally) -> Iterator[Timed]:
 
 
 def _probabilities(report: RallyReport, i: int, time: int) -> Iterator[Timed]:
-    """Values and the policy's probabilities at a stroke, as far as they are known."""
     decision, rank = report.analysis.decisions[i], report.analysis.rank[i]
     values_known = bool(np.isfinite(decision.value))
     if values_known:

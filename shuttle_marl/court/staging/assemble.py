@@ -76,7 +76,6 @@ def players_of(rally: Rally, skeletons: tuple[Skeleton, Skeleton]) -> tuple[Athl
 
 
 def _staged(rally: Rally, players: tuple[Athlete, Athlete], branch: Branch | None, seed: int, fps: int, lead_in: float) -> Motion:
-    """The motion; frames up to the branch are copied."""
     trajectory = TrajectoryBuilder(rally, players, seed, fps).build(lead_in, branch)
     done = branch.frame + 1 if branch else 0
     if len(rally):

@@ -112,8 +112,6 @@ class _Choice:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Try:
-    """A random point and time of a stroke, in the striker's frame."""
-
     point: F64
     ticks: int  # drawn time of flight [frames]
     least: int  # shortest time of flight in the matches [frames]
@@ -350,7 +348,6 @@ class TrajectoryBuilder:
         return float(np.copysign(HALF_WIDTH + max(by_side, 0.05), -1.0 if side == 0 else 1.0)), y
 
     def _net_point(self, i: int, contact: F64, point: F64, share: float, k: int) -> F64:
-        """Point where try ``k`` hits the net on the way to ``point``."""
         x = contact[0] + share * (point[0] - contact[0])
         # Most balls into the net are just too low.
         z = float(net_height(x)) - 0.03 - min(0.9, contact[2]) * 0.6 * self.uniform(i, _SLOT * (k + 1) + 5) ** 2
