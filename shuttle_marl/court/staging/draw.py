@@ -11,14 +11,13 @@ import dataclasses
 import functools
 import json
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.court.staging import poses
 from shuttle_marl.court.staging.flight import BOUNDS, Flights, fall, net_height, shoot
-from shuttle_marl.court.staging.motion import Branch
 from shuttle_marl.court.staging.poses import Athlete, Stance
 from shuttle_marl.court.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind
 from shuttle_marl.game import draws
@@ -27,6 +26,9 @@ from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
+
+if TYPE_CHECKING:
+    from shuttle_marl.court.staging.motion import Branch
 
 _QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 _TRIES, _AS_DRAWN = 10, 5
@@ -148,7 +150,7 @@ class TrajectoryBuilder:
             self.drawn[stroke] = ((bits >> np.uint64(11)) * 2.0**-53).tolist()
         return float(self.drawn[stroke][number])
 
-    def build(self, lead_in: float, branch: Branch | None) -> Trajectory:
+    def build(self, lead_in: float, branch: "Branch | None") -> Trajectory:
         """Draw the trajectory; of a branch, the strokes stay, and the flight of the last one is drawn again."""
         rally, n = self.rally, len(self.rally)
         struck = branch.strokes if branch else 0
