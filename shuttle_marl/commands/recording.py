@@ -22,7 +22,7 @@ from shuttle_marl.recording.header import RecordingError
 from shuttle_marl.recording.log_file import recover as recover_log
 from shuttle_marl.recording.log_file import recoverable_files, unfinished_files
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.replay import check as check_log
+from shuttle_marl.recording.reader import check as check_log
 
 if TYPE_CHECKING:
     from shuttle_marl.reports.rally import Resolve

@@ -25,7 +25,7 @@ from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
 from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
 from shuttle_marl.training.league.population import LEAGUE, TABLES, Payoffs
 from shuttle_marl.training.league.run import MAIN, train_league

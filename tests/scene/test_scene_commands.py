@@ -14,8 +14,7 @@ from mcap.reader import make_reader
 
 from shuttle_marl.commands.recording import main
 from shuttle_marl.court.scene import SceneError, select, topics
-from shuttle_marl.court.scene.rally_report import report_rally
-from shuttle_marl.court.scene.write import write_scene
+from shuttle_marl.court.scene.write import report_rally, write_scene
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies

@@ -27,7 +27,7 @@ from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.computed import sharpened
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog, replay
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.config import SelfPlayVariant
 from shuttle_marl.training.learner import STATE
