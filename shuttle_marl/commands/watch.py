@@ -13,7 +13,7 @@ import tyro
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import Appearance, RallyGameOptions
+from shuttle_marl.commands.options import RALLY_MODEL, Appearance, RallyGameOptions, RallyModel
 from shuttle_marl.court import WatchError, building
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import load_game, origin_of
@@ -92,9 +92,6 @@ class RallyOptions:
     rally: int | None = None
 
 
-_GAME: Final = RallyGameOptions()
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TagOptions:
     """A video whose strokes are entered, instead of a match.
@@ -157,7 +154,7 @@ def watch(
     tagging: tyro.conf.OmitArgPrefixes[TagOptions] = TagOptions(),
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     output: tyro.conf.OmitArgPrefixes[OutputOptions] = OutputOptions(),
-    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _GAME,
+    model: RallyModel = RALLY_MODEL,
     server: tyro.conf.OmitArgPrefixes[ServerOptions] = ServerOptions(),
 ) -> None:
     """Watch matches in 3D, analyse them, or play: opens a page in the browser, served by this machine.
@@ -319,15 +316,12 @@ def _save_site(folder: Path, page: Path, answers: "Answers", language: Language)
 
 
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:
-    from rich.progress import track  # noqa: PLC0415
-
     from shuttle_marl.court.server import write_video  # noqa: PLC0415
 
-    console = cli.console(stderr=True)
     running = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
     running.start()
     try:
-        frames = write_video(address, path, lambda numbers: track(numbers, "filming", console=console, transient=True))
+        frames = write_video(address, path, lambda numbers: cli.progress(numbers, "filming"))
     finally:
         server.should_exit = True
         running.join()
@@ -335,6 +329,4 @@ def _film(server: "Server", listener: socket.socket, address: str, path: Path) -
 
 
 COMMANDS: Final = watch
-
-
 main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.watch", (watch.__doc__ or "").partition("\n")[0])
