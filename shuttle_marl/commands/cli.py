@@ -40,17 +40,13 @@ Figure = object
 _NUMBERS: Final = ConstructorRegistry()
 _SCALES: Final = {"k": 10**3, "m": 10**6, "g": 10**9}
 _MOST_DIGITS: Final = 30
-_WIDTH: Final = 160
-"""Width of output that is not to a terminal."""
-_WRITTEN: Final = ("out", "pdf")
-"""Options that name what a command writes."""
+_WIDTH: Final = 160  # width of output that is not to a terminal
+_WRITTEN: Final = ("out", "pdf")  # options that name what a command writes
 _PAGES: Final = (".html", ".md", ".pdf")
-_SHOWN: Final = 4
-"""Number of the largest fractions that a cell of a table shows."""
+_SHOWN: Final = 4  # number of the largest fractions that a cell of a table shows
 _SHARES: Final = ("win", "won", "share", "thin", "rare", "against", "after", "runs")
 """Figures whose names have these words are fractions, which are shown in percent."""
-_BOUNDS: Final = ("bound", "residual")
-"""Figures whose names have these words are shown with their order of magnitude."""
+_BOUNDS: Final = ("bound", "residual")  # figures whose names have these words are shown with their order of magnitude
 _FIXABLE: Final = {
     errno.EACCES,
     errno.EEXIST,

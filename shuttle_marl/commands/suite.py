@@ -17,8 +17,7 @@ from shuttle_marl.suite.options import SPLITS, Split, SuiteError, SuiteRun
 
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
 _cases: Final = functools.partial(cli.progress, what="cases")
-_SHOWN: Final = 20
-"""Refused units that are printed."""
+_SHOWN: Final = 20  # refused units that are printed
 
 
 def list_(*, json_output: Json = False) -> None:

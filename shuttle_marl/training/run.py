@@ -48,10 +48,8 @@ BEST: Final = "best"
 """Folder of the best agent: the least exploitable in self-play, else that with the highest probability of winning rallies."""
 PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 LEARNERS: Final[dict[str, Callable[..., Learner]]] = {"ppo": PPO, "a2c": A2C, "sac": SAC}
-_WEIGHTS, _SEGMENT = 0, 1
-"""Streams of random numbers: initial weights, and segments between checkpoints."""
-_TOLERANCE: Final = 1e-5
-"""Error bound of evaluations, far below the resolution of a learning curve."""
+_WEIGHTS, _SEGMENT = 0, 1  # streams of random numbers: initial weights, and segments between checkpoints
+_TOLERANCE: Final = 1e-5  # error bound of evaluations, far below the resolution of a learning curve
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

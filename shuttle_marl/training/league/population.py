@@ -19,8 +19,7 @@ from shuttle_marl.training.league.config import LeagueTrainingError
 
 TABLES: Final = "tables"
 LEAGUE: Final = "league.json"
-TOLERANCE: Final = 1e-5
-"""Error bound of payoffs and exploitability, far below the noise of training."""
+TOLERANCE: Final = 1e-5  # error bound of payoffs and exploitability, far below the noise of training
 _CHAIN_BYTES: Final = 2 << 30
 
 

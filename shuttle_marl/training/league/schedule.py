@@ -21,10 +21,8 @@ from shuttle_marl.training.league.config import LeagueTrainingConfig, MetaSolver
 from shuttle_marl.training.league.population import LeagueState, Member, Payoffs, Turn
 
 _DRAW_OPPONENTS: Final = 1 << 16
-FLOOR: Final = 0.02
-"""Fraction of the weight that is distributed uniformly, so that every opponent is played."""
-_HARD: Final = 2.0
-"""Exponent: an opponent that is beaten with probability p has the weight (1 - p)^2."""
+FLOOR: Final = 0.02  # fraction of the weight that is distributed uniformly, so that every opponent is played
+_HARD: Final = 2.0  # exponent: an opponent that is beaten with probability p has the weight (1 - p)^2
 _MIN_PROBABILITY: Final = 1e-3
 """Smaller probabilities are removed from a meta-strategy: their policies cost time and change little."""
 _SOLVERS: Final[dict[MetaSolver, Callable[[F64], F64]]] = {
