@@ -330,6 +330,7 @@ def test_the_command_prints_the_table_and_a_forfeit(
     )
     out = tmp_path / "[/run]"
     flags = ["--pool", "safe", "my_broken:policy", "random", "--matches", "10", "--out", str(out), "--policy-timeout", "0"]
+    flags += ["--game", reduced_model()]
     assert main(flags) == 0
     printed = capsys.readouterr()
     assert "my_broken:policy (forfeited 2)" in printed.out
