@@ -86,11 +86,11 @@ $(TEST_STAMP): $(INPUTS) | $(BIN)/python
 	@$(INSTALL) --editable '.[test]'
 	@touch $(RUN_STAMP) $@
 
-# Warnings are errors. First come the pages of the site on which rallies play; the site has frames for them.
+# Warnings are errors. First comes a match, which plays in frames of the site.
 docs: $(TEST_STAMP)
-	$(BIN)/python -m docs.tools.live_pages
+	$(BIN)/python -m shuttle_marl.watch --save-site docs/site/extra/live
 	$(BIN)/python -m sphinx -W --keep-going -q $(SITE_FLAGS) -j 2 -d build/doctrees -c docs/site . build/site
-	@echo 'open build/site/index.html'
+	@echo 'python -m http.server -d build/site shows it'
 
 notebooks: $(TEST_STAMP)
 	@$(INSTALL) --editable '.[notebooks]'

@@ -5,13 +5,14 @@ order, in one namespace and one empty folder, until one fails. A ``python`` bloc
 name (``# my_policy.py``) is also written to that file, so that later commands can use it.
 """
 
+import gc
 import os
 import re
 import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -108,12 +109,27 @@ class _Page(pytest.File):
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give all processes of this session one cache of computed values, of their own, and one folder for other libraries' logs."""
+    """Give all processes of this session one folder of their own: for caches, other libraries' logs, and what tests share."""
     if "PYTEST_XDIST_WORKER" in os.environ:
         return  # inherited
     folder = tempfile.TemporaryDirectory(prefix="session-", ignore_cleanup_errors=True)
     config.add_cleanup(folder.cleanup)
-    os.environ |= {"XDG_CACHE_HOME": f"{folder.name}/cache", "SB3_LOGDIR": f"{folder.name}/sb3"}
+    os.environ |= {
+        "SESSION_FOLDER": folder.name,
+        "XDG_CACHE_HOME": f"{folder.name}/cache",
+        "SB3_LOGDIR": f"{folder.name}/sb3",
+    }
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect tests without looking for garbage: what modules define stays to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -10,21 +10,21 @@ of cores.
 import statistics
 import time
 from collections.abc import Callable
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import tyro
 
-from benchmarks.machine import this_machine
-from docs.tools.results import show
+from docs.tools.results import Json, show, this_machine
+from shuttle_marl.base.cache import forgotten
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, solve_robust, solve_soft, visits
 from shuttle_marl.exact.sweeps import warm_up
 from shuttle_marl.game import default_game
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league.pairs import players_of, predict
-from shuttle_marl.policy import history, registry
+from shuttle_marl.policy import baselines, registry
 
 _POLICIES: Final = 30
 
@@ -32,7 +32,7 @@ _POLICIES: Final = 30
 def thirty_policies(game: Game) -> list[TabulatedPolicy]:
     """30 policies: behaviour-cloned players, styles and random, and the same at other temperatures."""
     families = ("bc", "attacking", "defensive", "safe", "random")
-    names = [name for name in registry.names(game) if name.partition(":")[0] in families and name != history.NAME]
+    names = [name for name in registry.names(game) if name.partition(":")[0] in families and name != baselines.REMEMBERING]
     names += [f"{name}@{temperature}" for temperature in (0.5, 2) for name in names]
     return [tabulate(registry.resolve(name, game), game) for name in names[:_POLICIES]]
 
@@ -74,11 +74,12 @@ def measure(repeat: int) -> list[dict[str, Any]]:
     }
     times = {what: median_seconds(call, repeat) for what, call in calls.items()}
     policies = thirty_policies(game)
-    times[f"cross-play of {len(policies)}"] = median_seconds(lambda: crossplay(policies), 1)
+    with forgotten():
+        times[f"cross-play of {len(policies)}"] = median_seconds(lambda: crossplay(policies), 1)
     return [{"what": what, "seconds": wall, "cpu_s": cpu} for what, (wall, cpu) in times.items()]
 
 
-def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+def main(*, repeat: int = 5, as_json: Json = False) -> None:
     """Measure and print.
 
     Args:

@@ -51,7 +51,6 @@ def measure_life(motion: Motion) -> Life:
         landing_sink: ``[n]`` how far the hips sink after the landing of a jump [m]; NaN where the striker is not airborne.
         still: frames before the serve and after the rally in which a player is motionless, and ``waiting`` how many there are.
         waiting: see ``still``.
-        playing: seconds from the serve to the end of the rally.
         step_length: ``[T]`` way of the hips from one landing to the next step, while the rally lasts; hops are no steps [m].
         fast_wrist: frames in which the hand that plays turns faster than 2,000°/s against the forearm.
         player_frames: frames of both players.
@@ -78,7 +77,6 @@ def measure_life(motion: Motion) -> Life:
         "landing_sink": sink,
         "still": still,
         "waiting": waiting,
-        "playing": float(trajectory.end_time[-1] - trajectory.time[0]) if n else 0.0,
         "step_length": _steps(motion),
         "fast_wrist": _fast_wrists(motion),
         "player_frames": 2 * len(motion.time),
@@ -100,7 +98,6 @@ def summary_of_life(found: Sequence[Life]) -> dict[str, Any]:
     figures: dict[str, Any] = {
         "impact_ratio": _by_shot(shot, every("impact_ratio")),
         "impact_peak_ms": 1000 * float(np.median(every("impact_peak"))),
-        "impact_peak_ms_by_shot": _by_shot(shot, 1000 * every("impact_peak")),
         "impact_cosine": float(np.median(every("impact_cosine"))),
         "impact_cosine_by_shot": _by_shot(shot, every("impact_cosine")),
         "vertical_acceleration": float(np.quantile(every("vertical_acceleration"), 0.99)),
@@ -112,7 +109,6 @@ def summary_of_life(found: Sequence[Life]) -> dict[str, Any]:
         figures["landing_sink"] = float(np.nanmedian(sink))
     if len(steps := every("step_length")):
         figures["step_length"] = float(np.median(steps))
-        figures["steps_per_second"] = float(len(steps) / every("playing").sum() / 2)
     if net.any():
         figures["net_shot_high_elbow"] = float(every("high_elbow")[net].mean())
         figures["net_shot_hanging_racket"] = float(every("hanging_racket")[net].mean())

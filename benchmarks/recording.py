@@ -1,34 +1,28 @@
-"""Cost of recording every rally: a tournament, training, and writing, reading and random access of logs.
+"""Cost of recording every rally: a tournament, and writing, reading and random access of logs.
 
     python -m benchmarks.recording [--quick] [--json]
 
 The tournament is the league command with every rally recorded, on all cores; its speed is wall-clock. Its log of some ten
-million rallies is then read, opened again for each of many single rallies, and copied from memory, so that only the log is
-timed. Training is a run of PPO with its defaults: the CPU time of the recorder's thread and of all calls of the log is compared
-with the remaining CPU time, as if there were no second core. CPU time is user and system time of all threads, so other programs
-hardly affect it; the fastest of several runs is reported.
+million rallies is then read, opened again for each of many single rallies, and copied from memory, so that only the log is timed.
+CPU time is user and system time of all threads, so other programs hardly affect it; the fastest of several runs is reported.
+:mod:`benchmarks.training` has the cost of recording in training.
 """
 
-import functools
 import json
 import statistics
 import tempfile
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Final
-from unittest import mock
+from typing import Any, Final
 
 import numpy as np
 import tyro
 
-from benchmarks.machine import this_machine
-from docs.tools.results import show
+from docs.tools.results import Json, show, this_machine
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
-from shuttle_marl.recording.recorder import LogContext
 
 _POOL: Final = ("bc", "attacking", "safe", "random")
 _MATCHES: Final = 20_000
@@ -99,83 +93,22 @@ def _find(path: Path, number: int) -> float:
     return time.perf_counter() - begun
 
 
-class _Timed(LogContext):
-    """A training log that measures its CPU time."""
-
-    def __init__(self, inner: Any) -> None:
-        self._inner = inner
-        self.cpu = self.waited = 0.0
-
-    def __getattr__(self, name: str) -> Any:
-        return functools.partial(self._timed, name)
-
-    def close(self) -> None:
-        self._inner.flush()
-        # Measured from here, because the replaying thread starts with the first rally.
-        threads = [thread for thread in threading.enumerate() if thread.name.startswith("recording ")]
-        clocks = [time.pthread_getcpuclockid(thread.ident or 0) for thread in threads]
-        self.cpu += sum(time.clock_gettime(clock) for clock in clocks)
-        self._timed("close")
-
-    def abort(self) -> None:
-        self._timed("abort")
-
-    def _timed(self, name: str, *args: Any) -> Any:
-        cpu, begun = time.thread_time(), time.perf_counter()
-        try:
-            return getattr(self._inner, name)(*args)
-        finally:
-            self.cpu += time.thread_time() - cpu
-            self.waited += time.perf_counter() - begun
-
-
-def training(folder: Path, strokes: int, repeat: int) -> dict[str, float]:
-    """Train with every rally recorded, and measure the fraction of CPU time spent on recording."""
-    from shuttle_marl.training import PPOConfig, train  # noqa: PLC0415  torch, which nothing above needs
-    from shuttle_marl.training.rally_log import open_log  # noqa: PLC0415
-
-    logs: list[_Timed] = []
-
-    def timed(*args: Any, **options: Any) -> _Timed:
-        logs.append(_Timed(open_log(*args, **options)))
-        return logs[-1]
-
-    overhead, waited, size = [], [], 0.0
-    with mock.patch("shuttle_marl.training.run.open_log", timed):
-        for n in (20_000, *[strokes] * repeat):  # the first one compiles what is not compiled yet
-            begun, cpu = time.perf_counter(), time.process_time()
-            config = PPOConfig(strokes=n, out=folder / "ppo", overwrite=True, evaluate_every=1 << 30)
-            done = train(config)
-            spent = time.process_time() - cpu
-            overhead.append(logs[-1].cpu / (spent - logs[-1].cpu))
-            waited.append(logs[-1].waited / (time.perf_counter() - begun))
-            with RallyLog(done.folder / "rallies.mcap") as found:
-                size = found.size / found.n_strokes
-    return {
-        "training_overhead": min(overhead[1:]),
-        "training_waits": min(waited[1:]),
-        "training_bytes_per_stroke": size,
-    }
-
-
-def measure(matches: int, strokes: int, repeat: int) -> dict[str, Any]:
+def measure(matches: int, repeat: int) -> dict[str, Any]:
     """All measurements, by key."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         played = tournament(folder, matches, repeat)
-        result = {**played, **log(folder / "run" / "rallies.mcap", folder, repeat), **training(folder, strokes, repeat)}
-    return {**this_machine(), **result}
+        return {**this_machine(), **played, **log(folder / "run" / "rallies.mcap", folder, repeat)}
 
 
-def main(*, quick: bool = False, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+def main(*, quick: bool = False, as_json: Json = False) -> None:
     """Measure and print.
 
     Args:
-        quick: fewer runs and a shorter training.
+        quick: fewer runs.
         as_json: print JSON instead of a table.
     """
-    result = measure(_MATCHES, 200_000 if quick else 1_000_000, 1 if quick else 3)
-    show(result, "recording", as_json=as_json)
+    show(measure(_MATCHES, 1 if quick else 3), "recording", as_json=as_json)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,18 @@
 """Quality of staged rallies, and speed of the staging.
 
-    python -m benchmarks.staging [--rallies N] [--data FOLDER] [--quick] [--json]
+    python -m benchmarks.staging [--rallies N] [--quick] [--json]
 
 Matches between two behaviour-cloned players are staged rally by rally, right- and left-handers, male and female athletes in
-turn, and measured as motion: positions, rotations, and the path of the shuttle; an umpire counts breaches of the rules. Each
-is packed and unpacked again, and every tenth one is staged stroke by stroke as in live play. Flights by shot type are measured
-in up to 300 of these rallies, as many of perfect play, and 20 annotated ones, where a folder of them is named. Seconds are CPU
-seconds of the process, which has one thread (set OMP_NUM_THREADS=1).
+turn, and measured as motion: positions, rotations, and the path of the shuttle. Each is packed and unpacked again, and every
+tenth one is staged stroke by stroke as in live play. Seconds are CPU seconds of the process, which has one thread (set
+OMP_NUM_THREADS=1).
 """
 
 import dataclasses
 import itertools
-import os
 import time
 from collections.abc import Iterator, Sequence
-from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,44 +20,32 @@ import tyro
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.court_rules import Breaches, Umpire
-from benchmarks.machine import this_machine
 from benchmarks.motion_life import Life, measure_life, summary_of_life
-from docs.tools.results import show
-from shuttle_marl.court.recorded import RealRallies
-from shuttle_marl.court.staging import ATHLETES, Motion, continue_motion, stage
+from docs.tools.results import Json, show, this_machine
+from shuttle_marl.court.staging import Motion, continue_motion, stage
+from shuttle_marl.court.staging.skeleton import ATHLETES
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.policy import tabulate
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
-from tests.staging.flight_metrics import Flight, flights_of, summary_of_flights
 from tests.staging.motion_metrics import Metrics, measure
+from tests.staging.reader import Read, read
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
-_FLIGHTS: Final = 300
-"""Greatest number of rallies of a policy whose flights are measured."""
-_REAL: Final = 20
-"""Number of annotated rallies whose flights are measured."""
 _CONTINUED: Final = 10
 """Interval of the rallies that are also continued stroke by stroke."""
 
 
-def run(rallies: int, seed: int, console: Console, data: Path | None = None) -> dict[str, Any]:
-    """Stage rallies and measure them; lengths are in metres unless the key names another unit.
-
-    Args:
-        data: annotated matches; None: their flights are not measured.
-    """
-    played = list(itertools.islice(match_rallies("bc", seed=seed), rallies))
+def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
+    """Stage rallies and measure them; lengths are in metres unless the key names another unit."""
+    played = list(itertools.islice(match_rallies(seed), rallies))
     stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are cached
     cpu, size, error, found = 0.0, 0, 0.0, []
     extensions: list[float] = []
     lives: list[Life] = []
-    flights: list[Flight] = []
-    umpire, breaches = Umpire(server=played[0].server), Breaches()
     for i, right in enumerate(track(played, "staging", console=console)):
         rally = dataclasses.replace(right, hands=(_HANDS[i % 3], _HANDS[i // 3 % 3]))
         athletes = (ATHLETES[i % 2], ATHLETES[i // 2 % 2])
@@ -69,27 +54,15 @@ def run(rallies: int, seed: int, console: Console, data: Path | None = None) -> 
         cpu += time.process_time() - begun
         found.append(measure(motion))
         lives.append(measure_life(motion))
-        if i < _FLIGHTS:
-            flights += flights_of(motion, ("bc", rally.match))
-        if rally.number == 0:
-            umpire = Umpire(server=rally.server)
-        breaches.look(motion, umpire)
-        assert rally.winner is not None
-        umpire.award(rally.winner)
         packed = motion.pack()
         size += len(packed)
-        error = max(error, pack_error(motion, Motion.unpack(packed)))
+        error = max(error, pack_error(motion, read(packed)))
         if i % _CONTINUED == 0:
             extensions += continued(rally, i, athletes)
     figures = summary(found, lives)
-    perfect = itertools.islice(match_rallies("minimax", seed=seed), min(rallies, _FLIGHTS))
-    for i, (match, rally) in enumerate([*((("minimax", one.match), one) for one in perfect), *real_rallies(data)]):
-        flights += flights_of(stage(rally, seed=i), match)
     return {
         **this_machine(),
         **figures,
-        **summary_of_flights(flights),
-        "rules": dataclasses.asdict(breaches),
         "pack_kb_per_s": size / 1024 / figures["seconds"],
         "pack_error_mm": 1000 * error,
         "continue_ms": 1000 * float(np.median(extensions)),
@@ -109,11 +82,11 @@ def summary(found: Sequence[Metrics], lives: Sequence[Life]) -> dict[str, Any]:
         ``sunk_max``, ``net_clearance_min``, ``landing_error_max`` [m]; ``speed_max`` [m/s], ``acceleration_max`` [m/s²],
         ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``.
 
-        Of impact: ``impact_ratio`` (median by shot type), ``impact_peak_ms`` and ``impact_cosine`` (medians, and both
-        ``…_by_shot``). Of jumps: ``vertical_acceleration`` (99 % of the strokes stay below) [m/s²], ``landing_sink`` (median of
-        jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m], ``steps_per_second`` of a
-        player. Shares: ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond
-        2,000°/s, ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
+        Of impact: ``impact_ratio`` (median by shot type), ``impact_peak_ms``, ``impact_cosine`` (medians) and
+        ``impact_cosine_by_shot``. Of jumps: ``vertical_acceleration`` (99 % of the strokes stay below) [m/s²], ``landing_sink``
+        (median of jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m]. Shares:
+        ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond 2,000°/s,
+        ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
         :mod:`benchmarks.motion_life`. Figures without data (no stroke crosses the net, none is returned) are left out.
     """
 
@@ -142,15 +115,10 @@ def summary(found: Sequence[Metrics], lives: Sequence[Life]) -> dict[str, Any]:
     return figures | summary_of_life(lives)
 
 
-def match_rallies(policy: str, *, seed: int) -> Iterator[Rally]:
-    """Rallies of matches between two players of the same policy, match after match.
-
-    Args:
-        policy: name in the registry.
-        seed: random seed.
-    """
+def match_rallies(seed: int) -> Iterator[Rally]:
+    """Rallies of matches between two behaviour-cloned players, match after match."""
     game = default_game()
-    table = tabulate(resolve(policy, game), game)
+    table = tabulate(resolve("bc", game), game)
     for match in itertools.count():
         key = draws.stream(seed, np.array([match]))
         entrants, server = np.zeros((1, 2), np.int32), np.array([match % 2], np.int8)
@@ -158,15 +126,8 @@ def match_rallies(policy: str, *, seed: int) -> Iterator[Rally]:
         yield from (dataclasses.replace(rallies.row(k, game.catalogue), match=match) for k in range(len(rallies)))
 
 
-def real_rallies(data: Path | None) -> Iterator[tuple[str, Rally]]:
-    """Rallies at equal distances in annotated matches, with the names of their matches; none without a folder."""
-    if data is not None:
-        real = RealRallies(data, default_game())
-        yield from ((real.match(k), real.rally(k)) for k in range(0, real.count, -(-real.count // _REAL)))
-
-
-def pack_error(motion: Motion, again: Motion) -> float:
-    """Maximum distance between strings, bones and shuttles of two motions [m]."""
+def pack_error(motion: Motion, again: Read) -> float:
+    """Maximum distance between strings, bones and shuttles of a motion and what is read of it [m]."""
     names = ("sweet_spot", "position", "shuttle")
     return max(float(np.linalg.norm(getattr(motion, name) - getattr(again, name), axis=-1).max()) for name in names)
 
@@ -191,27 +152,15 @@ def first_strokes(rally: Rally, strokes: int) -> Rally:
     return dataclasses.replace(rally, stroke=rally.stroke[:strokes], hurried=rally.hurried[:strokes], ending=ending)
 
 
-def main(
-    *,
-    rallies: int = 1000,
-    seed: int = 0,
-    data: Path | None = None,
-    quick: bool = False,
-    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
-) -> None:
+def main(*, rallies: int = 1000, quick: bool = False, as_json: Json = False) -> None:
     """Measure and print.
 
     Args:
         rallies: number of staged rallies.
-        seed: random seed of the rallies.
-        data: folder of the annotated matches; default: that of the environment variable SHUTTLESET, if it is set.
         quick: stage 40 rallies.
         as_json: print JSON instead of a table.
     """
-    named = os.environ.get("SHUTTLESET")
-    data = data or (Path(named) if named else None)
-    result = run(_QUICK if quick else rallies, seed, Console(stderr=True), data)
-    show(result, "staging", as_json=as_json)
+    show(run(_QUICK if quick else rallies, 0, Console(stderr=True)), "staging", as_json=as_json)
 
 
 if __name__ == "__main__":

@@ -11,13 +11,12 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import tyro
 
 import shuttle_marl
-from benchmarks.machine import this_machine
-from docs.tools.results import show
+from docs.tools.results import Json, show, this_machine
 
 _IMPORTS: Final = ("import shuttle_marl", "from shuttle_marl import rally_v0", "import shuttle_marl.dynamics")
 
@@ -53,7 +52,7 @@ def measure(repeat: int) -> list[Timing]:
     return [Timing(command=" ".join(["python", *a]), cpu_s=cpu_seconds([sys.executable, *a], repeat)) for a in arguments]
 
 
-def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+def main(*, repeat: int = 5, as_json: Json = False) -> None:
     """Measure and print.
 
     Args:

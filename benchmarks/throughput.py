@@ -12,29 +12,317 @@ a measurement.
 
 For ``vector``, ``match_vector`` and ``gymnasium``, the learner's stroke and the reply count as one stroke; in environments of
 other libraries, an action counts.
-"""
 
+A case is a factory that takes the batch size and the number of threads, and returns a function that plays for some time and
+returns the number of strokes. Libraries are imported in the factory, so that their memory is measured separately.
+"""
+# ruff: noqa: PLC0415  see above
+
+import importlib
 import multiprocessing
 import os
+import random
 import resource
 import statistics
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
+import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.machine import machine, this_machine
-from benchmarks.throughput_cases import BATCHED, ONE_THREAD, RECOVERY, SINGLE, Play
-from docs.tools.results import show
+from docs.tools.results import Json, machine, show, this_machine
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game, load_game
+from shuttle_marl.game.tables import Game
 
 Row = dict[str, Any]
 
+Play = Callable[[], int]
+Maker = Callable[[int, int], Play]
+
+_AT_ONCE: Final = 16_384
+"""Approximate number of strokes per call."""
+
+
+def _steps(batch: int) -> int:
+    return max(1, _AT_ONCE // batch)
+
+
+def kernel(batch: int, threads: int, game: Game | None = None) -> Play:
+    """The kernel plays random legal strokes in all rows, without observations."""
+    from shuttle_marl.kernel import RallyBatch
+
+    rows = RallyBatch(game or default_game(), batch, threads=threads)
+    steps = 4 * _steps(batch)
+
+    def play() -> int:
+        rows.run(steps)
+        return steps * batch
+
+    return play
+
+
+def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
+    """Random legal strokes as actions, each checked, with observations and masks."""
+    from shuttle_marl.kernel import RallyBatch
+
+    rows = RallyBatch(game or default_game(), batch, threads=threads)
+    seen, steps, hides = rows.new_observations(), _steps(batch), rows.game.recovery is not None
+
+    def play() -> int:
+        for _ in range(steps):
+            stroke, position = rows.random_actions()
+            rows.step(stroke, position if hides else None, observed=seen)
+        return steps * batch
+
+    return play
+
+
+def tournament(batch: int, threads: int) -> Play:
+    """Whole matches between two policies, with all strokes in memory; the batch is the number of matches."""
+    from shuttle_marl.game import draws
+    from shuttle_marl.game.policy import tabulate
+    from shuttle_marl.kernel import Matches, pack, play_matches
+    from shuttle_marl.policy.registry import resolve
+
+    game = default_game()
+    players = pack([tabulate(resolve(name, game), game) for name in ("bc", "attacking")], game)
+    matches = Matches(
+        entrant=np.tile(np.array([0, 1], np.int32), (batch, 1)),
+        first_server=(np.arange(batch) % 2).astype(np.int8),
+        key=draws.stream(0, np.arange(batch)),
+    )
+    return lambda: len(play_matches(game, matches, players, threads=threads).rallies.stroke)
+
+
+def torchrl(batch: int, threads: int, game: Game | None = None) -> Play:
+    """``RallyEnv`` with TorchRL's loop, resetting in the same call as the step; random legal strokes."""
+    from shuttle_marl.env.batched import RallyEnv
+
+    return _rolled_out(RallyEnv(batch, threads=threads, game=game), batch, threads)
+
+
+def torchrl_stock(batch: int, threads: int) -> Play:
+    """The same with TorchRL's step and reset."""
+    from torchrl.envs import EnvBase
+
+    from shuttle_marl.env.batched import RallyEnv
+
+    class Stock(RallyEnv):
+        step_and_maybe_reset = EnvBase.step_and_maybe_reset
+
+    return _rolled_out(Stock(batch, threads=threads), batch, threads)
+
+
+def _rolled_out(env: Any, batch: int, threads: int) -> Play:
+    import torch
+
+    torch.set_num_threads(threads)
+    now, steps = env.reset(), max(1, _steps(batch) // 8)
+
+    def play() -> int:
+        nonlocal now
+        for _ in range(steps):
+            _, now = env.step_and_maybe_reset(env.rand_action(now))
+        return steps * batch
+
+    return play
+
+
+def jax(batch: int, _: int, game: Game | None = None) -> Play:
+    """``shuttle_marl.env.jax``, many strokes in one compiled call; random legal strokes, observations and masks.
+
+    With recovery the receiver takes a random feasible position.
+    """
+    import jax as jax_library
+    import jax.numpy as jnp
+    from jax import random
+
+    from shuttle_marl.env import jax as rally
+
+    game = game or default_game()
+    steps, positions = _steps(batch), None if game.recovery is None else jnp.asarray(game.waiting.position)
+
+    def stroke(tables: rally.Tables, now: Any, key: Any) -> tuple[Any, Any]:
+        state, seen = now
+        base, position = state % (len(tables.base_pair_start) - 1), None
+        if positions is None:
+            one, two = random.split(key)
+        else:
+            one, two, three = random.split(key, 3)
+            assert tables.choices is not None
+            position = positions[base, rally.draws(three, state.shape) * tables.choices[base] >> 24]
+        k = random.randint(one, state.shape, 0, tables.base_pair_start[base + 1] - tables.base_pair_start[base])
+        chosen = tables.edge_incoming[tables.reply_edge[tables.first_reply[base] + k]]
+        arguments = tables, state, chosen, rally.draws(two, state.shape), position
+        after = jax_library.vmap(rally.step, (None, 0, 0, 0, None if position is None else 0))(*arguments)
+        tokens, mask = jax_library.vmap(rally.observe, (None, 0))(tables, after.state)
+        # XLA removes what is not used.
+        return (after.state, seen + tokens.sum(axis=1) + mask.sum(axis=1)), None
+
+    @jax_library.jit
+    def played(tables: rally.Tables, now: Any, key: Any) -> Any:
+        keys = random.split(key, steps + 1)
+        now, _ = jax_library.lax.scan(lambda n, k: stroke(tables, n, k), now, keys[1:])
+        return now, keys[0]
+
+    tables = rally.Tables.of(game)
+    now, key = (jnp.tile(rally.init(), batch), jnp.zeros(batch, jnp.int32)), random.key(0)
+
+    def play() -> int:
+        nonlocal now, key
+        now, key = played(tables, now, key)
+        now[0].block_until_ready()
+        return steps * batch
+
+    return play
+
+
+def vector(batch: int, threads: int, game: Game | None = None) -> Play:
+    """``RallyVectorEnv`` against ``bc``, random legal actions; a step, which holds one action of the learner, counts once."""
+    from shuttle_marl.env.vector import RallyVectorEnv
+
+    env = RallyVectorEnv(batch, opponent="bc", threads=threads, game=game)
+    return _stepped(env, batch, env.random_actions)
+
+
+def match_vector(batch: int, threads: int) -> Play:
+    """``MatchVectorEnv`` against ``bc``, random legal strokes; a stroke and what ``bc`` plays until the next one count once."""
+    from shuttle_marl.env.vector import MatchVectorEnv
+
+    env = MatchVectorEnv(batch, opponent="bc", threads=threads)
+    return _stepped(env, batch, env.random_actions)
+
+
+def _stepped(env: Any, batch: int, actions: Callable[[], Any]) -> Play:
+    steps = max(1, _steps(batch) // 8)
+    env.reset(seed=0)
+
+    def play() -> int:
+        for _ in range(steps):
+            env.step(actions())
+        return steps * batch
+
+    return play
+
+
+def cartpole_vector(batch: int, threads: int) -> Play:  # noqa: ARG001
+    """Gymnasium's own vector environment of ``CartPole-v1``, random actions."""
+    import gymnasium
+
+    env = gymnasium.make_vec("CartPole-v1", num_envs=batch, vectorization_mode="vector_entry_point")
+    rng = np.random.default_rng(0)
+    return _stepped(env, batch, lambda: rng.integers(0, 2, batch))
+
+
+def gymnasium_env(batch: int, threads: int) -> Play:  # noqa: ARG001
+    """``shuttle_marl/Rally-v0`` against ``bc``, random legal strokes; a stroke and the reply to it count once."""
+    import gymnasium
+
+    env = gymnasium.make("shuttle_marl/Rally-v0", opponent="bc")
+    rng, (seen, _) = random.Random(0), env.reset(seed=0)
+
+    def play() -> int:
+        nonlocal seen
+        for _ in range(100):
+            seen, _, over, _, _ = env.step(rng.choice(np.flatnonzero(seen["action_mask"]).tolist()))
+            if over:
+                seen, _ = env.reset()
+        return 100
+
+    return play
+
+
+def _steps_of_an_episode(env: Any, rng: random.Random) -> int:
+    """Play an episode with random legal actions; returns how many that were."""
+    steps = 0
+    env.reset()
+    for _ in env.agent_iter():
+        observation, _, terminated, truncated, _ = env.last()
+        if terminated or truncated:
+            env.step(None)
+        else:
+            env.step(rng.choice(np.flatnonzero(observation["action_mask"]).tolist()))
+            steps += 1
+    return steps
+
+
+def _loop(make: Callable[[], Any]) -> Maker:
+    """PettingZoo's loop with random legal actions, one episode a call."""
+
+    def maker(batch: int, threads: int) -> Play:  # noqa: ARG001
+        env, rng = make(), random.Random(0)
+        env.reset(seed=0)
+        return lambda: _steps_of_an_episode(env, rng)
+
+    return maker
+
+
+def _rally() -> Any:
+    from shuttle_marl import rally_v0
+
+    return rally_v0.env()
+
+
+def _classic(name: str) -> Callable[[], Any]:
+    def make() -> Any:
+        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # the modules will move to a registry
+            return importlib.import_module(f"pettingzoo.classic.{name}").env()
+
+    return make
+
+
+def aec_strokes(batch: int, threads: int, game: Game | None = None) -> Play:  # noqa: ARG001
+    """PettingZoo's loop with random legal actions, of which strokes alone count."""
+    from shuttle_marl import rally_v0
+
+    env, rng = rally_v0.env(game=game), random.Random(0)
+    env.reset(seed=0)
+
+    def play() -> int:
+        _steps_of_an_episode(env, rng)
+        return len(env.unwrapped.strokes)
+
+    return play
+
+
+BATCHED: Final[dict[str, Maker]] = {
+    "kernel": kernel,
+    "kernel_observed": kernel_observed,
+    "torchrl": torchrl,
+    "torchrl_stock": torchrl_stock,
+    "jax": jax,
+    "vector": vector,
+    "match_vector": match_vector,
+    "tournament": tournament,
+    "cartpole_vector": cartpole_vector,
+}
+"""Cases that play many rallies in parallel; each is measured in a separate process."""
+SINGLE: Final[dict[str, Maker]] = {
+    "gymnasium": gymnasium_env,
+    "aec": _loop(_rally),
+    "connect_four_v3": _loop(_classic("connect_four_v3")),
+    "tictactoe_v3": _loop(_classic("tictactoe_v3")),
+}
+"""Environments without batches, which alternate in one process."""
+RECOVERY: Final[dict[str, Callable[[int, int, Game], Play]]] = {
+    "kernel": kernel,
+    "kernel_observed": kernel_observed,
+    "torchrl": torchrl,
+    "vector": vector,
+    "aec": aec_strokes,
+    "jax": jax,
+}
+"""Cases that are also measured in the game with recovery, in alternation with the game without."""
+ONE_THREAD: Final = ("cartpole_vector", "jax", *SINGLE)
+"""Cases that are not told the number of their threads."""
 BATCHES: Final = (1, 64, 1024, 8192, 65_536)
 THREADS: Final = (1, 2)
 _HIDDEN_BATCH: Final = 8192
@@ -132,7 +420,7 @@ def main(
     threads: tuple[int, ...] = THREADS,
     seconds: float = 0.02,
     turns: int = 50,
-    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Measure and print.
 

@@ -5,33 +5,40 @@
 Three targets against `bc`: 98 % of the matches, and .95 and .99 of the normalised score, which is 1 for the best response. All
 learners play the same opponent in the same game, one after another in one process with one PyTorch thread. The time ends with the
 exact evaluation that reaches the target, and includes all evaluations. Our learners have a budget for each target, over which
-learning rate and entropy decay. Those of :mod:`benchmarks.peers` run with their defaults and with settings tuned for this game,
-until they reach all targets or a time limit.
+learning rate and entropy decay. The peer, MaskablePPO of sb3-contrib, runs with its defaults and with settings tuned for the game
+until it reaches all targets or a time limit; its policy is evaluated at the softmax temperature of this package, to remove
+exploration.
 """
 
+import contextlib
 import dataclasses
 import functools
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 import torch
 import tyro
 from rich.console import Console
 from rich.progress import track
+from sb3_contrib import MaskablePPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
 
-from benchmarks.machine import machine, this_machine
-from benchmarks.peers import OPPONENT, PEERS, Watch
-from docs.tools.results import show
+from docs.tools.results import Json, machine, show, this_machine
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import default_game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.layout import features, with_efforts
+from shuttle_marl.game.policy import States, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, train
+from shuttle_marl.training.config import SHARP
 
 THREADS: Final = 1
+OPPONENT: Final = "bc"
 TARGETS: Final[dict[str, tuple[str, float]]] = {
     "98 % of matches": ("match_win", 0.98),
     ".95 of the optimum": ("normalised_score", 0.95),
@@ -73,6 +80,11 @@ OURS: Final[dict[str, dict[str, TrainingConfig]]] = {
     },
 }
 """Settings of this package's learners by target."""
+PEER: Final = "sb3-contrib MaskablePPO"
+_TUNED: Final[dict[str, Any]] = {
+    **{"n_steps": 128, "batch_size": 1024, "n_epochs": 4, "gamma": 1.0, "gae_lambda": 0.7, "learning_rate": 1e-3},
+    **{"ent_coef": 0.01, "policy_kwargs": {"net_arch": [128]}},
+}
 _LOOK: Final = {False: 8192, True: 16_384}
 """Strokes between two evaluations of a learner of another project with its defaults, and with the settings chosen here: a few
 seconds of learning, so that evaluating takes a small part of the time."""
@@ -114,19 +126,74 @@ def ours(learner: str, target: str, seed: int) -> Reached:
     return Reached(learner, target, seed, _reaches(done.evaluation, target), seconds, done.strokes)
 
 
-def theirs(peer: str, seed: int, limit: float, *, tuned: bool) -> list[Reached]:
-    """A learner of another project."""
-    game = default_game()
-    evaluator = Evaluator(game, [tabulate(resolve(OPPONENT, game), game)])
+class Over(Exception):
+    """All targets are reached, or the time limit is exceeded."""
 
-    def reached(policy: TabulatedPolicy) -> set[str]:
-        evaluation = evaluator.evaluate(policy, exploitability=False)
-        return {target for target in TARGETS if _reaches(evaluation, target)}
 
-    watch = Watch(reached, set(TARGETS), limit=limit, every=_LOOK[tuned])
-    PEERS[peer](seed, watch, game, tuned=tuned)
-    name = f"{peer}, {'settings chosen here' if tuned else 'its defaults'}"
-    over = watch.seconds, watch.strokes
+class Watch(BaseCallback):
+    """Evaluates the policy of the peer periodically, records when it reaches targets, and ends the training.
+
+    Args:
+        limit: time limit [s].
+        every: strokes between evaluations.
+    """
+
+    def __init__(self, limit: float, every: int) -> None:
+        super().__init__()
+        self.game = default_game()
+        self._evaluator = Evaluator(self.game, [tabulate(resolve(OPPONENT, self.game), self.game)])
+        self._limit, self._every, self._next, self._begun = limit, every, every, time.perf_counter()
+        self.found: dict[str, tuple[float, int]] = {}
+        """Seconds and strokes by target."""
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since the start."""
+        return time.perf_counter() - self._begun
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        # The weights are those after an update and before the next rollout.
+        if self.num_timesteps >= self._next:
+            self._next = self.num_timesteps + self._every
+            table = tabulate(Learned(cast(MaskablePPO, self.model), features(self.game)), self.game)
+            evaluation = self._evaluator.evaluate(table, exploitability=False)
+            for target in {target for target in TARGETS if _reaches(evaluation, target)} - set(self.found):
+                self.found[target] = self.seconds, self.num_timesteps
+        if set(self.found) == set(TARGETS) or self.seconds > self._limit:
+            raise Over
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Learned:
+    """Policy of the peer at the temperature of this package."""
+
+    model: MaskablePPO
+    rows: Any
+
+    def probabilities(self, states: States) -> F64:
+        """``[B, n]`` probabilities."""
+        seen, mask = torch.from_numpy(with_efforts(states.game, self.rows, states.state)), states.mask.copy()
+        with torch.no_grad():
+            observation = {"observation": seen, "action_mask": torch.from_numpy(mask).to(torch.int8)}
+            policy = cast(Any, self.model.policy).get_distribution(observation, action_masks=mask)
+            found: F64 = policy.distribution.probs.double().numpy() * mask
+        # Relative to the most probable stroke, so that no row underflows.
+        found = (found / found.max(axis=1, keepdims=True)) ** (1 / SHARP)
+        return np.asarray(found / found.sum(axis=1, keepdims=True))
+
+
+def theirs(seed: int, limit: float, *, tuned: bool) -> list[Reached]:
+    """MaskablePPO on ``shuttle_marl/Rally-v0``."""
+    watch = Watch(limit, _LOOK[tuned])
+    env = make_vec_env("shuttle_marl/Rally-v0", n_envs=64 if tuned else 1, seed=seed, env_kwargs={"opponent": OPPONENT})
+    model = MaskablePPO("MultiInputPolicy", env, seed=seed, device="cpu", **(_TUNED if tuned else {}))
+    with contextlib.suppress(Over):
+        model.learn(1_000_000_000, callback=watch)
+    name = f"{PEER}, {'settings chosen here' if tuned else 'its defaults'}"
+    over = watch.seconds, watch.num_timesteps
     return [Reached(name, target, seed, target in watch.found, *watch.found.get(target, over)) for target in TARGETS]
 
 
@@ -155,7 +222,7 @@ def main(
     seeds: int = 5,
     limit: float = 120.0,
     learners: tuple[str, ...] = (),
-    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Measure and print.
 
@@ -176,8 +243,8 @@ def main(
     for seed in range(seeds):
         for learner in filter(wanted, OURS):
             jobs += [functools.partial(lambda *job: [ours(*job)], learner, target, seed) for target in OURS[learner]]
-        for peer in filter(wanted, PEERS):
-            jobs += [functools.partial(theirs, peer, seed, limit, tuned=tuned) for tuned in (False, True)]
+        if wanted(PEER):
+            jobs += [functools.partial(theirs, seed, limit, tuned=tuned) for tuned in (False, True)]
     console = Console(stderr=True)
     found = [each for job in track(jobs, "learning", console=console, transient=True) for each in job()]
     rows = [{**row, "limit": limit, "machine": machine(this_machine())} for row in summary(found)]

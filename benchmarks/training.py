@@ -12,17 +12,16 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import torch
 import tyro
 
-from benchmarks.machine import this_machine
-from docs.tools.results import show
+from docs.tools.results import Json, show, this_machine
 from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
 from shuttle_marl.training.learner import Callback, Learner
@@ -112,7 +111,7 @@ def main(
     strokes: int = 20_000_000,
     repeats: int = 3,
     device: str = "cpu",
-    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Measure and print.
 

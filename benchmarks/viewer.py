@@ -17,15 +17,14 @@ import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import tyro
 from playwright.sync_api import Page
 from websockets.sync.client import connect
 
 from benchmarks.court import serving, until
-from benchmarks.machine import this_machine
-from docs.tools.results import show
+from docs.tools.results import Json, show, this_machine
 from shuttle_marl.court.building import FILES, build
 from shuttle_marl.court.server import browser_page
 
@@ -159,7 +158,7 @@ def run(*, quick: bool = False) -> dict[str, Any]:
     return found
 
 
-def main(*, quick: bool = False, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+def main(*, quick: bool = False, as_json: Json = False) -> None:
     """Measure and print.
 
     Args:

@@ -20,9 +20,9 @@ from shuttle_marl.commands import cli
 from shuttle_marl.data.schema import Account, Outcome
 from shuttle_marl.data.simulated import simulate
 from shuttle_marl.data.table import write_parquet
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 
 PLAYERS = ("bc", "bc:viktor-axelsen", "bc:chou-tien-chen", "bc:an-se-young", "bc:chen-yufei")

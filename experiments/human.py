@@ -27,22 +27,20 @@ from experiments.truth.matches import RESAMPLES, Strokes, of_splits, ratio_by_ma
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Outcome, Split, read_matches
-from shuttle_marl.dynamics.hurried import load_hurry
+from shuttle_marl.dynamics.features import Rows, load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
-from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.exact.odds import of_pair, over
 from shuttle_marl.game import load_game
+from shuttle_marl.game.policy import from_pair_probabilities
 from shuttle_marl.game.shipped import model_folder, refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.policy import Scorer, baselines
-from shuttle_marl.reports import charts
 
 TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
 """Values of TAU, in addition to infinity."""
 LEAST_STROKES: Final = 200
 """Minimum number of strokes of a player in the split."""
 _TOLERANCE: Final = 1e-7
-_TICKS: Final = (2, 2.5, 3, 4, 5, 7, 10, 15, 20, 30)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,29 +48,25 @@ class Answers:
     """Legal pairs that each of N real strokes can have been.
 
     Attributes:
-        strokes: those with at least one.
+        rows: strokes with at least one, and ``[N]`` their ``rally``.
         row: ``[M]`` stroke that a pair belongs to.
         pair: ``[M]`` the pair: one for a stroke with a known target, else one for each target.
     """
 
-    strokes: Strokes
+    rows: Rows
+    rally: I64
     row: I64
     pair: I64
 
     def losses(self, probability: F64) -> F64:
         """``[N]`` minus log-likelihood of each stroke under the ``[P]`` or ``[base pairs]`` probabilities of a policy."""
-        return np.asarray(-np.log(np.bincount(self.row, probability[self.pair % len(probability)], len(self.strokes))))
+        return np.asarray(-np.log(np.bincount(self.row, probability[self.pair % len(probability)], len(self.rows))))
 
     def of(self, which: Bools) -> "Answers":
         """Selection of strokes."""
         kept = which[self.row]
-        # Rallies keep their numbers; rows of other strokes are not read.
-        return Answers(strokes=_taken(self.strokes, which), row=(np.cumsum(which) - 1)[self.row[kept]], pair=self.pair[kept])
-
-
-def _taken(strokes: Strokes, which: Bools) -> Strokes:
-    kept = {name: getattr(strokes, name)[which] for name in ("rally", "number", "last", "result")}
-    return Strokes(rows=strokes.rows.take(which), **kept)
+        row = (np.cumsum(which) - 1)[self.row[kept]]
+        return Answers(rows=self.rows.take(which), rally=self.rally[which], row=row, pair=self.pair[kept])
 
 
 def answers(game: Game, strokes: Strokes) -> Answers:
@@ -87,7 +81,7 @@ def answers(game: Game, strokes: Strokes) -> Answers:
         alike &= getattr(game.catalogue, part)[played] == codes[part][row]
     found = np.zeros(len(strokes), dtype=bool)
     found[row[alike]] = True
-    return Answers(strokes=strokes, row=row[alike], pair=pair[alike]).of(found)
+    return Answers(rows=strokes.rows, rally=strokes.rally, row=row[alike], pair=pair[alike]).of(found)
 
 
 def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
@@ -100,7 +94,7 @@ def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
         table = from_pair_probabilities(game, policy.pair_probabilities())
         home = scorer.score_table(table, f"human:{tau}").home
         away = over(refits, functools.partial(of_pair, table, scorer.reference)) if refits else None
-        likeness = ratio_by_match(real.losses(policy.probability), np.ones(len(real.strokes)), real.strokes.rows.match)
+        likeness = ratio_by_match(real.losses(policy.probability), np.ones(len(real.rows)), real.rows.match)
         found.append(
             {
                 "tau": _finite(tau),
@@ -115,15 +109,15 @@ def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
 def fitted_players(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
     """TAU of every player with a clone and enough strokes, most strokes first."""
     average = PairPolicy(game=game, probability=baselines.probabilities(None, game))
-    names, counts = np.unique(real.strokes.rows.striker, return_counts=True)
+    names, counts = np.unique(real.rows.striker, return_counts=True)
     chosen = [str(names[i]) for i in np.argsort(-counts, kind="stable") if counts[i] >= LEAST_STROKES]
     found = []
     for player in track([name for name in chosen if name in baselines.players(game)], "players", console=console, transient=True):
-        mine = real.of(real.strokes.rows.striker == player)
+        mine = real.of(real.rows.striker == player)
         own = PairPolicy(game=game, probability=baselines.probabilities(player, game))
         policies = [solve_soft(own, average, tau=tau, tolerance=_TOLERANCE).policy[0].probability for tau in TAUS]
         losses = np.stack([mine.losses(probability) for probability in (*policies, own.probability)])
-        found.append({"player": player, "matches": len(mine.strokes.matches), **fit(losses, mine.strokes.rally)})
+        found.append({"player": player, "matches": len(np.unique(mine.rows.match)), **fit(losses, mine.rally)})
     return found
 
 
@@ -166,39 +160,6 @@ def _finite(tau: float) -> float | None:
     return None if math.isinf(tau) else float(tau)
 
 
-def draw(result: dict[str, Any], path: Path) -> None:
-    """Draw strength against likeness into a PNG, SVG or PDF file.
-
-    Raises:
-        AnalysisError: the file's suffix is of no known format.
-        ModuleNotFoundError: matplotlib is not installed.
-    """
-    drawn = charts.figure(7.2, 4.6)
-    axes = drawn.subplots()
-    points = result["curve"]
-    x = [point["cross_entropy"]["value"] for point in points]
-    home = [100 * point["home"]["rally_win_vs_bc"] for point in points]
-    axes.plot(x, home, "o-", color="#127257", label="in the game itself")
-    if points[0]["away"] is not None:
-        away = [point["away"]["rally_win_vs_bc"] for point in points]
-        middle, low, high = ([100 * figure[name] for figure in away] for name in ("value", "low", "high"))
-        axes.plot(x, middle, "s--", color="#d95f02", label="in its refits, with the 95 % interval for one more")
-        axes.fill_between(x, low, high, color="#d95f02", alpha=0.2, lw=0)
-    for point, along, up in zip(points, x, home, strict=True):
-        text = "bc" if point["tau"] is None else f"{point['tau']:g}"
-        axes.annotate(text, (along, up), xytext=(5, -9), textcoords="offset points", fontsize=8)
-    axes.set_xscale("log")
-    ticks = [tick for tick in _TICKS if min(x) <= tick <= max(x)]
-    axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    axes.minorticks_off()
-    axes.set_xlabel("cross-entropy of real strokes, nats per stroke (lower: more similar)")
-    axes.set_ylabel("rallies won against bc, %")
-    axes.set_title("human:TAU, points labelled by TAU", fontsize=11)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, loc="lower right")
-    charts.save(drawn, path)
-
-
 def human(data: Path, split: Split = "validation", model: str = "default", json: bool = False) -> None:
     """Measure strength against likeness, and fit TAU for single players.
 
@@ -216,7 +177,7 @@ def human(data: Path, split: Split = "validation", model: str = "default", json:
         "game": game.hash,
         "matches": len(strokes.matches),
         "strokes": len(strokes),
-        "known": len(real.strokes),
+        "known": len(real.rows),
     }
     result = {**about, "curve": curve(game, real, console), "players": fitted_players(game, real, console)}
     show(result, "human", "human_players", as_json=json)

@@ -6,7 +6,7 @@ Predictions are a coin, Bradley-Terry, the game of the pair, and the mean of the
 
 **Bradley-Terry.** The log-odds that the server wins a rally are an advantage of the serve, the difference of both players'
 ratings, and an effect of the match. Ratings follow a random walk by date (Ingram, J. Quant. Anal. Sports 2019); variances are
-estimated as those of the players' skill (:mod:`shuttle_marl.dynamics.mixed`).
+estimated as those of the players' skill (:mod:`shuttle_marl.dynamics.skill`).
 
 **Pair.** The probability is exact, in the game of the pair as of the day of the match. Each player is imitated: with the
 player's own choices where the model has them, else with those of the average player of the discipline.
@@ -15,40 +15,32 @@ player's own choices where the model has them, else with those of the average pl
 import dataclasses
 import json
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import torch
 import tyro
-from rich.console import Console
 from scipy.sparse import block_diag, csr_matrix, identity
 
-from docs.tools.results import show
-from experiments.truth.matches import Strokes, folds_of, of_splits, strokes_of
-from experiments.truth.worlds import Report, fingerprint
+from experiments.truth.matches import Comparison, Strokes, folds_of, of_splits, report, strokes_of
+from experiments.truth.worlds import fingerprint
 from shuttle_marl.base.arrays import F64, I64, Bools
-from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import Split, read_matches
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.boosting import fit_hurry
 from shuttle_marl.dynamics.choices import player_choices
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses
 from shuttle_marl.dynamics.fit import fit
-from shuttle_marl.dynamics.hurried import fit_hurry
 from shuttle_marl.dynamics.make import save_fit, save_variants
-from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances
-from shuttle_marl.dynamics.models import log_odds, sigmoid
-from shuttle_marl.dynamics.network import QUICK
-from shuttle_marl.dynamics.skill import YEAR, days_of, slope_on_offset, summary
+from shuttle_marl.dynamics.models import QUICK, log_odds, sigmoid
+from shuttle_marl.dynamics.skill import YEAR, MixedModel, Walks, days_of, fit_variances, slope_on_offset, summary
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.pairs import AVERAGE, load_skill, pair_game
 from shuttle_marl.game.shipped import CARD, PROFILES, model_folder, variants
-from shuttle_marl.game.skill import AVERAGE, load_skill
 from shuttle_marl.policy import baselines
 from shuttle_marl.reports.scouting import EARNED, earned
 
@@ -63,9 +55,7 @@ class Part(NamedTuple):
     unseen: Strokes
 
 
-def crossed(
-    played: Strokes, sources: Mapping[str, str], count: int, cache: Path, *, seed: int, report: Report
-) -> list[Part]:  # fmt: skip
+def crossed(played: Strokes, sources: Mapping[str, str], count: int, cache: Path, seed: int) -> list[Part]:
     """Models that are each fitted without one part of the matches.
 
     Args:
@@ -74,18 +64,17 @@ def crossed(
         count: number of parts.
         cache: folder of the models; their names are hashes of the strokes, the seed and the source code of the dynamics.
         seed: of the parts and of the fits.
-        report: called with a line before each stage of a fit.
     """
     fold = folds_of(played, count, seed)
     parts = []
     for k in range(count):
         seen = played.take(fold != k)
         report(f"part {k + 1} of {count}")
-        parts.append(Part(_fitted(seen, sources, cache, seed, report), seen, played.take(fold == k)))
+        parts.append(Part(_fitted(seen, sources, cache, seed), seen, played.take(fold == k)))
     return parts
 
 
-def _fitted(seen: Strokes, sources: Mapping[str, str], cache: Path, seed: int, report: Report) -> Path:
+def _fitted(seen: Strokes, sources: Mapping[str, str], cache: Path, seed: int) -> Path:
     """Folder of the model that is fitted to some strokes."""
     rows = seen.rows
     folder = cache / fingerprint(json.dumps([seed, torch.__version__, seen.matches]), seen)[:16]
@@ -147,23 +136,19 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
         ``results``: log-loss of each prediction; ``difference``: from the coin, with intervals by match; ``calibration``: slope
         of the results on the log-odds of the game of the pair; ``forecast``: log-loss of the share of rallies that reports print,
         that of a coin, and the slope of the results on its log-odds, below 1 if it is larger than earned; ``correlation``: of
-        the pair's shares of rallies and the real ones, over matches, about one half; ``seconds`` for each pair.
+        the pair's shares of rallies and the real ones, over matches, about one half.
     """
     won, match = [], []
     predicted: dict[str, list[F64]] = {name: [] for name in PREDICTIONS}
-    pairs, seconds = 0, 0.0
     for number, part in enumerate(parts):
         rallies = rallies_of(part.unseen)
-        started = time.monotonic()
-        of_pair, count = pair_probabilities(part, rallies)
-        seconds += time.monotonic() - started
+        of_pair = pair_probabilities(part, rallies)
         ratings = bradley_terry(rallies_of(part.seen), rallies)
         for name, p in zip(PREDICTIONS, (np.full(len(of_pair), 0.5), ratings, of_pair, (ratings + of_pair) / 2), strict=True):
             predicted[name].append(p)
         won.append(rallies.won)
         # With a sign for the player who comes first in the alphabet.
         match.append(np.where(rallies.server < rallies.receiver, 1, -1) * (1 + rallies.match + number * len(rallies.matches)))
-        pairs += count
     label, signed = np.concatenate(won), np.concatenate(match)
     index, side = np.abs(signed), np.sign(signed)
     joined = {name: np.concatenate(values) for name, values in predicted.items()}
@@ -186,17 +171,15 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
             "calibration": {end: slope[end] / EARNED for end in ("low", "high")},
         },
         "correlation": float(shares[0] @ shares[1] / np.sqrt((shares[0] @ shares[0]) * (shares[1] @ shares[1]))),
-        "seconds": seconds / max(1, pairs),
     }
 
 
-def pair_probabilities(part: Part, rallies: Rallies) -> tuple[F64, int]:
-    """``[R]`` probability that the server wins, in the game of the pair, and the number of games that were evaluated."""
+def pair_probabilities(part: Part, rallies: Rallies) -> F64:
+    """``[R]`` probability that the server wins, in the game of the pair."""
     folder = str(part.folder)
     skill, profiled = {*load_skill(part.folder).players}, variants(folder)
     p = np.zeros(len(rallies.won))
-    matches = np.unique(rallies.match)
-    for match in matches:
+    for match in np.unique(rallies.match):
         rows = np.flatnonzero(rallies.match == match)
         names = np.unique([*rallies.server[rows], *rallies.receiver[rows]]).tolist()
         profile = PROFILES[rallies.discipline[rows[0]]]
@@ -213,7 +196,7 @@ def pair_probabilities(part: Part, rallies: Rallies) -> tuple[F64, int]:
         odds = evaluate(*players).odds(0)
         first = rallies.server[rows] == names[0]
         p[rows] = np.where(first, odds.serving, 1 - odds.receiving)
-    return p, len(matches)
+    return p
 
 
 def bradley_terry(seen: Rallies, unseen: Rallies) -> F64:
@@ -261,45 +244,20 @@ def bradley_terry(seen: Rallies, unseen: Rallies) -> F64:
     return sigmoid(rating(unseen.server) - rating(unseen.receiver) + found[effects - len(PROFILES) + unseen.discipline])
 
 
-def pairs(
-    *,
-    data: Path,
-    split: Split | None = None,
-    cross: int | None = None,
-    model: str = "default",
-    seed: int = 0,
-    fits: Path = Path("runs/pairs"),
-    out: Path | None = None,
-    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
-) -> None:
+def pairs(options: tyro.conf.OmitArgPrefixes[Comparison]) -> None:
     """Compare the games of pairs of players with matches that were not used to fit them.
 
     Args:
-        data: folder of the download, or a Parquet file of `data convert`.
-        split: matches to compare with a shipped model, which was fitted to the training matches.
-        cross: instead of one split, fit this many models, each without one part of the training and validation matches, and
-            compare every match with the model that was fitted without it.
-        model: with --split, the shipped model or model folder to compare.
-        seed: random seed of the parts and the fits.
-        fits: cache folder of fitted models.
-        out: JSON file for the result, with its provenance.
-        json_output: print JSON.
+        options: what is compared.
     """
-    if (split is None) == (cross is None):
-        raise ShuttleError("expected either --split NAME or --cross NUMBER")
-    if cross is not None and cross < 2:
-        raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
-    console = Console(stderr=True, highlight=False)
-    table = read_matches(data)
-    every = strokes_of(table)
-    if cross is not None:
-        sources = dict(zip(table["match"].to_pylist(), table["source"].to_pylist(), strict=True))
-        played = of_splits(every, "train", "validation")
-        parts = crossed(played, sources, cross, fits, seed=seed, report=lambda line: console.print(line, markup=False))
+    data = read_matches(options.data)
+    every = strokes_of(data)
+    if options.cross is not None:
+        sources = dict(zip(data["match"].to_pylist(), data["source"].to_pylist(), strict=True))
+        parts = crossed(of_splits(every, "train", "validation"), sources, options.cross, options.fits, options.seed)
     else:
-        parts = [Part(model_folder(model), of_splits(every, "train"), of_splits(every, split or "validation"))]
-    about = {**describe(("numpy", "torch")), "split": split, "cross": cross}
-    show({**about, **results(parts)}, "pair_results", as_json=json_output, out=out)
+        parts = [Part(model_folder(options.game), of_splits(every, "train"), of_splits(every, options.split or "validation"))]
+    options.show(results(parts), "pair_results")
 
 
 main = entry_point(pairs, "python -m experiments.pairs", __doc__ or "")

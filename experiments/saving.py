@@ -3,9 +3,11 @@
 import contextlib
 import dataclasses
 import json
-from collections.abc import Iterator, Sequence
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from rich.console import Console
@@ -15,13 +17,15 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.intervals import interquartile_mean
+from shuttle_marl.game import load_game, model_folder
+from shuttle_marl.policy.agents import load_agent, shipped_folder
 
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Study:
-    """Settings of an experiment with a run folder."""
+class RunFolder:
+    """An experiment with a run folder."""
 
     out: Path | None = None
     """Run folder; default a folder of this experiment in runs, with a number appended if that exists."""
@@ -30,18 +34,9 @@ class Study:
     overwrite: bool = False
     """Replace the run in --out."""
 
-    def check(self, *, seeds: int, jobs: int) -> None:
-        """Refuse studies without a spread over seeds.
-
-        Raises:
-            ShuttleError: fewer than two seeds, or no job.
-        """
-        if seeds < 2 or jobs < 1:
-            raise ShuttleError(f"--seeds {seeds} --jobs {jobs}: expected 2 seeds or more and 1 job or more")
-
     def fixed(self) -> dict[str, Any]:
-        """Settings that determine the result, as JSON: all but those of the folder, and the number of parallel runs."""
-        others = {"jobs", *(field.name for field in dataclasses.fields(Study))}
+        """Settings that determine the result, as JSON."""
+        others = {"jobs", "ship", *(field.name for field in dataclasses.fields(RunFolder))}
         own = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in others}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in own.items()}
 
@@ -50,6 +45,26 @@ class Study:
         """The run folder, see :func:`shuttle_marl.base.runs.open_run`."""
         with runs.open_run(self.out, name, self.fixed(), resume=self.resume, overwrite=self.overwrite) as run:
             yield run.folder
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Study(RunFolder):
+    """An experiment with several seeds."""
+
+    seeds: int = 5
+    """Training runs of each agent."""
+    quick: bool = False
+    """Two seeds and a small part of the training: a smoke test without meaningful results."""
+    jobs: int = os.cpu_count() or 1
+    """Number of parallel training runs; does not change the result."""
+
+    def __post_init__(self) -> None:
+        if self.seeds < 2 or self.jobs < 1:
+            raise ShuttleError(f"--seeds {self.seeds} --jobs {self.jobs}: expected 2 seeds or more and 1 job or more")
+
+    def sized(self, **less: Any) -> Self:
+        """These settings; with --quick those of a smoke test."""
+        return dataclasses.replace(self, seeds=2, **less) if self.quick else self
 
 
 def save_results(folder: Path, result: dict[str, Any], copy: Path | None) -> dict[str, Any]:
@@ -75,17 +90,23 @@ def save_results(folder: Path, result: dict[str, Any], copy: Path | None) -> dic
 def finish(
     folder: Path, result: dict[str, Any], *tables: str, copy: Path | None = None, as_json: bool = False
 ) -> None:  # fmt: skip
-    """Write the results of a run folder, print them, and say where they are.
-
-    Args:
-        folder: of the experiment.
-        result: JSON values.
-        tables: templates that show them.
-        copy: second file for the results; None: none.
-        as_json: print JSON instead of tables.
-    """
+    """Write the results of a run folder, print them as tables or JSON, and say where they are."""
     show(save_results(folder, result, copy), *tables, as_json=as_json)
     Console(stderr=True, highlight=False, soft_wrap=True, markup=False).print(f"everything is in {folder}")
+
+
+def ship(agents: Mapping[str, Path]) -> None:
+    """Copy trained agents into the package; a model that is fitted again needs new ones.
+
+    Args:
+        agents: folder of each by its name in the package: that of the first seed, not of the best one.
+    """
+    for folder in agents.values():
+        load_agent(folder, load_game("default"))  # raises an error for another game before files are replaced
+    for name, folder in agents.items():
+        target = shipped_folder(name, model_folder())
+        shutil.rmtree(target, ignore_errors=True)
+        shutil.copytree(folder, target)
 
 
 def mean_and_deviation(values: Sequence[float]) -> dict[str, float]:
@@ -93,12 +114,6 @@ def mean_and_deviation(values: Sequence[float]) -> dict[str, float]:
     return {"mean": float(np.mean(values)), "deviation": float(np.std(values, ddof=1))}
 
 
-def iqm(tasks: Sequence[Sequence[float]]) -> dict[str, float]:
-    """Interquartile mean and its 95 % interval (Agarwal et al., NeurIPS 2021, arXiv 2108.13264), as ``value``, ``low``, ``high``.
-
-    The bootstrap is stratified, so each task keeps its number of runs.
-
-    Args:
-        tasks: scores of the runs, by task; two runs or more.
-    """
-    return interquartile_mean(tasks, 0)._asdict()
+def iqm(values: Sequence[float]) -> dict[str, float]:
+    """Interquartile mean and its 95 % interval (Agarwal et al., NeurIPS 2021, arXiv 2108.13264): ``value``, ``low``, ``high``."""
+    return interquartile_mean([values], 0)._asdict()

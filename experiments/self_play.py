@@ -8,7 +8,6 @@ parallel, in folders of their own, so a study can be resumed with additional var
 """
 
 import dataclasses
-import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Final, get_args
@@ -24,7 +23,7 @@ from shuttle_marl.game import load_game
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.config import SelfPlayVariant
-from shuttle_marl.training.study import train_all
+from shuttle_marl.training.run import train_all
 
 STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
 """Budgets: about 15 s, 1 min and 3 min on one core, including evaluations."""
@@ -40,23 +39,13 @@ class SelfPlayStudy(Study):
     """Variants of self-play."""
     strokes: tuple[int, ...] = STROKES
     """Strokes of a training run, for each budget."""
-    seeds: int = 5
-    """Training runs of each variant and budget."""
-    quick: bool = False
-    """Two seeds and one short budget: a smoke test without meaningful results."""
-    jobs: int = os.cpu_count() or 1
-    """Number of parallel training runs; changes only the seconds."""
     game: str = "default"
     """The game."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.variants or not self.strokes or min(self.strokes) < 1:
             raise ShuttleError("--variants and --strokes: expected at least one variant and one budget")
-        self.check(seeds=self.seeds, jobs=self.jobs)
-
-    def sized(self) -> "SelfPlayStudy":
-        """These settings, adjusted by --quick."""
-        return dataclasses.replace(self, seeds=2, strokes=(200_000,)) if self.quick else self
 
     def compared(self) -> dict[str, Any]:
         """Variants, budgets and seeds of the study, as JSON."""
@@ -102,7 +91,7 @@ def measure(training: dict[tuple[SelfPlayVariant, int], list[PPOConfig]]) -> lis
                 "strokes": strokes,
                 "seconds": float(np.median([card[0]["seconds"] for card in cards])),
                 "seeds": len(configs),
-                "exploitability": {"mean": float(np.mean(last)), "worst": max(last), "iqm": iqm([last])},
+                "exploitability": {"mean": float(np.mean(last)), "worst": max(last), "iqm": iqm(last)},
                 "exploitability_of_the_best": {"mean": float(np.mean(best)), "worst": max(best)},
                 "each": last,
             }
@@ -119,8 +108,7 @@ def self_play(
         config: settings.
         as_json: print JSON instead of a table.
     """
-    config = config.sized()
-    console = Console(stderr=True, highlight=False)
+    config, console = config.sized(strokes=(200_000,)), Console(stderr=True, highlight=False)
     with config.open("self_play") as folder:
         training = config.training(folder)
         train_all([run for group in training.values() for run in group], config.jobs, console)

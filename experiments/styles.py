@@ -19,20 +19,20 @@ import tyro
 from rich.console import Console
 from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 
-from experiments.saving import Study, finish, mean_and_deviation
+from experiments.saving import Study, finish, mean_and_deviation, ship
 from shuttle_marl import exact
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.court.staging.draw import load_measured
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.study import train_all
+from shuttle_marl.training.run import train_all
 
 OPPONENT: Final = "bc"
 STYLES: Final[dict[str, PPOConfig]] = {
@@ -93,13 +93,10 @@ class Styles(Study):
 
     seeds: int = 3
     """Training runs of each style."""
-    quick: bool = False
-    """Two seeds and little training: a smoke test without meaningful results."""
     jobs: int = 2
     """Number of parallel training runs; does not change the result."""
-
-    def __post_init__(self) -> None:
-        self.check(seeds=self.seeds, jobs=self.jobs)
+    ship: bool = False
+    """Copy the agents of the first seed into the package."""
 
     def training(self, folder: Path) -> dict[str, list[PPOConfig]]:
         """The training runs of every style."""
@@ -162,9 +159,7 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
         config: what to train.
         json: write the results here too.
     """
-    if config.quick:
-        config = dataclasses.replace(config, seeds=2)
-    console = Console(stderr=True, highlight=False)
+    config, console = config.sized(), Console(stderr=True, highlight=False)
     with config.open("styles") as folder:
         training = config.training(folder)
         train_all(list(itertools.chain(*training.values())), config.jobs, console)
@@ -173,6 +168,8 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
             for style, run in training.items()
         }
         finish(folder, {**config.fixed(), "objectives": objectives, **measure(training)}, "styles", copy=json)
+        if config.ship:
+            ship({f"ppo:{style}": folder / f"{style}-0" / "agent" for style in STYLES if style != "plain"})
 
 
 main = entry_point(styles, "python -m experiments.styles", __doc__ or "")

@@ -23,7 +23,7 @@ from typing import Any, Final
 import tyro
 from rich.console import Console
 
-from experiments.saving import Study, save_results
+from experiments.saving import RunFolder, save_results
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import in_processes
 from shuttle_marl.base.errors import ShuttleError
@@ -31,11 +31,11 @@ from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.suite import TASKS, SuiteRun, run_method, verify_run
 from shuttle_marl.suite.exploit import opponent_of
-from shuttle_marl.suite.frontier import frontier
 from shuttle_marl.suite.method import BASELINES, kind_of
 from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.registry import arena_of
 from shuttle_marl.suite.results import Row
+from shuttle_marl.suite.task import frontier
 
 VARIANTS: Final = {
     "adapt": ("restricted-nash:0.25", "restricted-nash:0.75", "counts:0.5", "mixture:0.9"),
@@ -53,7 +53,7 @@ ROW: Final = "row.json"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Suite(Study):
+class Suite(RunFolder):
     """Settings of the experiment."""
 
     tasks: tuple[str, ...] = ()

@@ -13,7 +13,6 @@ The run folder holds the training runs, the matches, and `results.json`; --resum
 import dataclasses
 import functools
 import json as json_format
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,22 +23,21 @@ import tyro
 from rich.console import Console
 from rich.progress import track
 
-from experiments.saving import Study, finish, iqm, mean_and_deviation
+from experiments.saving import Study, finish, iqm, mean_and_deviation, ship
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.exact.away import Values, of_pair, over
-from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.odds import Values, best_odds, of_pair, over, pair_odds
 from shuttle_marl.game import load_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig
-from shuttle_marl.training.study import train_all
+from shuttle_marl.training.run import train_all
 
 AGENTS: Final[dict[str, TrainingConfig]] = {
     "a2c": A2CConfig(),
@@ -60,21 +58,10 @@ QUICK_STROKES: Final = {"a2c": 100_000, "ppo": 100_000, "sac": 40_000, "ppo, sel
 class WinRates(Study):
     """Settings of the experiment."""
 
-    seeds: int = 5
-    """Training runs of each agent."""
     matches: int = 1000
     """Matches that every trained agent plays against the opponent; an even number."""
-    quick: bool = False
-    """Two seeds, 100 matches and a small part of the training: a smoke test without meaningful results."""
-    jobs: int = os.cpu_count() or 1
-    """Number of parallel training runs; does not change the result."""
-
-    def __post_init__(self) -> None:
-        self.check(seeds=self.seeds, jobs=self.jobs)
-
-    def sized(self) -> "WinRates":
-        """These settings, adjusted by --quick."""
-        return dataclasses.replace(self, seeds=2, matches=100) if self.quick else self
+    ship: bool = False
+    """Copy the agents of the first seed into the package."""
 
     def training(self, folder: Path) -> dict[tuple[str, int], TrainingConfig]:
         """The training runs, by agent and seed."""
@@ -153,7 +140,7 @@ def _row(agent: str, found: list[dict[str, float]], training: list[TrainingConfi
     spread = {name: mean_and_deviation([seed[name] for seed in found]) for name in columns}
     row: dict[str, Any] = {"agent": agent, **spread, "seeds": found}
     if training:
-        row["normalised_score"]["iqm"] = iqm([[seed["normalised_score"] for seed in found]])
+        row["normalised_score"]["iqm"] = iqm([seed["normalised_score"] for seed in found])
         cards = [read_card(_out(run) / "agent") for run in training]
         row["strokes"] = cards[0]["strokes"]
         row["seconds"] = mean_and_deviation([card["seconds"] for card in cards])
@@ -199,11 +186,18 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
         config: what to train and to play.
         json: write the results here too.
     """
-    config = config.sized()
-    console = Console(stderr=True, highlight=False)
+    config, console = config.sized(matches=100), Console(stderr=True, highlight=False)
     with config.open("win_rates") as folder:
         train_all(list(config.training(folder).values()), config.jobs, console)
         finish(folder, measure(config, folder, console), "win_rates", "win_rates_matrix", copy=json)
+        if config.ship:
+            ship(
+                {
+                    agent.replace(", ", ":"): _out(run) / "agent"
+                    for (agent, seed), run in config.training(folder).items()
+                    if seed == 0
+                }
+            )
 
 
 main = entry_point(win_rates, "python -m experiments.win_rates", __doc__ or "")

@@ -26,8 +26,6 @@ COMMANDS: Final = {
     "watch": "watch matches in 3D, analyse them, and play yourself",
 }
 """Description of each command."""
-SHELLS: Final = ("bash", "zsh", "fish")
-"""Shells with completion."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,13 +73,7 @@ def _run(name: str, *arguments: str) -> int:
     if name == "--version":
         sys.stdout.write(f"shuttle_marl {__version__}\n")
         return 0
-    if name == "--completion" and len(arguments) == 1 and arguments[0] in SHELLS:
-        importlib.import_module("shuttle_marl.commands.cli").write_completion(arguments[0], COMMANDS)
-        return 0
-    if name == "--completion":
-        sys.stderr.write(f"error: shuttle-marl --completion: expected a shell, one of {', '.join(SHELLS)}\n")
-        return 2
-    close = difflib.get_close_matches(name, [*COMMANDS, "--help", "--version", "--completion"], n=2, cutoff=0.5)
+    close = difflib.get_close_matches(name, [*COMMANDS, "--help", "--version"], n=2, cutoff=0.5)
     hint = f"; did you mean {' or '.join(close)}?" if close else ""
     sys.stderr.write(f"error: shuttle-marl: no command {name!a}{hint}\n\n{_usage()}")
     return 2
@@ -91,8 +83,7 @@ def _usage() -> str:
     lines = "\n".join(f"  {command:10} {text}" for command, text in COMMANDS.items())
     return (
         f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n"
-        "`shuttle-marl COMMAND --help` lists the options of a command, `--version` prints the version, and "
-        f"`--completion SHELL`\na completion script for {', '.join(SHELLS)}, for the start file of the shell.\n"
+        "`shuttle-marl COMMAND --help` lists the options of a command, and `--version` prints the version.\n"
     )
 
 

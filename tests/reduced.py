@@ -4,10 +4,10 @@ Efforts, duels, players, disciplines and refits are all there, and every probabi
 what is computed, and of commands, need no more; tests of what is shipped take the shipped game.
 """
 
-import atexit
 import functools
 import hashlib
 import json
+import os
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -16,10 +16,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from filelock import FileLock
 from safetensors.numpy import save
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
+from shuttle_marl.game.layout import base_pairs, layout
+from shuttle_marl.game.pairs import COMPONENTS, GROUPS, ROLES
 from shuttle_marl.game.shipped import (
     BC,
     CARD,
@@ -38,14 +41,12 @@ from shuttle_marl.game.shipped import (
     default_game,
     load_game,
     model_folder,
+    packed,
     read_model,
     read_model_card,
 )
-from shuttle_marl.game.skill import COMPONENTS, GROUPS, ROLES
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import base_pairs, layout
-from shuttle_marl.game.variants import packed
 
 Ints = npt.NDArray[np.integer[Any]]
 
@@ -57,13 +58,21 @@ REFITS = ("1", "2")
 
 @functools.cache
 def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
-    """Folder of the model, removed at the end of the process; look, do not touch.
+    """Folder of the model, made once in the folder of the test session; look, do not touch.
 
     Args:
         refits: of the shipped model that the small one has too.
     """
-    folder = Path(tempfile.mkdtemp(prefix="reduced-model-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    session = Path(os.environ.get("SESSION_FOLDER") or tempfile.mkdtemp(prefix="session-"))
+    folder = session / "-".join(("reduced-model", *refits))
+    with FileLock(session / f"{folder.name}.lock"):
+        if not (folder / CARD).exists():  # written last
+            folder.mkdir(exist_ok=True)
+            _write_model(folder, refits)
+    return str(folder)
+
+
+def _write_model(folder: Path, refits: Sequence[str]) -> None:
     shipped, source = default_game(), model_folder()
     games = {"": shipped, OPPOSITE: load_game(f"default:{OPPOSITE}")}
     smaller = {name: _smaller(game, _kept(list(games.values()))) for name, game in games.items()}
@@ -94,7 +103,6 @@ def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
     hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in folder.iterdir()}
     card = {**read_model_card(source), "game_hash": game.hash, "variants": list(others), "sha256": hashes}
     (folder / CARD).write_bytes(seal(card))
-    return str(folder)
 
 
 def random_skill(players: Sequence[str], seed: int = 27) -> bytes:

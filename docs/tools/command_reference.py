@@ -25,8 +25,7 @@ _LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs
 _HEAD: Final = """# Commands
 
 These pages list the options of every command with their defaults, and an example. `shuttle-marl NAME` is short for
-`python -m shuttle_marl.NAME`; `shuttle-marl --completion bash | zsh | fish` prints a completion script.
-`python -m docs.tools.command_reference` writes these pages from `--help`.
+`python -m shuttle_marl.NAME`. `python -m docs.tools.command_reference` writes these pages from `--help`.
 
 | command | what it does |
 | --- | --- |

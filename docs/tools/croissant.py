@@ -17,64 +17,51 @@ from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.commands import cli
 from shuttle_marl.data.schema import STROKES, named
 
-FOLDER: Final = ROOT / "datasets" / "sample"
-FILE: Final = FOLDER / "croissant.json"
+FILE: Final = ROOT / "datasets" / "sample" / "croissant.json"
 _TABLE: Final = "strokes.parquet"
-ABOUT: Final[dict[str, dict[str, Any]]] = tomllib.loads((Path(__file__).with_suffix(".toml")).read_text(encoding="utf-8"))
-"""Context, fields of the data sets, and columns."""
 
 
 def description() -> dict[str, Any]:
     """The description of the sample as JSON-LD."""
-    return dataset(ABOUT["sample"], FOLDER, {"strokes": (_TABLE, "One row per stroke.", named(STROKES.empty_table()).schema)})
-
-
-def dataset(about: dict[str, Any], folder: Path, tables: dict[str, tuple[str, str, pa.Schema]]) -> dict[str, Any]:
-    """The description of Parquet files as JSON-LD.
-
-    Args:
-        about: fields of this data set: name, version, responsible AI and so on.
-        folder: of the files.
-        tables: name of the file, description, and schema, by the name of the record set. Each field of a schema has its
-            description as metadata.
-    """
+    about: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
     conforms = ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"]
-    distribution = [_file(folder / file) for file, _, _ in tables.values()]
-    records = [
-        {
-            "@type": "cr:RecordSet",
-            "@id": name,
-            "name": name,
-            "description": text,
-            "field": [_field(name, file, field) for field in schema],
-        }
-        for name, (file, text, schema) in tables.items()
-    ]
-    shown = {**about, **ABOUT["owner"], **ABOUT["simulated"], "distribution": distribution, "recordSet": records}
-    return {"@context": ABOUT["context"], "@type": "sc:Dataset", "conformsTo": conforms, **shown}
+    records = {
+        "@type": "cr:RecordSet",
+        "@id": "strokes",
+        "name": "strokes",
+        "description": "One row per stroke.",
+        "field": [_field(field) for field in named(STROKES.empty_table()).schema],
+    }
+    return {
+        "@context": about["context"],
+        "@type": "sc:Dataset",
+        "conformsTo": conforms,
+        **about["sample"],
+        **about["owner"],
+        **about["simulated"],
+        "distribution": [_file(FILE.with_name(_TABLE).read_bytes())],
+        "recordSet": [records],
+    }
 
 
-def _file(path: Path) -> dict[str, str]:
-    content = path.read_bytes()
+def _file(content: bytes) -> dict[str, str]:
     return {
         "@type": "cr:FileObject",
-        "@id": path.name,
-        "name": path.name,
-        "contentUrl": path.name,
+        **dict.fromkeys(("@id", "name", "contentUrl"), _TABLE),
         "contentSize": f"{len(content)} B",
         "encodingFormat": "application/x-parquet",
         "sha256": hashlib.sha256(content).hexdigest(),
     }
 
 
-def _field(records: str, file: str, field: pa.Field) -> dict[str, Any]:
+def _field(field: pa.Field) -> dict[str, Any]:
     return {
         "@type": "cr:Field",
-        "@id": f"{records}/{field.name}",
+        "@id": f"strokes/{field.name}",
         "name": field.name,
         "description": (field.metadata or {})[b"description"].decode(),
         "dataType": _type(field.type),
-        "source": {"fileObject": {"@id": file}, "extract": {"column": field.name}},
+        "source": {"fileObject": {"@id": _TABLE}, "extract": {"column": field.name}},
     }
 
 
@@ -92,9 +79,8 @@ def main(*, check: bool = False) -> None:
     Args:
         check: Change nothing; fail if the file differs.
     """
-    write_or_check(
-        FILE, json.dumps(description(), indent=2, ensure_ascii=False) + "\n", check=check, problem="does not describe the sample"
-    )
+    text = json.dumps(description(), indent=2, ensure_ascii=False)
+    write_or_check(FILE, f"{text}\n", check=check, problem="does not describe the sample")
 
 
 if __name__ == "__main__":

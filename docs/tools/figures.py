@@ -10,9 +10,9 @@ from typing import Any, Final, NamedTuple
 
 from docs.tools.markdown import saved
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.dynamics.splits import MIN_MATCHES_FOR_REFITS, MIN_STROKES, MIN_STROKES_WITH_PRIOR
+from shuttle_marl.dynamics.make import MIN_MATCHES_FOR_REFITS, MIN_STROKES, MIN_STROKES_WITH_PRIOR
 from shuttle_marl.game import default_game, model_folder
-from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.shipped import read_model_card
 from shuttle_marl.league.entrants import LeagueConfig, default_pool
 

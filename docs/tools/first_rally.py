@@ -10,22 +10,20 @@ import msgspec
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.options import Appearance
 from shuttle_marl.commands.watch import GAME, MatchOptions
-from shuttle_marl.court.answers import Answers
-from shuttle_marl.court.first_rally import FILE, FirstRally, first_key
+from shuttle_marl.court.answers import FIRST_RALLY, Answers, FirstRally, first_key
+from shuttle_marl.court.match import PolicyTables
 from shuttle_marl.court.messages import RallyRequest
-from shuttle_marl.court.policies import PolicyTables
-from shuttle_marl.court.stager import Stager
 from shuttle_marl.game.shipped import load_game
 
 
 def first_rally() -> FirstRally:
     """The first rally of the default match."""
     game, match, appearance = load_game(GAME), MatchOptions(), Appearance()
-    plan, stager = match.plan(game), Stager(appearance.athletes, appearance.hands)
-    answers = Answers(PolicyTables(game), plan, stager)
+    plan, (athletes, hands) = match.plan(game), (appearance.athletes, appearance.hands)
+    answers = Answers(PolicyTables(game), plan, athletes=athletes, hands=hands)
     reply, motion = answers.rally(RallyRequest(id=0, plan=plan, rally=0))
-    return FirstRally(first_key(game, plan, stager), reply, motion)
+    return FirstRally(first_key(game, plan, athletes, hands), reply, motion)
 
 
 if __name__ == "__main__":
-    replace_file(FILE, gzip.compress(msgspec.msgpack.encode(first_rally()), mtime=0))
+    replace_file(FIRST_RALLY, gzip.compress(msgspec.msgpack.encode(first_rally()), mtime=0))

@@ -1,70 +1,44 @@
-"""Tables of a tournament, from its run folder."""
+"""Tables of the default tournament and of the layers of the package."""
 
+import ast
 import functools
-import json
-import math
-from pathlib import Path
-from typing import Any, Final
+import tomllib
+from typing import Final
 
-import pyarrow.csv
-
-from docs.tools.markdown import markdown
-from shuttle_marl.base.errors import ShuttleError
+from docs.tools.markdown import ROOT, markdown
 from shuttle_marl.exact import evaluate
-from shuttle_marl.exact.away import of_pair, over
+from shuttle_marl.exact.odds import of_pair, over
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import load_game, refits_of
-from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.league import report
+from shuttle_marl.league import LeagueConfig, page
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.policy.registry import resolve
 
 SHORT: Final = ("minimax", "ppo:self-play", "ppo", "bc", "random")
 """Players of the short ranking."""
 REFERENCE: Final = "bc"
+_PACKAGE: Final = "shuttle_marl"
+_CONTRACTS: Final = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+_LAYERS: Final = [layer.split(" : ") for contract in _CONTRACTS if contract["type"] == "layers" for layer in contract["layers"]]
+"""Modules of each layer, highest layer first."""
+_NO_TORCH: Final = {name for contract in _CONTRACTS if contract["type"] == "forbidden" for name in contract["source_modules"]}
 
 
-class TableError(ShuttleError):
-    """A table that cannot be written, or that does not show the results."""
-
-
-def _finished(folder: Path) -> tuple[list[Standing], dict[str, Any], dict[str, Any]]:
-    """The standings, the configuration and the manifest of a finished run."""
-    try:
-        config, manifest = (json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in ("config", "manifest"))
-        rows: list[dict[str, Any]] = pyarrow.csv.read_csv(folder / "ranking.csv").to_pylist()
-    except (OSError, ValueError) as error:
-        raise TableError(f"{folder}: no finished run of the league ({error})") from error
-    nothing: Any = math.nan
-    standings = [Standing(**{name: nothing if value is None else value for name, value in row.items()}) for row in rows]
-    return standings, config, manifest
-
-
-def ranking(folder: Path) -> str:
-    """The ranked table of a finished run, and what was played.
-
-    Raises:
-        TableError: the folder holds no finished run.
-    """
-    standings, config, manifest = _finished(folder)
-    played = (
-        f"{len(standings)} players, {config['matches']:,} matches a pair, seed {config['seed']}, "
-        f"game `{manifest['game']['hash'][:12]}`."
-    )
-    shown = report.ranking(standings)
+def ranking(standings: list[Standing]) -> str:
+    """The ranked table of the default tournament, and what was played."""
+    config, players = LeagueConfig(), len(standings)
+    game = load_game(config.game).hash[:12]
+    played = f"{players} players, {config.matches:,} matches a pair, seed {config.seed}, game `{game}`."
+    shown = page.ranking(standings)
     headings = tuple(column.heading for column in shown.columns)
     rows = [tuple(cell.text for cell in row) for row in shown.rows]
     return f"{markdown(headings, rows, left=('player',))}\n\n{played}"
 
 
-def ranking_short(folder: Path) -> str:
-    """A few players of a finished run, with the figures that matter most.
-
-    Raises:
-        TableError: the folder holds no finished run.
-    """
-    standings, config, _ = _finished(folder)
+def ranking_short(standings: list[Standing]) -> str:
+    """A few players with the figures that matter most."""
     shown = [standing for standing in standings if standing.player in SHORT]
-    against = _rallies_won(tuple(s.player for s in shown), config["game"])
+    against = _rallies_won(tuple(s.player for s in shown))
     rows = [
         (
             f"`{s.player}`",
@@ -76,8 +50,7 @@ def ranking_short(folder: Path) -> str:
         )
         for s in shown
     ]
-    headings = (
-        "player",
+    figures = (
         "rating (95 %)",
         "matches won",
         "rallies won against `bc`",
@@ -85,14 +58,14 @@ def ranking_short(folder: Path) -> str:
         "exploitability",
         "normalised score",
     )
-    return markdown(headings, rows, left=("player",))
+    return markdown(("player", *figures), rows, left=("player",))
 
 
 @functools.cache
-def _rallies_won(players: tuple[str, ...], model: str) -> dict[str, tuple[str, str]]:
+def _rallies_won(players: tuple[str, ...]) -> dict[str, tuple[str, str]]:
     """Exact share of the rallies that each player wins against the average player, both serving equally often: in the game
     itself, and in its refits with the 95 % interval for one more refit."""
-    game = load_game(model)
+    game = load_game("default")
     refits = refits_of(game)
     opponent = tabulate(resolve(REFERENCE, game), game)
     shown = {}
@@ -103,3 +76,20 @@ def _rallies_won(players: tuple[str, ...], model: str) -> dict[str, tuple[str, s
         home = evaluate(table, opponent).odds().rally
         shown[name] = (f"{100 * home:.1f} %", f"{mean} % ({low} to {high})")
     return shown
+
+
+def _summary(module: str) -> str:
+    """First sentence of the docstring of a module or package."""
+    folder = ROOT / _PACKAGE / module
+    path = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return " ".join(docstring.split("\n\n")[0].split()).split(". ")[0].removesuffix(".").replace("``", "`").replace(":mod:", "")
+
+
+def layers() -> str:
+    """Table of the layers with the first sentence of each docstring."""
+    rows = []
+    for name in (name for layer in _LAYERS for name in layer):
+        kind = "/" if (ROOT / _PACKAGE / name).is_dir() else ".py"
+        rows.append((f"`{name}{kind}`", _summary(name), "never" if f"{_PACKAGE}.{name}" in _NO_TORCH else ""))
+    return markdown(("layer", "contents", "imports PyTorch"), rows, left=("layer", "contents", "imports PyTorch"))

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -19,12 +19,15 @@ from docs.tools.markdown import IMAGES, ROOT, saved
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.court.server import browser_page
+from shuttle_marl.court.server import browser_page, write_video
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.shipped import read_model_card
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy.registry import resolve
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 SOURCES: Final = IMAGES / "sources.json"
 _RANKING: Final = "ranking of docs/league.md"
@@ -35,6 +38,13 @@ _REPORT: Final = (1240, 2300)
 """Width of the page and height of the picture of a report [px]."""
 _COACH: Final = (900, 2400)
 """The same of a report for coaches."""
+_SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
+_MODES: Final = (("watch", "wide"), ("analyse", "wide"), ("learn", "wide"), ("play", "wide"), ("play", "narrow"))
+"""Modes of the live court, and the sizes in which the documentation shows them."""
+_PLAYERS: Final = ("viktor-axelsen", "kento-momota")
+_PLAYED: Final = "#seed=0&a=bc:viktor-axelsen&b=bc:kento-momota&rally=1&stroke=9"
+_LIMIT: Final = 240_000
+_FPS: Final = 12
 
 
 def _module(*command: str) -> Callable[[], None]:
@@ -42,21 +52,6 @@ def _module(*command: str) -> Callable[[], None]:
         subprocess.run([sys.executable, "-m", *command], cwd=ROOT, check=True)
 
     return run
-
-
-def _stroke_value() -> None:
-    from experiments.stroke_value import draw_ranking, groups_of  # noqa: PLC0415  matplotlib
-    from shuttle_marl.reports import PlayerValue, charts  # noqa: PLC0415
-
-    found = saved("experiments", "stroke_value")["players"]
-    players = [PlayerValue(**{name: value for name, value in each.items() if name != "away"}) for each in found]
-    charts.save(draw_ranking(groups_of(players), "Value added by strokes"), IMAGES / "stroke_value.png")
-
-
-def _human() -> None:
-    from experiments.human import draw  # noqa: PLC0415  matplotlib
-
-    draw(saved("experiments", "human"), IMAGES / "human.png")
 
 
 def _truth() -> None:
@@ -169,12 +164,71 @@ def _reports() -> None:
             _shown(file, _COACH, name)
 
 
-_COURT: Final = (
-    *("film.webp", "watch_players.jpg", "watch_play_narrow.jpg"),
-    *(f"watch_{mode}_wide.jpg" for mode in ("analyse", "learn", "play", "watch")),
-)
+def _film() -> None:
+    """A whole rally of two players of their own skill as an animated picture."""
+    import av  # noqa: PLC0415  extras
+    from PIL import Image  # noqa: PLC0415
+
+    from benchmarks.court import serving  # noqa: PLC0415
+
+    with serving("--players", *_PLAYERS) as (address, _), tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "rally.webm"
+        write_video(f"{address}{_PLAYED.partition('&stroke')[0]}", film, size=(640, 360), fps=_FPS)
+        with av.open(str(film)) as video:
+            first, *others = (Image.fromarray(frame.to_ndarray(format="rgb24")) for frame in video.decode(video=0))
+        duration = 1000 // _FPS
+        first.save(IMAGES / "film.webp", save_all=True, append_images=others, duration=duration, loop=0, quality=55, method=4)
+
+
+def _court() -> None:
+    """Modes of the page, and two players of their own skill, drawn on this machine in full quality."""
+    from benchmarks.court import serving  # noqa: PLC0415  extras
+
+    with serving() as (address, _):
+        for mode, size in _MODES:
+            _take(address, mode, size, IMAGES / f"watch_{mode}_{size}.jpg")
+    with serving("--players", *_PLAYERS) as (address, _):
+        _take(address, "watch", "wide", IMAGES / "watch_players.jpg", place=_PLAYED)
+
+
+def _take(address: str, mode: str, size: str, picture: Path, *, place: str = "#seed=11&a=ppo&b=bc&rally=4&stroke=5") -> None:
+    with browser_page(_SIZES[size], reduced_motion="reduce") as page:
+        page.set_default_timeout(_LIMIT)
+        page.goto(f"{address}?quality=full{place}")
+        _show(page, mode)
+        replace_file(picture, page.screenshot(type="jpeg", quality=88))
+
+
+def _until(page: "Page", script: str) -> None:
+    from benchmarks.court import until  # noqa: PLC0415  extras
+
+    until(page, f"(() => {{ const s = window.viewer?.state(); return s && ({script}); }})()", _LIMIT / 1000)
+
+
+def _show(page: "Page", mode: str) -> None:
+    _until(page, "s.analysis")
+    page.locator(".bars .bar").nth(10).wait_for(state="attached")
+    if mode == "play":
+        page.keyboard.press("t")
+        _until(page, "s.turn")
+        page.keyboard.press("i")
+        page.locator(".shots small", has_text="wins").first.wait_for()
+    elif mode == "learn":
+        page.get_by_role("tab", name="Learn").click()
+        page.locator(".quiz button:not(:disabled)").first.wait_for()
+        page.locator(".quiz button:not(:disabled)").first.click()
+        page.wait_for_timeout(1500)
+    elif mode == "analyse":
+        page.get_by_role("tab", name="Analyse").click()
+        _until(page, "s.mode === 'analyse' && s.analysis")
+        page.keyboard.press("3")
+        page.locator(".openings summary").click()
+        page.locator(".openings tbody button").first.wait_for()
+        page.evaluate("scrollTo(0, 0)")
+    page.wait_for_timeout(1000)
+
+
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
-    ("human.png",): (_human, "experiments/results/human.json"),
     ("landings.png", "replies.png"): (_analysis, _GAME),
     ("league_report.png",): (_league_report, _RANKING),
     ("match_report.png", "scouting_report.png"): (_reports, _GAME),
@@ -184,7 +238,6 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         "shuttle_marl/models/default/card.json",
     ),
     ("rally.png",): (_rally, _GAME),
-    ("stroke_value.png",): (_stroke_value, "experiments/results/stroke_value.json"),
     ("truth.png",): (_truth, "experiments/results/truth_cross.json"),
     ("value.png",): (
         _module(
@@ -192,7 +245,8 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         ),
         _GAME,
     ),
-    _COURT: (_module("docs.tools.watch_pictures"), _GAME),
+    ("film.webp",): (_film, _GAME),
+    ("watch_players.jpg", *(f"watch_{mode}_{size}.jpg" for mode, size in _MODES)): (_court, _GAME),
 }
 """Pictures, what draws them, and the data they show."""
 

@@ -96,45 +96,21 @@ def measured() -> dict[str, dict[str, Any]]:
     return dict(json.loads(_AGAIN.read_text(encoding="utf-8")))
 
 
-def deviations(before: Any, after: Any, path: str = "") -> Iterator[tuple[float, str, str]]:
-    """Differences between two results: how great they are, where, and what they are.
-
-    Numbers differ by a fraction of the greater one. Differences of keys, texts and lengths are infinite.
-    """
-    if isinstance(before, dict) and isinstance(after, dict):
-        for key in sorted((before.keys() | after.keys()) - _PROVENANCE):
-            if key not in before or key not in after:
-                yield math.inf, f"{path}.{key}", f"only in the {'new' if key in after else 'saved'} result"
-            else:
-                yield from deviations(before[key], after[key], f"{path}.{key}")
-    elif isinstance(before, list) and isinstance(after, list):
-        if len(before) != len(after):
-            yield math.inf, path, f"{len(before)} entries, now {len(after)}"
-        for i, (first, second) in enumerate(zip(before, after, strict=False)):
-            yield from deviations(first, second, f"{path}[{i}]")
-    elif _is_number(before) and _is_number(after):
-        if not math.isclose(before, after, rel_tol=1e-12, abs_tol=1e-12):
-            finite = math.isfinite(before) and math.isfinite(after)
-            size = abs(before - after) / max(abs(before), abs(after)) if finite else math.inf
-            yield size, path, f"{before:g}, now {after:g}"
-    elif before != after:
-        yield math.inf, path, f"{before!r}, now {after!r}"
-
-
 def differences(before: Any, after: Any, tolerance: float, speeds: Collection[str] = ()) -> tuple[list[str], float]:
     """Compare two results.
 
     Args:
         before: saved result.
         after: new result.
-        tolerance: greatest relative difference of a number.
+        tolerance: greatest relative difference of a number, a fraction of the greater one. Differences of keys, texts and lengths
+            are infinite.
         speeds: names of numbers that may differ by a factor of two.
 
     Returns:
         The differences beyond the tolerance, and the greatest difference of a number that is no speed.
     """
     beyond, greatest = [], 0.0
-    for size, path, what in deviations(before, after):
+    for size, path, what in _deviations(before, after, ""):
         speed = path.rpartition(".")[2] in speeds
         greatest = greatest if speed else max(greatest, size)
         if size > (_SPEED if speed else tolerance):
@@ -142,8 +118,30 @@ def differences(before: Any, after: Any, tolerance: float, speeds: Collection[st
     return beyond, greatest
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def _deviations(before: Any, after: Any, path: str) -> Iterator[tuple[float, str, str]]:
+    """How great differences are, where, and what they are."""
+    match before, after:
+        case dict(), dict():
+            for key in sorted((before.keys() | after.keys()) - _PROVENANCE):
+                if key not in before or key not in after:
+                    yield math.inf, f"{path}.{key}", f"only in the {'new' if key in after else 'saved'} result"
+                else:
+                    yield from _deviations(before[key], after[key], f"{path}.{key}")
+        case list(), list():
+            if len(before) != len(after):
+                yield math.inf, path, f"{len(before)} entries, now {len(after)}"
+            for i, (first, second) in enumerate(zip(before, after, strict=False)):
+                yield from _deviations(first, second, f"{path}[{i}]")
+        case (float() | int(), float() | int()) if not isinstance(before, bool) and not isinstance(after, bool):
+            if not math.isclose(before, after, rel_tol=1e-12, abs_tol=1e-12):
+                finite = math.isfinite(before) and math.isfinite(after)
+                yield (
+                    abs(before - after) / max(abs(before), abs(after)) if finite else math.inf,
+                    path,
+                    f"{before:g}, now {after:g}",
+                )
+        case _ if before != after:
+            yield math.inf, path, f"{before!r}, now {after!r}"
 
 
 def remake(name: str, result: Result) -> str:

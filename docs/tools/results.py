@@ -6,18 +6,23 @@ Experiments and benchmarks print their results with the same templates (:func:`s
 import dataclasses
 import functools
 import json
+import os
+import platform
 import sys
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Annotated, Any, Final, Literal, get_args
 
 import jinja2
+import tyro
 
 from docs.tools.markdown import saved
 from shuttle_marl.base.runs import write_json
 
 Folder = Literal["benchmarks", "experiments"]
+Json = Annotated[bool, tyro.conf.arg(name="json")]
+"""Option of a command: print JSON instead of tables."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -91,7 +96,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         autoescape=False,  # Markdown of our own results
     )
-    environment.globals |= {"saved": saved, "made_by": _made_by, "machine": _machine}
+    environment.globals |= {"saved": saved, "made_by": _made_by, "machine": machine}
     environment.tests["contains"] = lambda text, part: part in text
     environment.filters |= {
         "as": format,
@@ -110,7 +115,13 @@ def _made_by(result: Mapping[str, Any]) -> str:
     return f"`{' '.join(result['command'])}`, commit {commit}"
 
 
-def _machine(result: Mapping[str, Any]) -> str:
+def this_machine() -> dict[str, Any]:
+    """Python version, architecture and number of cores available to this process."""
+    return {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
+
+
+def machine(result: Mapping[str, Any]) -> str:
+    """Description of the machine of a result."""
     return "Python {python}, {machine}, {cores} cores.".format(**result)
 
 

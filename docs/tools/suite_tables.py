@@ -32,7 +32,7 @@ def _rows(task: str) -> list[Row]:
 def task_boards(kind: str) -> str:
     """All boards of the tasks of a kind: the task and its entrance."""
     names = [name for name in TASKS if kind_of(name) == kind]
-    return "\n\n".join(render(rows, "md").strip() if (rows := _rows(name)) else _NONE.format(task=name) for name in names)
+    return "\n\n".join(render(rows).strip() if (rows := _rows(name)) else _NONE.format(task=name) for name in names)
 
 
 def summary() -> str:

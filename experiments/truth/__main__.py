@@ -1,96 +1,71 @@
 """``python -m experiments.truth --data DATA (--split validation | --cross 4) [--json]``"""
 
-import json
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
-import pyarrow.parquet as pq
 import tyro
-from rich.console import Console
 
-from docs.tools.results import show
 from experiments.truth import decisions, likeness
-from experiments.truth.decisions import Promises, calibration, memory
-from experiments.truth.legality import illegal, judged_strokes
-from experiments.truth.matches import Strokes, of_splits, strokes_of
+from experiments.truth.decisions import Promises, calibration, judged_strokes, memory
+from experiments.truth.matches import Comparison, Strokes, of_splits, strokes_of
 from experiments.truth.recovery import recovery_effects
-from experiments.truth.transfer import thin_support, transfer
-from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, judged_by, marked, shipped_world
+from experiments.truth.worlds import (
+    Fitter,
+    World,
+    by_discipline,
+    cross_parts,
+    judged_by,
+    marked,
+    shipped_world,
+    thin_support,
+    transfer,
+)
 from shuttle_marl.base.arrays import I64
-from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.runs import describe
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import Split, clean_matches, read_matches
+from shuttle_marl.data import read_matches
 from shuttle_marl.data.simulated import simulate
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
-from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.policy import UniformPolicy, tabulate
 from shuttle_marl.game.shipped import factors_of, model_folder
-from shuttle_marl.game.tabulated import tabulate
 
 _SIMULATED: Final = 4
 """Simulated matches for every real one."""
 
 
 def truth(
-    *,
-    data: Path,
-    split: Split | None = None,
-    cross: int | None = None,
-    game: str = "default",
-    train_only: bool = False,
-    profiles: bool = False,
-    halvings: int = 2,
-    seed: int = 0,
-    fits: Path = Path("runs/truth"),
-    out: Path | None = None,
-    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    options: tyro.conf.OmitArgPrefixes[Comparison], *, train_only: bool = False, profiles: bool = False, halvings: int = 2
 ) -> None:
     """Compare the predictions of a game with matches that were not used to fit it.
 
     Args:
-        data: folder of the download, or a Parquet file of `data convert`.
-        split: matches to compare with the game.
-        cross: instead of one split, fit this many games, each without one part of the training and validation matches, and
-            compare every match with the game that was fitted without it.
-        game: with --split, the shipped model or model folder to compare.
+        options: what is compared.
         train_only: with --cross, use the training matches only: the factors of the model card (`card --truth`).
         profiles: compare every match with the game of its own discipline instead of the game of both.
         halvings: halvings of the training matches for the transfer; two games are fitted for each; 0: no transfer.
-        seed: random seed of the fits, halvings and simulated matches.
-        fits: cache folder of fitted games.
-        out: JSON file for the result, with its provenance.
-        json_output: print JSON.
     """
-    if (split is None) == (cross is None):
-        raise ShuttleError("expected either --split NAME or --cross NUMBER")
-    if cross is not None and cross < 2:
-        raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
-    console = Console(stderr=True, highlight=False)
-    strokes = strokes_of(read_matches(data))
+    strokes, seed, game, cross = strokes_of(read_matches(options.data)), options.seed, options.game, options.cross
     training: list[tuple[World, Strokes]] = []
-    fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
+    fitter = Fitter(strokes, options.fits, seed=seed)
     if cross is not None:
         judged = of_splits(strokes, "train") if train_only else of_splits(strokes, "train", "validation")
         parts = cross_parts(judged, cross, fitter, seed=seed, profiles=profiles)
     else:
-        judged = of_splits(strokes, split or "validation")
+        judged = of_splits(strokes, options.split or "validation")
         parts = marked((shipped_world(game, discipline), part) for discipline, part in by_discipline(judged, profiles))
-        if split != "train":
+        if options.split != "train":
             seen = of_splits(strokes, "train")
             training = [(shipped_world(game, discipline), part) for discipline, part in by_discipline(seen, profiles)]
     real, promised = judged_by(parts)
     factors = None if cross is not None else factors_of(model_folder(game))
-    about = {**describe(("numpy", "torch")), "split": split, "cross": cross, "train_only": train_only, "labels": labels(data)}
-    result: dict[str, Any] = {**about, **compare(parts, real, promised, seed, training)}
+    result: dict[str, Any] = {"train_only": train_only, **compare(parts, real, promised, seed, training)}
     if cross is not None or factors is not None:
         result["calibration"] = calibration(real, promised, parts_of(parts), factors, seed)
     if halvings:
         result["transfer"] = transfer(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
-    show(result, "truth", "truth_shots", "truth_memory", "truth_forecasts", "truth_told_apart", as_json=json_output, out=out)
+    options.show(result, "truth", "truth_shots", "truth_memory", "truth_forecasts", "truth_told_apart")
 
 
 def compare(
@@ -123,13 +98,12 @@ def compare(
         "matches": len(np.unique(real.rows.match)),
         "strokes": len(real),
         "decision_slope": decisions.decision_slope(real, promised),
-        "value_error": (errors := decisions.value_error(real, promised)),
-        "net_shot": {shot: errors[shot]["own"] for shot in ("net-shot", "block") if shot in errors},
+        "value_error": decisions.value_error(real, promised),
         "promised_realised": decisions.promised_realised(real, promised),
         "value_log_loss": decisions.value_log_loss(real, promised),
         "forecasts": decisions.forecast_errors(real, promised, seed),
         "memory": memory(real, promised),
-        "illegal": illegal(real, promised, known, forbidden),
+        "illegal": float(forbidden.sum() / known.sum()),
         "two_sample_auc": told_apart(simulated),
         "two_sample_auc_history": told_apart(_rallies(parts, seed, history=True), history=True) if remembers else None,
         "rally_length": likeness.rally_length(simulated, real, seed),
@@ -138,16 +112,6 @@ def compare(
         "random_vs_bc": float(np.mean([_random_wins(world) for world, _ in parts])),
         "support": _mean([thin_support(world) for world, _ in parts]),
     }
-
-
-def labels(data: Path) -> dict[str, Any]:
-    """Matches with label conventions of their own, and the number of strokes that were renamed; see ``docs/datasheet.md``."""
-    if data.is_dir():
-        provenance = clean_matches(data).provenance
-    else:
-        provenance = json.loads((pq.read_schema(data).metadata or {}).get(b"shuttle_marl.provenance", b"{}"))
-    found = provenance.get("conventions", [])
-    return {"matches": found, "relabelled": sum(one["strokes"] for one in found)}
 
 
 def parts_of(parts: Sequence[tuple[World, Strokes]]) -> I64:

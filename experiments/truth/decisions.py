@@ -22,9 +22,11 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import calibration_error
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import Estimate
-from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.reports.value import strokes_before
 
 HORIZONS: Final = (1, 4, 8)
 """Strokes after which the promise is compared with what happened, beside the end of the rally."""
@@ -173,17 +175,32 @@ def centred(strokes: Strokes, promised: Promises, happened: F64, among: Bools | 
     return without_mean(promised.advantage[used]), without_mean((happened - promised.value)[used]), match
 
 
-def value_error(strokes: Strokes, promised: Promises) -> dict[str, dict[str, dict[str, float]]]:
-    """Points (per cent of rallies) won more than V says, by the striker's own last shot type and by the incoming one."""
+def value_error(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
+    """Points (per cent of rallies) won more than V says, by the striker's own last shot type."""
     used = np.isfinite(promised.value) & (strokes.result != 0)
     error = 50 * (strokes.result - promised.value)
-    out: dict[str, dict[str, dict[str, float]]] = {}
-    for i, shot in enumerate(SHOTS):
-        for role in ("own", "incoming"):
-            chosen = used & (strokes.rows.codes[f"{role}_shot"] == i)
-            if chosen.sum() >= LEAST_STROKES:
-                out.setdefault(shot, {})[role] = _points(error[chosen], strokes.rows.match[chosen])
-    return out
+    of_shot = {shot: used & (strokes.rows.codes["own_shot"] == i) for i, shot in enumerate(SHOTS)}
+    return {
+        shot: _points(error[chosen], strokes.rows.match[chosen])
+        for shot, chosen in of_shot.items()
+        if chosen.sum() >= LEAST_STROKES
+    }
+
+
+def judged_strokes(game: Game, strokes: Strokes) -> tuple[Bools, Bools]:
+    """``[N]`` whether the incoming stroke is in the catalogue, and whether the reply is then illegal.
+
+    A reply is illegal if no legal stroke has its shot type, height and technique: the target of a fault is unknown, so the area
+    does not count.
+    """
+    catalogue, rows = game.catalogue, strokes.rows
+    incoming = strokes_before(rows, "incoming", catalogue.by_parts, game.n_strokes)
+    legal = np.zeros((game.n_strokes + 1, N_SHOTS, 2, N_TECHNIQUES), dtype=bool)
+    reply, stroke = np.nonzero(game.reply_mask.any(axis=1))
+    legal[reply, catalogue.shot[stroke], catalogue.height[stroke], catalogue.technique[stroke]] = True
+    known = incoming >= 0
+    style = tuple(rows.codes[name].astype(np.int64) for name in ("shot", "contact", "technique"))
+    return known, known & ~legal[(np.maximum(incoming, 0), *style)]
 
 
 def promised_realised(strokes: Strokes, promised: Promises) -> dict[str, dict[str, Any]]:

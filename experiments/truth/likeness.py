@@ -11,13 +11,13 @@ from typing import Any, Final
 import lightgbm
 import numpy as np
 from scipy.spatial.distance import jensenshannon
-from scipy.stats import ks_2samp, wasserstein_distance
+from scipy.stats import ks_2samp
 
 from experiments.truth.matches import Strokes, folds_of, ratio_by_match
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import area_under_curve
-from shuttle_marl.dynamics.network import fold_of_match
+from shuttle_marl.dynamics.models import fold_of_match
 from shuttle_marl.game.court import AREAS, N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS, TECHNIQUES
 
@@ -30,18 +30,10 @@ _LAGS: Final = (1, 2, 3, 4)
 
 
 def rally_length(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, float]:
-    """Mean lengths, Kolmogorov-Smirnov and Wasserstein distances; ``ks_real`` compares halves of the real matches."""
-    ours, theirs = _lengths(simulated), _lengths(real)
-    halves = [
-        ks_2samp(_lengths(real.take(half)), _lengths(real.take(~half))).statistic for half in _halvings(real, seed, HALVINGS)
-    ]
-    return {
-        "simulated": float(ours.mean()),
-        "real": float(theirs.mean()),
-        "ks": float(ks_2samp(ours, theirs).statistic),
-        "ks_real": float(np.mean(halves)),
-        "wasserstein": float(wasserstein_distance(ours, theirs)),
-    }
+    """Kolmogorov-Smirnov distance of the lengths, and the mean distance of halves of the real matches (``ks_real``)."""
+    pairs = [(simulated, real), *((real.take(half), real.take(~half)) for half in _halvings(real, seed, HALVINGS))]
+    first, *halves = [float(ks_2samp(_lengths(one), _lengths(other)).statistic) for one, other in pairs]
+    return {"ks": first, "ks_real": float(np.mean(halves))}
 
 
 def divergence(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, dict[str, float]]:

@@ -2,22 +2,66 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Final
+from pathlib import Path
+from typing import Annotated, Any, Final
 
 import numpy as np
 import pyarrow as pa
+import tyro
+from rich.console import Console
 
+from docs.tools.results import show
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.runs import describe
 from shuttle_marl.data import Split, matches_of
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics import features
-from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
-from shuttle_marl.dynamics.hurried import Hurry
+from shuttle_marl.dynamics.features import Hurry, Rows, rows_from_strokes
 from shuttle_marl.game.tables import Game
+from shuttle_marl.reports import value
+from shuttle_marl.reports.value import strokes_before
 
 RESAMPLES: Final = 2000
 """Bootstrap resamples of matches behind every interval."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Options of a comparison with matches that no fit used."""
+
+    data: Path
+    """Folder of the download, or a Parquet file of `data convert`."""
+    split: Split | None = None
+    """Matches to compare with the game, which was fitted to the training matches."""
+    cross: int | None = None
+    """Instead of one split, fit so many models, each without one part of the training and validation matches, and compare every
+    match with the model that was fitted without it."""
+    game: str = "default"
+    """With --split, the shipped model or model folder to compare."""
+    seed: int = 0
+    """Random seed of parts, fits and draws."""
+    fits: Path = Path("runs/fits")
+    """Cache folder of fitted models."""
+    out: Path | None = None
+    """JSON file for the result, with its provenance."""
+    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print JSON."""
+
+    def __post_init__(self) -> None:
+        if (self.split is None) == (self.cross is None):
+            raise ShuttleError("expected either --split NAME or --cross NUMBER")
+        if self.cross is not None and self.cross < 2:
+            raise ShuttleError(f"--cross {self.cross}: expected 2 or more parts")
+
+    def show(self, result: dict[str, Any], *tables: str) -> None:
+        """Print a result as tables, or as JSON."""
+        about = {**describe(("numpy", "torch")), "split": self.split, "cross": self.cross}
+        show({**about, **result}, *tables, as_json=self.as_json, out=self.out)
+
+
+def report(line: str) -> None:
+    """Print a line before a stage of a fit."""
+    Console(stderr=True, highlight=False).print(line, markup=False)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,12 +139,7 @@ def strokes_of(table: pa.Table) -> Strokes:
 
 
 def of_splits(strokes: Strokes, *splits: Split) -> Strokes:
-    """The strokes of some splits, see :func:`in_splits`."""
-    return strokes.take(in_splits(strokes, *splits))
-
-
-def in_splits(strokes: Strokes, *splits: Split) -> Bools:
-    """``[N]`` whether a stroke is in one of some splits.
+    """The strokes of some splits.
 
     Raises:
         ShuttleError: the data has none of one of them.
@@ -109,13 +148,13 @@ def in_splits(strokes: Strokes, *splits: Split) -> Bools:
     for split, found in zip(splits, which, strict=True):
         if not found.any():
             raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
-    return np.asarray(np.logical_or.reduce(which))
+    return strokes.take(np.logical_or.reduce(which))
 
 
 def states_of(game: Game, rows: Rows) -> I64:
     """``[N]`` state in which each stroke was struck, -1 where the game has no such state or what decides it is not known."""
     before = (strokes_before(rows, name, game.catalogue.by_parts, game.n_strokes) for name in ("own", "incoming"))
-    state = features.states_of(game, rows, *before)
+    state = value.states_of(game, rows, *before)
     return np.where((state >= 0) & (game.legal_count(np.maximum(state, 0)) > 0), state, -1)
 
 

@@ -1,4 +1,8 @@
-"""Games fitted on subsets of the matches, with their average players and the number of examples of each stroke."""
+"""Games fitted on subsets of the matches, with their average players and the number of examples of each stroke.
+
+Transfer: a game is fitted on each half of the training matches. The fraction of rallies that a policy wins in the game in which
+it was computed (home) is compared with the other game (away), both against the average player of the game.
+"""
 
 import dataclasses
 import functools
@@ -12,26 +16,29 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from safetensors.numpy import load_file, save
+from scipy import stats
 
 from experiments.truth.decisions import Promises, promises
-from experiments.truth.matches import Strokes, folds_of
+from experiments.truth.matches import Strokes, folds_of, report
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.files import replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
+from shuttle_marl.dynamics.boosting import fit_hurry
 from shuttle_marl.dynamics.choices import Arrays, fit_history
 from shuttle_marl.dynamics.compiled import load_support, pair_log_choices
+from shuttle_marl.dynamics.features import Hurry, load_hurry
 from shuttle_marl.dynamics.fit import Fit, fit
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
-from shuttle_marl.dynamics.network import QUICK
+from shuttle_marl.dynamics.models import QUICK
 from shuttle_marl.dynamics.recovery import FittedRecovery, fit_recovery, load_recovery
+from shuttle_marl.exact import best_response, evaluate, solve, visits
+from shuttle_marl.exact.profile import moved
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.shipped import CARD, NETWORKS, PROFILES, load_game, model_folder, variant_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.policy import baselines, history
-from shuttle_marl.policy.history import HistoryPolicy
+from shuttle_marl.policy import baselines
+from shuttle_marl.policy.baselines import HistoryPolicy
 
-Report = Callable[[str], None]
 _FILES: Final = ("history", "hurry", "recovery", "between", "game")
 """Parts of a cached fit; the game is written last."""
 _SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
@@ -97,7 +104,7 @@ def shipped_world(model: str, discipline: int | None = None) -> World:
                 hurry=load_hurry(folder),
                 recovery=load_recovery(folder),
                 models=FittedModels.load(folder),
-                history=history.load(game) if history.known_for(game) else None,
+                history=baselines.load_remembering(game) if baselines.remembers(game) else None,
             )
         )
     return dataclasses.replace(worlds[1], between=worlds[0])
@@ -121,11 +128,10 @@ class Fitter:
         folder: cache; the key of a fit is a hash of its strokes, its layout, its seed and the source code of
             :mod:`shuttle_marl.dynamics`.
         seed: random seed of the fits.
-        report: called with a line before each stage of a fit.
     """
 
-    def __init__(self, strokes: Strokes, folder: Path, *, seed: int, report: Report) -> None:
-        self._strokes, self._folder, self._seed, self._report = strokes, folder, seed, report
+    def __init__(self, strokes: Strokes, folder: Path, *, seed: int) -> None:
+        self._strokes, self._folder, self._seed = strokes, folder, seed
         self._version = fingerprint(str((seed, torch.__version__)), strokes)
 
     def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None, *, discipline: int | None = None) -> World:
@@ -168,7 +174,7 @@ class Fitter:
         train = self._strokes.rows.in_matches(names)
         hurry = fit_hurry(train, seed=self._seed)
         marked = train if hurry is None else hurry.marked(train)
-        fitted = fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=self._report)
+        fitted = fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=report)
         found = fit_recovery(marked, fitted.predicted)
         return fitted, hurry, found, fit_history(fitted.models.choosers, marked, None, QUICK.folds)[0]
 
@@ -225,3 +231,65 @@ def judged_by(parts: Sequence[tuple[World, Strokes]]) -> tuple[Strokes, Promises
     """The strokes of all parts, and their promises."""
     found = [world.judge(strokes, lambda w, part: tuple(vars(promises(w.bc, part)).values())) for world, strokes in parts]
     return Strokes.joined([strokes for _, strokes in parts]), Promises.joined([Promises(*arrays) for arrays in found])
+
+
+def transfer(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int) -> dict[str, dict[str, float]]:
+    """Fraction of rallies won at home and away, and the fraction ``kept`` of the advantage over one half.
+
+    Args:
+        strokes: of the matches to halve.
+        fitter: fits the games.
+        halvings: how often; each gives two directions.
+        seed: of the halvings.
+
+    Returns:
+        For ``best_response`` and ``minimax``: ``home``, ``away``, ``kept``, and its 95 % interval ``low`` to ``high``
+        (Student's t over the directions) with their number ``directions``.
+    """
+    pairs = []
+    for number in range(halvings):
+        half = folds_of(strokes, 2, seed + number)
+        one, other = (fitter.fit(strokes.take(half == side).matches, layout=strokes.matches) for side in (0, 1))
+        pairs += [(one, other), (other, one)]
+    return transferred(pairs)
+
+
+def transferred(pairs: Iterable[tuple[World, World]]) -> dict[str, dict[str, float]]:
+    """Figures of :func:`transfer` for pairs of home and away worlds with the same layout."""
+    found: dict[str, list[tuple[float, float]]] = {"best_response": [], "minimax": []}
+    for home, away in pairs:
+        policies = {"best_response": best_response(home.bc).policy, "minimax": solve(home.game).policy[0]}
+        for name, policy in policies.items():
+            found[name].append((wins(policy, home), wins(policy, away)))
+    return {name: _summary(np.array(pairs)) for name, pairs in found.items()}
+
+
+def wins(policy: TabulatedPolicy, world: World) -> float:
+    """Share of the rallies that a policy wins against the average player of a world with the same layout."""
+    return float(evaluate(moved(policy, world.game), world.bc).odds().rally)
+
+
+def _summary(pairs: Any) -> dict[str, float]:
+    home, away = pairs.T
+    kept = (away - 0.5) / (home - 0.5)
+    width = stats.t.ppf(0.975, len(kept) - 1) * stats.sem(kept)
+    return {
+        "home": float(home.mean()),
+        "away": float(away.mean()),
+        "kept": float(kept.mean()),
+        "low": float(kept.mean() - width),
+        "high": float(kept.mean() + width),
+        "directions": len(kept),
+    }
+
+
+def thin_support(world: World, least: float = 5.0) -> dict[str, float]:
+    """Share of the strokes of each policy with fewer than ``least`` real ones in the innermost cell of data."""
+    response, perfect = best_response(world.bc).policy, solve(world.game).policy[0]
+    thin = world.behind[world.game.base_pair_edge] < least
+    profiles = {"bc": (world.bc, world.bc), "best_response": (response, world.bc), "minimax": (perfect, perfect)}
+    out = {}
+    for name, (policy, opponent) in profiles.items():
+        played = visits(policy, opponent).base_pairs(0).sum(axis=0)
+        out[name] = float(played[thin].sum() / played.sum())
+    return out

@@ -10,13 +10,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.files import cache_folder, content_hash, verify
+import platformdirs
+
+from shuttle_marl.base.files import content_hash, verify
 
 NAME: Final = "computed.sqlite"
+_ROOMS: Final = ("exact", "game", "kernel", "policy")
+"""Rooms of the code between the tables of a game and a cached result."""
 _WAIT_S: Final = 20.0
-"""Timeout while another process writes [s]."""
 _HASH: Final = 64
-"""Length of the hash before each content [bytes]."""
 _LOG: Final = logging.getLogger(__name__)
 _MEMORY: Final = contextvars.ContextVar[dict[bytes, bytes] | None]("memory", default=None)
 """Results by key where the database is not used."""
@@ -32,13 +34,29 @@ def forgotten() -> Iterator[None]:
         _MEMORY.reset(token)
 
 
+def cache_folder() -> Path | None:
+    """The user's folder for caches of this package; None without a home."""
+    try:
+        folder = platformdirs.user_cache_path("shuttle_marl", appauthor=False)
+    except RuntimeError:
+        return None
+    return folder if folder.is_absolute() else None  # older versions begin with a literal ~
+
+
+@functools.cache
+def _sources_hash() -> str:
+    """Hash of the source code of the game, its kernel, the solvers and the policies: results of other versions are not used."""
+    sources = sorted(path for room in _ROOMS for path in (Path(__file__).parents[1] / room).rglob("*.py"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
+
+
 def key_of(*parts: str) -> bytes:
-    """The key of a result.
+    """The key of a result of this version of the code.
 
     Args:
-        parts: everything that the result depends on.
+        parts: everything else that the result depends on.
     """
-    return hashlib.sha256(" ".join(parts).encode()).digest()
+    return hashlib.sha256(" ".join((*parts, _sources_hash())).encode()).digest()
 
 
 class Cache:

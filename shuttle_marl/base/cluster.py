@@ -5,7 +5,6 @@ machine again elsewhere.
 """
 
 import contextlib
-import dataclasses
 import functools
 import importlib.metadata
 import itertools
@@ -16,58 +15,22 @@ import platform
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, TypeVar
 
 import shuttle_marl
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.extras import install_hint
-from shuttle_marl.base.interrupts import interrupts_blocked
+from shuttle_marl.base.runs import interrupts_blocked
 
 S = TypeVar("S")
 T = TypeVar("T")
 
 LOCAL: Final = "local"
-"""Address that starts Ray on this machine alone."""
 _RETRIES: Final = 3
-"""Number of times Ray retries a task whose worker or machine died, or whose result was lost with a machine."""
-_SHARED_VALUES: Final = 2
-"""Capacity of the cache of shared values in a worker."""
 
 
 class ClusterError(ShuttleError):
     """Processes or a cluster that cannot be used, or that lose a task repeatedly."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Shared(Generic[T]):
-    """An argument of many tasks, sent once to every machine, and cached by each worker."""
-
-    reference: Any
-
-
-class Task(Generic[T]):
-    """A task of a cluster."""
-
-    def __init__(self, ray: Any, reference: Any) -> None:
-        self._ray, self._reference = ray, reference
-
-    def result(self) -> T:
-        """Wait for the result of the function.
-
-        Raises:
-            ClusterError: the task was lost repeatedly.
-            Exception: raised by the function.
-        """
-        try:
-            value: T = self._ray.get(self._reference)
-        except self._ray.exceptions.RayTaskError as error:
-            raise error.cause from error
-        except self._ray.exceptions.RayError as error:
-            raise ClusterError(
-                f"a task was lost {_RETRIES + 1} times with its worker, perhaps for lack of memory "
-                f"({str(error).strip().partition(chr(10))[0]}); continue with --resume on machines with more memory per processor"
-            ) from error
-        return value
 
 
 class Cluster:
@@ -82,18 +45,33 @@ class Cluster:
         """Current number of parallel tasks; at least 1."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 0)))
 
-    def share(self, value: T) -> Shared[T]:
-        """Prepare a value as an argument of many tasks."""
-        return Shared(self._ray.put(value))
+    def share(self, value: Any) -> Any:
+        """Prepare a value as an argument of many tasks, which is sent once to every machine."""
+        return self._ray.put(value)
 
-    def submit(self, function: Callable[..., T], *arguments: Any) -> Task[T]:
+    def submit(self, function: Callable[..., T], *arguments: Any) -> Callable[[], T]:
         """Start a task.
 
         Args:
             function: a function of the package whose result depends only on its arguments.
-            arguments: its arguments; a :class:`Shared` is replaced by its value.
+            arguments: its arguments; one that is shared is replaced by its value.
+
+        Returns:
+            Waits for the result; raises what the function raised, or a ClusterError if the task was lost repeatedly.
         """
-        return Task(self._ray, self._call.remote(function, list(arguments), self._versions))
+        reference = self._call.remote(function, self._versions, *arguments)
+        return functools.partial(self._result, reference)
+
+    def _result(self, reference: Any) -> Any:
+        try:
+            return self._ray.get(reference)
+        except self._ray.exceptions.RayTaskError as error:
+            raise error.cause from error
+        except self._ray.exceptions.RayError as error:
+            raise ClusterError(
+                f"a task was lost {_RETRIES + 1} times with its worker, perhaps for lack of memory "
+                f"({str(error).strip().partition(chr(10))[0]}); continue with --resume on machines with more memory per processor"
+            ) from error
 
 
 @contextlib.contextmanager
@@ -132,14 +110,7 @@ def open_cluster(address: str, packages: Sequence[str]) -> Iterator[Cluster]:
             ray.shutdown()
 
 
-@functools.lru_cache(maxsize=_SHARED_VALUES)
-def _fetched(shared: Shared[Any]) -> Any:
-    import ray  # noqa: PLC0415  an extra
-
-    return ray.get(shared.reference)
-
-
-def _call(function: Callable[..., Any], arguments: Sequence[Any], versions: Mapping[str, str]) -> Any:
+def _call(function: Callable[..., Any], versions: Mapping[str, str], *arguments: Any) -> Any:
     here = _versions(tuple(versions))
     different = [f"{name} {version} there, {here[name]} here" for name, version in versions.items() if here[name] != version]
     if different:
@@ -147,7 +118,7 @@ def _call(function: Callable[..., Any], arguments: Sequence[Any], versions: Mapp
             f"machine {platform.node()} of the cluster has other versions than this one ({'; '.join(different)}); "
             "install the same ones on all"
         )
-    return function(*(_fetched(each) if isinstance(each, Shared) else each for each in arguments))
+    return function(*arguments)
 
 
 @functools.cache
@@ -172,17 +143,25 @@ def in_threads(function: Callable[[S], T], arguments: Iterable[S], threads: int 
         yield from pool.map(function, arguments)
 
 
-def in_processes(function: Callable[[S], T], arguments: Iterable[S], processes: int) -> Iterator[T]:
+def in_processes(
+    function: Callable[[S], T], arguments: Iterable[S], processes: int, *, ray: str | None = None, packages: Sequence[str] = ()
+) -> Iterator[T]:
     """Call a function of a module with each argument, in this process or in others that end with it; results as they come.
 
     An argument is taken from the iterable when a process is free, so a generator can stop when time is up.
 
     Args:
         processes: number of parallel processes; 1: this one.
+        ray, packages: address of a cluster that replaces them, and packages, see :func:`open_cluster`.
 
     Raises:
-        ClusterError: processes cannot be started.
+        ClusterError: processes cannot be started, or the cluster cannot be used.
     """
+    if ray is not None:
+        with open_cluster(ray, packages) as cluster:
+            for result in [cluster.submit(function, each) for each in arguments]:
+                yield result()
+        return
     check_processes(processes)
     if processes <= 1:
         yield from map(function, arguments)
@@ -238,7 +217,6 @@ def check_processes(processes: int) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this worker when its parent process ends for any reason."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 

@@ -63,7 +63,6 @@ def did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
 
 
 _KNOWN: Final = {"autoreset_mode": '; rows are reset in the same step, and in another mode with vectorization_mode="sync"'}
-"""Advice on options that other libraries have."""
 
 
 def suggesting(cls: type[T]) -> type[T]:

@@ -1,25 +1,24 @@
-"""Installation hints for extras, in a clone of the repository or for an installed package."""
+"""Installation hints for extras, in a clone of the repository or for an installed package, and imports on first use."""
 
+import ast
 import contextlib
+import pkgutil
 import shlex
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import lazy_loader
 
 _EXTRAS: Final = {
-    "av": "video",
-    "foxglove": "scene",
-    "lightgbm": "train",
-    "mcap_protobuf": "scene",
-    "pandas": "frames",
-    "playwright": "video",
-    "polars": "frames",
-    "pygame": "render",
-    "tensordict": "train",
-    "torch": "train",
-    "torchrl": "train",
+    "frames": ("pandas", "polars"),
+    "render": ("pygame",),
+    "scene": ("foxglove", "mcap_protobuf"),
+    "train": ("lightgbm", "tensordict", "torch", "torchrl"),
+    "video": ("av", "playwright"),
 }
-"""Extra of the package by optional library."""
+"""Optional libraries by extra of the package."""
 _APART: Final = ("ray",)
 """Extras that `make install` omits."""
 
@@ -41,7 +40,8 @@ def install_hint(extra: str) -> str:
 def lacking(error: ModuleNotFoundError) -> str | None:
     """Advice on an import that failed because an extra is not installed; None if it failed for another reason."""
     library = (error.name or "").partition(".")[0]
-    return f"this needs {library}, which is not installed; {install_hint(_EXTRAS[library])}" if library in _EXTRAS else None
+    extra = next((extra for extra, libraries in _EXTRAS.items() if library in libraries), None)
+    return extra and f"this needs {library}, which is not installed; {install_hint(extra)}"
 
 
 @contextlib.contextmanager
@@ -53,3 +53,17 @@ def hinted() -> Iterator[None]:
         if (hint := lacking(error)) is None or str(error) == hint:
             raise
         raise ModuleNotFoundError(hint, name=error.name) from error
+
+
+def lazily(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """``__getattr__`` and ``__dir__`` of a package, for the names that its ``__init__.py`` imports under ``if TYPE_CHECKING``.
+
+    Args:
+        package: its ``__name__``.
+    """
+    names: dict[str, list[str]] = defaultdict(list)
+    for node in ast.walk(ast.parse(pkgutil.get_data(package, "__init__.py") or b"")):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{package}."):
+            names[str(node.module).removeprefix(f"{package}.")] += [alias.name for alias in node.names]
+    load, listed, _ = lazy_loader.attach(package, submod_attrs=names)
+    return load, listed

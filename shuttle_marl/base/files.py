@@ -1,7 +1,8 @@
-"""Atomic writes through temporary files, hashes of content, safe opening of regular files, and the folder of caches."""
+"""Atomic writes, hashes of content, safe opening of regular files, and bounds of numbers in files and settings."""
 
 import collections
 import contextlib
+import dataclasses
 import errno
 import hashlib
 import json
@@ -10,32 +11,31 @@ import secrets
 import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, Final, TypeVar
+from typing import Annotated, Any, BinaryIO, Final, TypeVar, get_args, get_type_hints
 
 import msgspec
-import platformdirs
 
 from shuttle_marl.base.errors import ShuttleError
 
 NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Error codes of the system for lack of space."""
 MAX_JSON: Final = 1 << 24
-"""Limit of JSON files [bytes]."""
 MAX_LINES: Final = 1 << 25
-"""Limit of files of JSON lines, and of tables of text [bytes]."""
 T = TypeVar("T")
 StoredCount = Annotated[int, msgspec.Meta(ge=0, le=1 << 62)]
-"""A number of things that is stored, such as in a JSON file."""
-Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
-"""A probability in a JSON file."""
+Count = Annotated[int, msgspec.Meta(ge=1, le=10**15)]
+CountOrZero = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
+# PyTorch rounds smaller numbers to 0 and larger ones to infinity.
+Positive = Annotated[float, msgspec.Meta(ge=1e-30, le=1e30)]
+Fraction = Annotated[float, msgspec.Meta(ge=1e-30, le=1)]
+FractionOrZero = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Weight = Annotated[float, msgspec.Meta(ge=0, le=10)]
+Seed = Annotated[int, msgspec.Meta(ge=0, le=(1 << 63) - 1)]
 Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
-"""A hash in a JSON file, hexadecimal."""
 _BINARY: Final = getattr(os, "O_BINARY", 0)  # Windows only
 _KINDS: Final = {stat.S_IFDIR: "a folder", stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
 _SEAL: Final = "checksum"
-"""Entry of a sealed JSON object."""
 _HASHES: Final = "sha256"
-"""Entry of a card with the hashes of the files beside it."""
 
 
 class FileWriteError(ShuttleError):
@@ -256,6 +256,27 @@ def read_json(path: Path, kind: type[T], *, sealed: bool = False, limit: int = M
         raise FileReadError(problem(error)) from error
 
 
+def check_bounds(settings: Any, error: type[ShuttleError]) -> None:
+    """Check that the fields of a dataclass have their types and are within their bounds, which are annotated by ``msgspec.Meta``.
+
+    A string becomes a path where a path is expected, and the only item where a tuple of strings is.
+
+    Raises:
+        error: a field is not.
+    """
+    hints = get_type_hints(type(settings), include_extras=True)
+    for name in (field.name for field in dataclasses.fields(settings)):
+        value, hint = getattr(settings, name), hints[name]
+        if isinstance(value, str) and tuple[str, ...] in (hint, *get_args(hint)):
+            value = (value,)
+        try:
+            plain = value.item() if hasattr(value, "item") else value  # of NumPy
+            object.__setattr__(settings, name, msgspec.convert(plain, hint, dec_hook=lambda kind, given: kind(given)))
+        except msgspec.ValidationError as problem:
+            expected = str(problem)
+            raise error(f"--{name.replace('_', '-')} {value}: {expected[0].lower()}{expected[1:]}") from problem
+
+
 def parsed(text: str, *, finite: bool = False) -> Any:
     """Parse JSON text, such as metadata of a file; ``finite``: without NaN and infinity, which are no JSON.
 
@@ -278,15 +299,6 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _refused(constant: str) -> None:
     raise ValueError(f"{constant} is no number")
-
-
-def cache_folder() -> Path | None:
-    """The user's folder for caches of this package; None without a home."""
-    try:
-        folder = platformdirs.user_cache_path("shuttle_marl", appauthor=False)
-    except RuntimeError:
-        return None
-    return folder if folder.is_absolute() else None  # older versions begin with a literal ~
 
 
 def read_sealed(path: Path) -> dict[str, Any]:

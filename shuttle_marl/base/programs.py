@@ -17,7 +17,6 @@ from shuttle_marl.base.errors import ShuttleError, printable
 _CHUNK: Final = 1 << 16
 """Most bytes that are read at once, and length of the longest line [bytes]."""
 _STDERR_SHOWN: Final = 300
-"""Length of the end of the standard error of a program that messages quote [bytes]."""
 
 
 class ProgramError(ShuttleError):
@@ -136,16 +135,11 @@ class Program:
     def _deadline(self) -> float | None:
         return time.monotonic() + self._seconds if self._seconds else None
 
-    def _status(self) -> int | None:
-        """Exit status of a program that closed a pipe; None if it goes on."""
+    def _exited(self) -> str:
         assert self._process is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
-            return self._process.wait(1)
-        return None
-
-    def _exited(self) -> str:
-        """Message about a program that closed a pipe."""
-        status = self._status()
+            self._process.wait(1)
+        status = self._process.returncode
         how = "it closed its output" if status is None else f"it exited with status {status}"
         self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - _STDERR_SHOWN))
         said = printable(self._errors.read().decode(errors="backslashreplace").strip(), keep="\n")

@@ -10,9 +10,7 @@ import torch
 from torch.overrides import TorchFunctionMode
 
 _DRAWS: Final = ("kaiming_uniform_", "normal_", "uniform_")
-"""Functions by which modules draw their initial weights."""
 _MAKES: Final = ("empty", "tensor", "as_tensor")
-"""Functions by which modules make their weights and constants."""
 _threads_lock: Final = threading.Lock()
 
 
@@ -27,13 +25,7 @@ class InitialWeights(TorchFunctionMode):
         super().__init__()
         self._generator = generator
 
-    def __torch_function__(
-        self,
-        func: Any,
-        types: Any,
-        args: Sequence[Any] = (),
-        kwargs: Mapping[str, Any] | None = None,
-    ) -> Any:
+    def __torch_function__(self, func: Any, types: Any, args: Sequence[Any] = (), kwargs: Mapping[str, Any] | None = None) -> Any:
         """Call a function of PyTorch."""
         name, given = getattr(func, "__name__", ""), dict(kwargs or {})
         if name in _DRAWS:

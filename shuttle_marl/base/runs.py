@@ -1,4 +1,8 @@
-"""Runs: a folder that is created or resumed and locked, and the manifest that makes its results reproducible."""
+"""Runs: a folder that is created or resumed and locked, its manifest, checkpoints and journals, and Ctrl-C at safe points.
+
+Libraries turn a KeyboardInterrupt inside of them into other errors, or lose it: within :func:`interrupts_held` it is noted, and
+:func:`check_interrupt` raises it.
+"""
 
 import contextlib
 import dataclasses
@@ -9,29 +13,35 @@ import os
 import platform
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Any, Final
 
 import shuttle_marl
 from shuttle_marl.base import files
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import FileReadError, T, replace_file
-from shuttle_marl.base.interrupts import was_interrupted
+from shuttle_marl.base.files import FileReadError, T, hash_in, problem, read_hashed, read_sealed, replace_file, replace_with_card
 
 CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
 METRICS: Final = "metrics.jsonl"
-"""Evaluations of a training run, one JSON object a line."""
+RESULTS: Final = "results.json"
 RALLIES: Final = "rallies.mcap"
 PAGE: Final = "report.html"
 LOCK: Final = ".lock"
 """Lock file of a folder; never replaced or removed, so that all processes lock the same file."""
+_ABOUT: Final = "about.json"
+_RETAINED: Final = 2
 _ADVICE: Final = "restore it from a backup, or start the run again with --overwrite"
 _LEFTOVER: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
 """File that remains if a process is killed before it wrote the configuration."""
+_noted: Final[list[int]] = []
+"""Interrupts within :func:`interrupts_held`."""
 
 
 class RunError(ShuttleError):
@@ -60,15 +70,27 @@ class Run:
 
         Args:
             packages: distributions whose versions affect the results.
-            same: entries that stay the same until the run is finished, such as the hash of its game; see :func:`check_same`.
+            same: entries that stay the same until the run is finished, such as the hash of its game; see :meth:`check_same`.
             **more: other entries.
 
         Raises:
             RunError: an entry changed after the run was started.
         """
-        check_same(self.folder, same)
+        self.check_same(same)
         self.about = {"status": "running", **more, **describe(packages), **same}
         write_json(self.folder / MANIFEST, self.about)
+
+    def check_same(self, same: Mapping[str, Any]) -> None:
+        """Check entries of the manifest of a run that was started before, if there is one; a dictionary may have new keys.
+
+        Raises:
+            RunError: an entry changed, or the manifest cannot be read.
+        """
+        before = read_json(self.folder / MANIFEST, dict[str, Any]) if (self.folder / MANIFEST).exists() else {}
+        for what, now in same.items():
+            known = before.get(what, {})
+            if known != ({key: now.get(key) for key in known} if isinstance(known, dict) else now):
+                raise RunError(f"{self.folder}: the {what} changed after the run was started; start a new run with another --out")
 
     def finish(self, **figures: Any) -> None:
         """Mark the run as finished, with further entries of its manifest."""
@@ -85,40 +107,56 @@ class Run:
         try:
             yield
         except (KeyboardInterrupt, Exception) as error:
-            if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
+            if not (isinstance(error, KeyboardInterrupt) or _noted):
                 raise
             raise KeyboardInterrupt(f"interrupted; {saved()}; the same with --resume --out {self.folder} continues") from error
 
+    def save(self, number: int, about: dict[str, Any], content: dict[str, bytes]) -> None:
+        """Write the checkpoint ``checkpoints/NUMBER``, and remove all but the latest two.
 
-def check_flags(folder: Path, fixed: Mapping[str, Any]) -> None:
-    """Check that a run was started with these options.
+        Args:
+            about: its description, which is written last, with the hashes of the files.
+            content: of its files, by name.
 
-    Raises:
-        RunError: it was not, or its configuration cannot be read.
-    """
-    before = read_json(folder / CONFIG, dict[str, Any])
-    different = [f"{key}: {before.get(key)!r} then, {fixed[key]!r} now" for key in fixed if before.get(key) != fixed[key]]
-    if different:
-        raise RunError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to resume it")
+        Raises:
+            RunError: it cannot be written; earlier ones are intact.
+        """
+        folder = self.folder / "checkpoints" / f"{number:08d}"
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+            replace_with_card(folder / _ABOUT, about, content)
+        except ShuttleError as error:
+            raise RunError(f"{folder}: cannot be written ({error}); free some space and continue with --resume") from error
+        for old in self._checkpoints()[:-_RETAINED]:
+            shutil.rmtree(old, ignore_errors=True)
 
+    def saved(self, *names: str) -> tuple[dict[str, Any], list[bytes]] | None:
+        """The description of the last checkpoint, and the content of its files; None without a checkpoint.
 
-def check_same(folder: Path, same: Mapping[str, Any]) -> None:
-    """Check entries of the manifest of a run that was started before, if there is one; a dictionary may have new keys.
+        Raises:
+            RunError: it is damaged.
+        """
+        if not (folders := self._checkpoints()):
+            return None
+        try:
+            about = read_sealed(folders[-1] / _ABOUT)
+            return about, [read_hashed(folders[-1] / name, hash_in(about, name)) for name in names]
+        except (OSError, ValueError, FileReadError) as error:
+            raise RunError(
+                f"{folders[-1]}: cannot be read ({problem(error)}); delete it to continue from the one before"
+            ) from error
 
-    Raises:
-        RunError: an entry changed, or the manifest cannot be read.
-    """
-    before = read_json(folder / MANIFEST, dict[str, Any]) if (folder / MANIFEST).exists() else {}
-    for what, now in same.items():
-        known = before.get(what, {})
-        if known != ({key: now.get(key) for key in known} if isinstance(known, dict) else now):
-            raise RunError(f"{folder}: the {what} changed after the run was started; start a new run with another --out")
+    @property
+    def last(self) -> int:
+        """Number of the last checkpoint; 0 without one."""
+        return max((int(path.name) for path in self._checkpoints()), default=0)
+
+    def _checkpoints(self) -> list[Path]:
+        return sorted(path.parent for path in self.folder.glob(f"checkpoints/[0-9]*/{_ABOUT}"))
 
 
 @contextlib.contextmanager
-def open_run(
-    out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool, overwrite: bool, called: str | None = None
-) -> Iterator[Run]:
+def open_run(out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool, overwrite: bool) -> Iterator[Run]:
     """Create or resume a run folder, and lock it until the context ends.
 
     Args:
@@ -126,7 +164,6 @@ def open_run(
         fixed: options that affect the results, written to ``config.json``; those of a resumed run must be equal.
         resume: continue the unfinished run in ``out``, or else the latest one of that name.
         overwrite: replace the run in ``out``.
-        called: description of the run in errors; default: ``named NAME``.
 
     Raises:
         RunError: the folder contains a run, and neither resuming nor replacing was requested; or the run to resume does
@@ -143,9 +180,14 @@ def open_run(
                 with contextlib.suppress(FileNotFoundError, NotADirectoryError):
                     out.stat()
             if resume:
-                folder = _to_resume(out, default, called or f"named {name}")
+                folder = _to_resume(out, default)
                 stack.enter_context(locked(folder))
-                check_flags(folder, fixed)
+                before = read_json(folder / CONFIG, dict[str, Any])
+                if different := [
+                    f"{key}: {before.get(key)!r} then, {now!r} now" for key, now in fixed.items() if before.get(key) != now
+                ]:
+                    flags = "; ".join(different)
+                    raise RunError(f"{folder}: was started with other flags ({flags}); give the same ones to resume it")
             else:
                 folder = _new(default, stack) if out is None else _empty(out, stack, overwrite=overwrite)
                 write_json(folder / CONFIG, fixed)
@@ -154,13 +196,12 @@ def open_run(
 
 @contextlib.contextmanager
 def _usable(folder: Path) -> Iterator[None]:
-    """Turn errors of the system into a :class:`RunError`."""
     try:
         yield
     except UnicodeEncodeError as error:
         raise RunError(f"--out {str(folder)!a}: expected a name in UTF-8") from error
     except (OSError, ValueError) as error:  # ValueError: an impossible name
-        raise RunError(f"{folder}: cannot be used ({files.problem(error)}); name another folder with --out") from error
+        raise RunError(f"{folder}: cannot be used ({problem(error)}); name another folder with --out") from error
 
 
 def _new(default: Path, stack: contextlib.ExitStack) -> Path:
@@ -202,8 +243,7 @@ def _entries(folder: Path) -> list[Path]:
     return [path for path in folder.iterdir() if path.name != LOCK]
 
 
-def _to_resume(out: Path | None, default: Path, called: str) -> Path:
-    """The folder that the user named, or the latest unfinished run of a name."""
+def _to_resume(out: Path | None, default: Path) -> Path:
     if out is not None:
         folders = [out]
     else:
@@ -212,7 +252,7 @@ def _to_resume(out: Path | None, default: Path, called: str) -> Path:
         newest = sorted(found, key=lambda path: path.stat().st_mtime)
         folders = [path.parent for path in newest if not is_finished(path.parent)]
     if not folders or not (folders[-1] / CONFIG).is_file():
-        where = f"in {out}" if out else f"{called} in {default.parent}"
+        where = f"in {out}" if out else f"named {default.name} in {default.parent}"
         raise RunError(f"no run to resume {where}; omit --resume to start one")
     return folders[-1]
 
@@ -345,7 +385,7 @@ class Journal:
         except FileNotFoundError:
             return b""
         except OSError as error:
-            raise RunError(f"{self._path}: cannot be read ({files.problem(error)}); {self._restore}") from error
+            raise RunError(f"{self._path}: cannot be read ({problem(error)}); {self._restore}") from error
 
     def _parsed(self, number: int, line: bytes) -> dict[str, Any]:
         try:
@@ -381,3 +421,50 @@ def _git() -> dict[str, Any] | None:
 def _run_git(folder: Path, *arguments: str) -> str:
     command = ["git", "-C", str(folder), *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+
+
+@contextlib.contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back until :func:`check_interrupt` or the end of the context; a second one is raised at once.
+
+    It has no effect in other threads than the main one, within another such context, and where the caller handles SIGINT.
+
+    Raises:
+        KeyboardInterrupt: at the end, if it was not raised before.
+    """
+    if not _is_main() or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, _note)
+    try:
+        yield
+        check_interrupt()
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        _noted.clear()
+
+
+def check_interrupt() -> None:
+    """Raise a KeyboardInterrupt that is held back."""
+    if _noted and _is_main():
+        raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C for a moment, in this thread and for ever in processes that start within; it is raised at the end."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _is_main() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+def _note(number: int, frame: FrameType | None) -> None:
+    _noted.append(number)
+    if len(_noted) > 1:
+        signal.default_int_handler(number, frame)

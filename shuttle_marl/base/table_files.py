@@ -16,7 +16,6 @@ import pyarrow.parquet as pq
 from shuttle_marl.base.files import hash_of, read_file, replace_file, verify
 
 PARQUET: Final[dict[str, Any]] = {"compression": "zstd", "write_page_checksum": True}
-"""Options of all Parquet files."""
 _MARK: Final = b"shuttle_marl.sha256="
 _SEAL: Final = len(_MARK) + 64
 _END: Final = 8

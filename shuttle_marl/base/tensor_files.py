@@ -21,11 +21,9 @@ from shuttle_marl.base.files import read_file, read_hashed
 
 _PACKED: Final = "packed"
 _LARGE: Final = 1 << 16
-"""Size of the arrays that are packed [bytes]."""
 _MOST: Final = 1 << 27
 """Maximum size of all unpacked arrays of a file together, and of the file [bytes]."""
 _MOST_HEADER: Final = 1 << 20
-"""Maximum size of names, shapes and metadata [bytes]."""
 
 
 class Tensors(NamedTuple):

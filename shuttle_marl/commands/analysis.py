@@ -8,13 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
 import tyro
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from shuttle_marl import reports as play
-from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import MAX_JSON, read_file, replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import PlayerOptions, RallyGameOptions, hands_told
@@ -25,6 +20,7 @@ if TYPE_CHECKING:
 
 _MODEL: Final = RallyGameOptions()
 _PLAYERS: Final = PlayerOptions()
+_HEADINGS: Final = ("", "strokes", "won", "rating", "length", "tempo", "winners", "value", "most played")
 _SHOWN: Final = 12
 _PICTURED: Final = 3
 
@@ -129,16 +125,16 @@ def analysis(
             replace_file(out / f"{kind}.csv", table_files.csv_bytes(named(table) if kind == "strokes" else table))
         name = "all together" if against is None else other
         _draw(out, summaries, name, play.summarise(valued) if against is None else summaries[name])
-    if json:
-        _print_json(summaries, _ratings(path))
-    else:
-        _print_table(summaries, _ratings(path))
-        pairs = sum(value != tables.hash for value in played.values())
-        cli.console().print(
-            f"values of {pairs} of {len(played)} matches in the game of the two people who played, with their skill, "
-            f"of the others in the average game {tables.hash[:12]}",
-            soft_wrap=True,
-        )
+    ratings, pairs = _ratings(path), sum(value != tables.hash for value in played.values())
+    cli.show(
+        {name: _figures(summary, ratings.get(name)) for name, summary in summaries.items()},
+        json,
+        cli.table("", _HEADINGS, (_row(name, summary, ratings.get(name)) for name, summary in summaries.items())),
+        "won: rallies won, of all players together by the server; rating: Elo rating in the tournament; length: strokes of a "
+        "rally; tempo: seconds between two strokes; winners: part of the strokes that ended a rally; value: points added by 100 "
+        f"strokes, of {pairs} of {len(played)} matches in the game of the two people who played, with their skill, of the others "
+        f"in the average game {tables.hash[:12]}",
+    )
 
 
 def _ratings(path: Path) -> dict[str, float]:
@@ -159,13 +155,12 @@ def _draw(out: Path, summaries: dict[str, "play.Summary"], name: str, reference:
     names = list(summaries)
     drawn = {name: summaries[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
     charts.save(charts.landings(drawn, reference, name), out / "landings.png")
-    charts.save(charts.shot_mix(drawn), out / "shots.png")
     for player, summary in drawn.items():
         file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in player)
         charts.save(charts.transitions(summary, player), out / f"replies-{file}.png")
 
 
-def _print_json(summaries: dict[str, "play.Summary"], ratings: dict[str, float]) -> None:
+def _figures(summary: "play.Summary", rating: float | None) -> dict[str, Any]:
     from shuttle_marl.reports.summary import ENDINGS  # noqa: PLC0415
 
     def plain(value: Any) -> Any:
@@ -173,44 +168,21 @@ def _print_json(summaries: dict[str, "play.Summary"], ratings: dict[str, float])
             return value.tolist()
         return None if isinstance(value, float) and math.isnan(value) else value
 
-    listed = {
-        name: {f.name: plain(getattr(s, f.name)) for f in dataclasses.fields(s) if f.name != "points"}
-        | {
-            "shots": dict(zip(SHOTS, s.shots.tolist(), strict=True)),
-            "endings": dict(zip(ENDINGS, s.endings.tolist(), strict=True)),
-            "rating": ratings.get(name),
-        }
-        for name, s in summaries.items()
+    figures = {name: plain(value) for name, value in vars(summary).items() if name != "points"}
+    shares = {
+        "shots": dict(zip(SHOTS, figures["shots"], strict=True)),
+        "endings": dict(zip(ENDINGS, figures["endings"], strict=True)),
     }
-    cli.print_json(listed)
+    return {**figures, **shares, "rating": rating}
 
 
-def _print_table(summaries: dict[str, "play.Summary"], ratings: dict[str, float]) -> None:
-    def cell(value: float, scale: float, digits: int) -> str:
-        return "" if math.isnan(value) else f"{scale * value:.{digits}f}"
+def _row(name: str, summary: "play.Summary", rating: float | None) -> tuple[cli.Figure, ...]:
+    def cell(value: float | None, form: str, scale: float = 1) -> str:
+        return "" if value is None or math.isnan(value) else format(scale * value, form)
 
-    table = Table(box=SIMPLE_HEAD)
-    for heading in ("", "strokes", "won", *(["rating"] if ratings else []), "length", "tempo", "winners", "value", "most played"):
-        table.add_column(heading, justify="left" if heading in ("", "most played") else "right", no_wrap=heading != "most played")
-    for name, s in summaries.items():
-        table.add_row(
-            escape(printable(name)),
-            f"{s.strokes:,}",
-            cell(s.wins, 100, 1),
-            *([f"{ratings[name]:+.0f}" if name in ratings else ""] if ratings else []),
-            cell(s.length, 1, 1),
-            cell(s.seconds, 1, 2),
-            cell(float(s.endings[0]), 100, 0),
-            cell(s.value, 100, 2),
-            ", ".join(f"{SHOTS[i]} {100 * s.shots[i]:.0f} %" for i in np.argsort(-s.shots)[:2]),
-        )
-    console = cli.Output(highlight=False, width=max(Console().width, 100))
-    console.print(table)
-    console.print(
-        "won: rallies won [%], of all players together by the server; rating: Elo rating in the tournament;\n"
-        "length: strokes per rally; tempo: seconds between two strokes;\n"
-        "winners: winners among the strokes that ended a rally [%]; value: points added by 100 strokes"
-    )
+    s, shots = summary, dict(zip(SHOTS, summary.shots.tolist(), strict=True))
+    figures = cell(rating, "+.0f"), cell(s.length, ".1f"), cell(s.seconds, ".2f"), cell(float(s.endings[0]), ".0%")
+    return name, s.strokes, cell(s.wins, ".1%"), *figures, cell(s.value, ".2f", 100), cli.shares(shots, 2)
 
 
 COMMANDS: Final = analysis

@@ -1,14 +1,10 @@
-"""Shared parts of the command lines: commands from typed functions, consoles, error messages, tables, and shell completion.
-
-Table cells are plain text, not markup.
-"""
+"""Shared parts of the command lines: commands from typed functions, consoles, error messages, and tables of plain text."""
 
 import contextlib
 import dataclasses
 import decimal
 import errno
 import functools
-import importlib
 import inspect
 import json
 import os
@@ -24,14 +20,13 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
-from tyro.extras import SubcommandApp
 
 from shuttle_marl.base.errors import ShuttleError, command, printable
 from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.away import Spread
+    from shuttle_marl.exact.odds import Spread
     from shuttle_marl.game.tables import Game
 
 Command = Callable[..., object]
@@ -45,7 +40,6 @@ _SCALES: Final = {"k": 10**3, "m": 10**6, "g": 10**9}
 _MOST_DIGITS: Final = 30
 _WIDTH: Final = 160
 """Width of output that is not to a terminal."""
-_SHOWN_SHOTS: Final = 5
 _WRITTEN: Final = ("out", "pdf")
 """Options that name what a command writes."""
 _PAGES: Final = (".html", ".md", ".pdf")
@@ -198,29 +192,6 @@ def print_json(value: Any) -> None:
     sys.stdout.write(json.dumps(value) + "\n")
 
 
-def write_completion(shell: str, commands: Mapping[str, str]) -> None:
-    """Print the completion script of all commands and their options.
-
-    Args:
-        shell: bash, zsh or fish.
-        commands: description by name of the command.
-    """
-    app = SubcommandApp()
-    for name, description in commands.items():
-        module = importlib.import_module(f"shuttle_marl.commands.{name}")
-        command = getattr(module, "completed", module.COMMANDS)
-        if not isinstance(command, dict):
-            app.command(command, name=name, help=description)
-            continue
-        subcommands = SubcommandApp()
-        for part, function in command.items():
-            subcommands.command(function, name=part)
-        app.command(subcommands, name=name, help=description)
-    # Tyro exits after printing the script.
-    with contextlib.suppress(SystemExit):
-        app.cli(prog="shuttle-marl", args=["--tyro-write-completion", shell, "-"])
-
-
 def check_free(path: Path, *, overwrite: bool = False) -> None:
     """Refuse to overwrite a file or a folder that is not empty, unless ``overwrite``; and what is neither, in any case.
 
@@ -294,26 +265,43 @@ def _texts(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
         yield name, str(value)
 
 
-def show(figures: Mapping[str, Figure], as_json: bool, *parts: "Table | str") -> None:
+def show(figures: "Mapping[str, Figure] | Sequence[Figure]", as_json: bool, *parts: "Table | str") -> None:
     """Print the result of a command: as JSON, or its figures line by line, and then tables and notes.
 
     Args:
-        figures: by name; without parts of their own (mappings of mappings, lists), which only JSON has.
+        figures: by name; what has parts of its own (mappings of mappings, lists of these) only JSON has.
         as_json: print JSON.
         parts: tables and notes.
     """
     if as_json:
         print_json(figures)
         return
-    shown = {name: value for name, value in figures.items() if name != "home" and value is not None}  # a table has these
-    lines = {name.replace("_", " "): written(name, value) for name, value in shown.items()}
-    tell(facts({name: line for name, line in lines.items() if line is not None}), *parts)
+    grid = Table.grid(padding=(0, 3))
+    for name, value in figures.items() if isinstance(figures, Mapping) else ():
+        line = None if name == "home" or value is None else written(name, value)
+        if line is not None:
+            grid.add_row(Text(printable(words(name)), "dim"), Text(printable(line)))
+    tell(grid, *parts)
 
 
 def tell(*parts: "Table | str") -> None:
-    """Print tables and lines of text, in which nothing is markup; nothing for an empty text."""
-    for part in filter(None, parts):
-        console().print(printable(part, keep="\n") if isinstance(part, str) else part)
+    """Print tables and lines of text, in which nothing is markup; nothing for an empty text or table."""
+    for part in parts:
+        if isinstance(part, str) and part:
+            console().print(printable(part, keep="\n"))
+        elif isinstance(part, Table) and part.row_count:
+            console().print(part)
+
+
+def say(*lines: str) -> None:
+    """Print lines that may hold paths, which are not wrapped."""
+    for line in lines:
+        console().print(printable(line, keep="\n"), soft_wrap=True)
+
+
+def words(name: str) -> str:
+    """The name of a figure in words."""
+    return name.replace("_", " ")
 
 
 def written(name: str, value: Figure) -> str | None:
@@ -334,8 +322,12 @@ def written(name: str, value: Figure) -> str | None:
             return "{} ({} to {})".format(*(written(name, part) for part in value))
         case {"value": value, "low": low, "high": high}:
             return written(name, (value, low, high))
-        case Mapping() if all(isinstance(part, float) for part in value.values()):
+        case Mapping() if value and all(isinstance(part, float) for part in value.values()):
             return shares(value)
+        case Mapping() if value and all(isinstance(part, int) for part in value.values()):
+            return ", ".join(f"{words(key)} {part:,}" for key, part in value.items())
+        case list() | tuple() if all(isinstance(part, str | int) for part in value):
+            return ", ".join(printable(str(part)) for part in value) or "none"
     return None
 
 
@@ -356,21 +348,13 @@ def named(title: str, rows: Mapping[str, Mapping[str, Figure]]) -> Table:
     keys = list(next(iter(rows.values()), {}))
     lines = ([name, *(row.get(key) for key in keys)] for name, row in rows.items())
     largest = ([shares(part, _SHOWN) if isinstance(part, Mapping) else part for part in line] for line in lines)
-    return table(title, ("", *(key.replace("_", " ") for key in keys)), largest)
-
-
-def facts(rows: Mapping[str, str]) -> Table:
-    """Table of names and values, one per line."""
-    grid = Table.grid(padding=(0, 3))
-    for name, value in rows.items():
-        grid.add_row(Text(printable(name), "dim"), Text(printable(value)))
-    return grid
+    return table(title, ("", *map(words, keys)), largest)
 
 
 def shares(named: Mapping[str, float], count: int | None = None) -> str:
     """The largest fractions of a mapping, in percent."""
     order = sorted(named, key=lambda name: -named[name])[:count]
-    return ", ".join(f"{name} {percent(named[name])}" for name in order)
+    return ", ".join(f"{words(name)} {percent(named[name])}" for name in order)
 
 
 def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
@@ -388,7 +372,7 @@ def home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked:
     for name, home, away in rows:
         for figure, there in (away or {}).items():
             mean, low, high = (min(1.0, max(0.0, float(part))) for part in (there.value, there.low, there.high))
-            lines.append((name, figure.replace("_", " "), written(figure, home[figure]), written(figure, (mean, low, high))))
+            lines.append((name, words(figure), written(figure, home[figure]), written(figure, (mean, low, high))))
     return [
         table("In the game and in its refits", ("policy", "result", "game", "refits"), lines),
         f"refits: the same policies, played in {len(refits)} refits of the game on resampled matches: mean, and 95 % interval "

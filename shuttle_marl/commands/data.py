@@ -1,25 +1,24 @@
 """``python -m shuttle_marl.data``: download, convert, summarise and check annotated matches."""
 
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
-from shuttle_marl.base.errors import command, printable
+from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import HandsTold
-from shuttle_marl.data import Report, column_map, provenance_of, upstream, write_parquet
+from shuttle_marl.data import Report, provenance_of, upstream, words, write_parquet
 from shuttle_marl.data import validate as check
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.hands import hands_of, telling_hands
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.data.problems import DataError
-from shuttle_marl.data.schema import DROP_REASONS, Account
+from shuttle_marl.data.schema import DROP_REASONS, Account, DataError
 from shuttle_marl.data.table import load_counted, pseudonymous
 from shuttle_marl.data.upstream import SPLITS, Split
 
@@ -47,9 +46,7 @@ def download(*, out: Path, base_url: str = upstream.BASE_URL, jobs: int = 8) -> 
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("files", total=total)
         fetched = fetch(out, base_url=base_url, jobs=jobs, on_file=lambda done, _: progress.update(task, completed=done))
-    sys.stdout.write(
-        f"{out}: {total} files, all as published ({fetched} downloaded, {total - fetched} present already)\n{_NOTE}\n"
-    )
+    cli.say(f"{out}: {total} files, all as published ({fetched} downloaded, {total - fetched} present already)", _NOTE)
 
 
 def convert(root: Root, *, out: Path, hand: HandsTold = (), overwrite: bool = False) -> None:
@@ -65,9 +62,8 @@ def convert(root: Root, *, out: Path, hand: HandsTold = (), overwrite: bool = Fa
     with telling_hands(hand):
         cleaned = clean_matches(root)
     write_parquet(cleaned.strokes, out, account=cleaned.account, provenance=provenance_of(root, cleaned), new=not overwrite)
-    _show(cleaned.account)
-    _show_found(cleaned.provenance)
-    sys.stdout.write(f"{out}: {cleaned.strokes.num_rows} strokes\n{_NOTE}\n")
+    cli.show(cleaned.account.as_json(), False, _dropped(cleaned.account))
+    cli.say(*_found(cleaned.provenance), f"{out}: {cleaned.strokes.num_rows} strokes", _NOTE)
 
 
 def import_own(
@@ -115,13 +111,10 @@ def import_own(
         found = {"inferred": about["inferred"], "lost": about["lost"], "warnings": cleaned.warnings}
         cli.print_json({"format": about["format"], **counts, **found})
         return
-    sys.stdout.write(f"format: {about['format']}\n")
-    _show(account)
-    _show_found(about)
-    for warning in cleaned.warnings:
-        sys.stdout.write(f"warning: {printable(warning)}\n")
-    if out is not None:
-        sys.stdout.write(f"{printable(str(out))}: {account.strokes_kept} strokes\n")
+    cli.say(f"format: {about['format']}")
+    cli.show(account.as_json(), False, _dropped(account))
+    written = [] if out is None else [f"{out}: {account.strokes_kept} strokes"]
+    cli.say(*_found(about), *(f"warning: {warning}" for warning in cleaned.warnings), *written)
 
 
 def template(*, out: Path) -> None:
@@ -130,12 +123,12 @@ def template(*, out: Path) -> None:
     Args:
         out: Folder for both.
     """
-    contents = {name: column_map.template(name) for name in ("strokes.csv", "columns.toml")}
+    contents = {name: words.template(name) for name in ("strokes.csv", "columns.toml")}
     for name in contents:
         cli.check_free(out / name)
     for name, content in contents.items():
         replace_file(out / name, content.encode())
-    sys.stdout.write(f"{printable(str(out))}: {', '.join(contents)}; try `{command('data', 'import')}`\n")
+    cli.say(f"{out}: {', '.join(contents)}; try `{command('data', 'import')}`")
 
 
 def summary(root: Root, *, json: bool = False) -> None:
@@ -148,15 +141,10 @@ def summary(root: Root, *, json: bool = False) -> None:
     """
     strokes, account = load_counted(root)
     players = hands_of(strokes)
-    if json:
-        hands = {name: {"hand": player.name, "n": player.n, "share": player.share} for name, player in players.items()}
-        cli.print_json({**account.as_json(), "hands": hands})
-        return
-    _show(account)
-    rows = [(name, p.name, p.n, "" if p.share is None else p.share) for name, p in players.items() if p.name != "right"]
-    if rows:
-        headings = ("player", "hand", "around the head", "share on the right")
-        cli.tell(cli.table("left-handers, and players of unknown hand", headings, rows))
+    hands = {name: {"hand": player.name, "n": player.n, "share": player.share} for name, player in players.items()}
+    others = {name: of for name, of in hands.items() if of["hand"] != "right"}
+    table = cli.named("left-handers, and players of unknown hand: strokes around the head, share on the right", others)
+    cli.show({**account.as_json(), "hands": hands}, json, _dropped(account), table)
 
 
 def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | None = None, json: bool = False) -> None:
@@ -177,38 +165,29 @@ def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | 
         }
         cli.print_json(values)
     else:
-        _show_report(report)
+        cli.say(*_told(report))
     if report.problems:
         raise DataError(root, f"{len(report.problems)} problems")
 
 
-def _show_found(about: Mapping[str, Any]) -> None:
-    for kind, sentences in (("inferred", about["inferred"]), ("not in the file", about["lost"])):
-        for sentence in sentences:
-            sys.stdout.write(f"{kind}: {printable(sentence)}\n")
+def _found(about: Mapping[str, Any]) -> list[str]:
+    return [f"{kind}: {each}" for kind, key in (("inferred", "inferred"), ("not in the file", "lost")) for each in about[key]]
 
 
-def _show_report(report: Report) -> None:
-    for line in (*report.notes, *report.problems):
-        sys.stdout.write(f"{printable(str(line))}\n")
+def _dropped(account: Account) -> Table:
+    reasons = ((name, n, DROP_REASONS.get(name, "")) for name, n in account.dropped.items())
+    return cli.table("dropped rows", ("rows dropped", "rows", "why"), reasons)
+
+
+def _told(report: Report) -> Iterator[str]:
+    yield from map(str, (*report.notes, *report.problems))
     for split, (whole, files) in report.splits.items():
         state = "complete" if whole == files else "incomplete"
-        sys.stdout.write(f"{split}: {whole} of {files} files as published, {state}\n")
+        yield f"{split}: {whole} of {files} files as published, {state}"
     if report.account is not None:
-        sys.stdout.write(f"{report.account.strokes_kept} strokes of {report.account.matches} matches read\n")
+        yield f"{report.account.strokes_kept} strokes of {report.account.matches} matches read"
     if not report.problems:
-        sys.stdout.write("no problems\n")
-
-
-def _show(account: Account) -> None:
-    counts = {"rallies": (account.rallies, account.rallies_kept), "strokes": (account.strokes, account.strokes_kept)}
-    rows = ((name, n, kept, kept / max(n, 1)) for name, (n, kept) in counts.items())
-    cli.tell(cli.table(f"{account.matches} matches", ("", "total", "kept", "share"), rows))
-    if account.dropped:
-        reasons = ((name, n, DROP_REASONS.get(name, "")) for name, n in account.dropped.items())
-        cli.tell(cli.table("dropped rows", ("rows dropped", "rows", "why"), reasons))
-    if account.area_agreement is not None:
-        cli.tell(f"areas computed from the coordinates agree with {account.area_agreement:.1%} of the labels")
+        yield "no problems"
 
 
 COMMANDS: Final[dict[str, cli.Command]] = {

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Final
 
 import tyro
 
-from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import FileReadError, read_json
-from shuttle_marl.commands.cli import Command, check_free, console, entry_point, show, table
+from shuttle_marl.commands.cli import Command, check_free, console, entry_point, say, show, table
 from shuttle_marl.commands.options import HandsTold, hands_told
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.game.shipped import model_folder, read_model_card
@@ -75,15 +75,13 @@ def fit(
         )
     warnings = card["health"]["warnings"]
     variants = f", variants {', '.join(card['variants'])}" if card["variants"] else ""
-    console().print(
-        f"{printable(str(out))}: {card['game']['strokes']} strokes, {card['game']['legal_pairs']:,} legal pairs, "
-        f"game {card['game_hash'][:16]}{variants}"
-    )
+    game = card["game"]
+    say(f"{out}: {game['strokes']} strokes, {game['legal_pairs']:,} legal pairs, game {card['game_hash'][:16]}{variants}")
     for warning in warnings:
         name, _, figure = warning.partition(": ")
-        console().print(printable(f"warning: {_WARNINGS[name]} ({figure})"))
+        say(f"warning: {_WARNINGS[name]} ({figure})")
     if warnings:
-        console().print("More matches help. Reports advise only strokes with enough real ones behind them.")
+        say("More matches help. Reports advise only strokes with enough real ones behind them.")
 
 
 def evaluate(
@@ -132,7 +130,7 @@ def card(
     """
     from jinja2 import UndefinedError  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.dynamics.card import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
+    from shuttle_marl.dynamics.evaluate import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
 
     if truth is not None:
         try:

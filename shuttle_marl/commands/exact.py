@@ -1,10 +1,9 @@
 """``python -m shuttle_marl.exact COMMAND``: exact solution of the game, and exact measures of policies."""
 
 import contextlib
-import dataclasses
 import functools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -25,21 +24,10 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.regret import Hole
-    from shuttle_marl.game.rally.record import Rallies
+    from shuttle_marl.exact.occupancy import Hole
+    from shuttle_marl.exact.odds import Spread, Values
+    from shuttle_marl.game.rally import Rallies
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PlotOptions:
-    """A chart of the solved game."""
-
-    plot: File = None
-    """Draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF)."""
-    incoming: str | None = None
-    """Incoming stroke of the chart, as in smash:middle-left:above:forehand; default: the most frequent one in perfect play."""
-    own: str | None = None
-    """The striker's own last stroke in the chart; default: the mean over all."""
 
 
 Model = tyro.conf.OmitArgPrefixes[GameOptions]
@@ -48,11 +36,7 @@ _SCORES: Final = (
     *("policy", "rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin"),
 )
 _HOLES: Final = ("state", "plays, better", "in self-play", "against its best response", "lost a stroke", "lost a rally")
-_AT_LEAST: Final = "--at-least N sets the number"
-_SHOWN_SHOTS: Final = 5
-_EXPECTED: Final = "the part of the edge over 50 % that unseen matches realise, docs/truth.md"
 _GAME: Final = GameOptions()
-_NO_PLOT: Final = PlotOptions()
 _SAMPLES: Final = SampleOptions()
 
 
@@ -61,7 +45,9 @@ def solve(
     model: Model = _GAME,
     away: bool = True,
     tolerance: float = 1e-9,
-    chart: tyro.conf.OmitArgPrefixes[PlotOptions] = _NO_PLOT,
+    plot: File = None,
+    incoming: str | None = None,
+    own: str | None = None,
     json_output: Json = False,
 ) -> None:
     """Solve the game: the value of a rally under perfect play, and statistics of perfect play.
@@ -70,15 +56,18 @@ def solve(
         model: the game.
         away: also play the solution in the refits of the game.
         tolerance: largest acceptable error bound of a value.
-        chart: a chart of the solution.
+        plot: draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF).
+        incoming: incoming stroke of the chart, as in smash:middle-left:above:forehand; default: the most frequent one in perfect
+            play.
+        own: the striker's own last stroke in the chart; default: the mean over all.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_solution, over  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_solution  # noqa: PLC0415
     from shuttle_marl.exact.saddles import Saddle  # noqa: PLC0415
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
 
     tables = model.load()
-    strokes = _strokes_to_plot(tables, chart)
+    strokes = _strokes_to_plot(tables, plot, incoming, own)
     with cli.working("compiling"):
         warm_up(tables)
         if tables.recovery is not None:
@@ -88,11 +77,9 @@ def solve(
     with cli.working("solving"):
         solution = exact.solve(tables, tolerance=tolerance)
     seconds = time.perf_counter() - begun
-    if chart.plot is not None:
-        _plot(solution, chart.plot, *strokes)
-    others = refits_of(tables) if away else ()
-    with cli.working("playing the refits"):
-        spreads = over(others, functools.partial(of_solution, solution)) if others else None
+    if plot is not None:
+        _plot(solution, plot, *strokes)
+    others, spreads = _in_refits(tables, away, functools.partial(of_solution, solution))
     seen = exact.visits(*solution.policy)
     serving = (1 + solution.value_at_serve) / 2
     home = {"server_win": serving, "exploitability": 0.0}
@@ -147,26 +134,19 @@ def evaluate(
         for name, policy in _progress(found, "policies"):
             watch = watches.pop(name, None)  # a policy that is named twice plays the same matches again
             cards.append(scorer.score(policy, name, matches=samples.matches, seed=samples.seed, watch=watch))
-    if json_output:
-        cli.print_json([card.as_json() for card in cards])
-        return
-    best = scorer.reference_best
     bounds = [card.error_bound for card in cards if card.error_bound is not None]
     exactly = [(card.policy, card.home, card.away) for card in cards if not card.sampled]
-    cli.tell(
+    shots = {card.policy: (card.endings_vs_bc, card.shot_mix_vs_bc) for card in cards if card.shot_mix_vs_bc is not None}
+    cli.show(
+        [card.as_json() for card in cards],
+        json_output,
         cli.table("Against bc, its best response, and perfect play", _SCORES, map(_scores, cards)),
-        cli.table(
-            "Rallies against bc",
-            ("policy", "endings", f"its {_SHOWN_SHOTS} most frequent shots"),
-            (
-                (card.policy, card.endings_vs_bc, cli.shares(card.shot_mix_vs_bc, _SHOWN_SHOTS))
-                for card in cards
-                if card.shot_mix_vs_bc is not None
-            ),
+        cli.named(
+            "Rallies against bc", {name: {"endings": ends, "most frequent shots": mix} for name, (ends, mix) in shots.items()}
         ),
-        f"normalised: 0 is bc, 1 is the best response to bc ({cli.percent(best.rally)} of rallies). exploitability: gain "
-        "of the best response, which wins 50 % of rallies plus half of it. regret: loss against perfect play. "
-        "thin: fraction of its strokes with fewer than five real strokes behind them.",
+        f"normalised: 0 is bc, 1 is the best response to bc ({cli.percent(scorer.reference_best.rally)} of rallies). "
+        "exploitability: gain of the best response, which wins 50 % of rallies plus half of it. regret: loss against perfect "
+        "play. thin: fraction of its strokes with fewer than five real strokes behind them.",
         *cli.home_and_away(exactly, scorer.refits, asked=away),
         f"exact: every figure is within {max(bounds):.0e} of the true one." if bounds else "",
         *[f"{card.policy} reads the score: sampled in {card.matches} matches, 95 % intervals." for card in cards if card.sampled],
@@ -201,11 +181,10 @@ def best_response(
         save: write the response as a table, which is named table:FILE.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_pair, over  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_pair  # noqa: PLC0415
 
-    _check_at_least(at_least)
     tables = model.load()
-    least = least_support(tables) if at_least is None else at_least
+    least = _least(tables, at_least)
     with cli.working("solving"):
         (opponent,) = tables_of([policy], tables)
         answer = exact.best_response(opponent, at_least=least)
@@ -214,9 +193,7 @@ def best_response(
     expected = None if factor is None else Estimate(*(0.5 + part for part in factor.scaled(odds.rally - 0.5)))
     if save is not None:
         answer.policy.save(save, {"policy": f"best-response:{policy}"})
-    others = refits_of(tables) if away else ()
-    with cli.working("playing the refits"):
-        spreads = over(others, functools.partial(of_pair, answer.policy, opponent)) if others else None
+    others, spreads = _in_refits(tables, away, functools.partial(of_pair, answer.policy, opponent))
     home = {"rally_win": odds.rally, "match_win": odds.match()}
     figures: dict[str, Any] = {
         "policy": policy,
@@ -237,8 +214,8 @@ def best_response(
     }
     notes = (
         f"player 0 is the response, player 1 {policy}. support: fractions of its strokes with so few real ones behind them "
-        f"({_AT_LEAST}).",
-        f"expected: {_EXPECTED}." if expected is not None else "",
+        "(--at-least N sets the number).",
+        "expected: the part of the edge over 50 % that unseen matches realise, docs/truth.md." if expected is not None else "",
         f"saved as table:{save}" if save is not None else "",
     )
     cli.show(figures, json_output, *notes, *cli.home_and_away([("the response", home, spreads)], others, asked=away))
@@ -261,30 +238,25 @@ def holes(
         at_least: real strokes in the data behind every better stroke; default: 20 in models of own data, else 0.
         json_output: print JSON.
     """
-    _check_at_least(at_least)
     if top < 1:
         raise ExactError(f"--top {top}: expected 1 or more")
     tables = model.load()
-    least = least_support(tables) if at_least is None else at_least
+    least = _least(tables, at_least)
     with cli.working("solving"):
         found = exact.holes(*tables_of([policy], tables), top=top, at_least=least)
-    if json_output:
-        cli.print_json({"policy": policy, "at_least": least, **found.as_json()})
-        return
     factor = factor_of(tables)
-    realised = ""
-    if factor is not None:
-        part, low, high = map(cli.percent, (factor.value, factor.low, factor.high))
-        realised = (
-            f" In matches that no fit used, {part} ({low} to {high}) of a predicted advantage was realised (docs/truth.md)."
-        )
-    cli.tell(
+    cli.show(
+        {"policy": policy, "at_least": least, **found.as_json()},
+        json_output,
         cli.table(f"Largest losses of {policy} to its best response", _HOLES, map(_hole, found.holes)),
-        f"{len(found.holes)} of {found.states:,} states with a loss account for {cli.percent(found.share)} of it. The policy "
-        f"loses {found.loss:.5f} a rally to its best response, which gives up {found.given_up:.5f} of perfect play in exchange: "
-        f"exploitability {found.exploitability:.5f} (within {found.error_bound:.0e}). in self-play, against its best response: "
-        "expected visits of the policy in a rally, with each player serving half of the rallies. "
-        f"Better strokes have at least {least} real ones behind them where a state has any such ({_AT_LEAST}).{realised}",
+        "loss: of the policy in a rally to its best response, which gives up a part of perfect play in exchange. share: part of "
+        "the loss in the states above. in self-play, against its best response: expected visits of the policy in a rally, with "
+        f"each player serving half of the rallies. Better strokes have at least {least} real ones behind them where a state has "
+        "any such (--at-least N sets the number).",
+        ""
+        if factor is None
+        else f"In matches that no fit used, {cli.written('share', factor)} of a predicted advantage was "
+        "realised (docs/truth.md).",
     )
 
 
@@ -313,7 +285,7 @@ def crossplay(
         away: also play all pairs in the refits of the game, which takes nine times as long.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.away import of_all_pairs, over  # noqa: PLC0415
+    from shuttle_marl.exact.odds import of_all_pairs  # noqa: PLC0415
 
     _check_some(policies)
     tables = model.load()
@@ -324,12 +296,12 @@ def crossplay(
     seconds = time.perf_counter() - begun
     for _ in pairs:
         pass
-    others = refits_of(tables) if away else ()
-    home, spreads = of_all_pairs(odds), None
-    if others:  # one after the other: a cross-play takes all cores
-        spreads = over(
-            others, lambda refit: of_all_pairs(exact.crossplay([exact.moved(each, refit) for each in entrants])), at_once=1
-        )
+    home = of_all_pairs(odds)
+
+    def crossed(refit: Game) -> "Mapping[str, Values]":
+        return of_all_pairs(exact.crossplay([exact.moved(each, refit) for each in entrants]))
+
+    others, spreads = _in_refits(tables, away, crossed, at_once=1)  # one after the other: a cross-play takes all cores
     figures = {
         "policies": list(policies),
         "rally_win_serving": odds.serving.tolist(),
@@ -373,19 +345,19 @@ def _recorded(
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
-def _strokes_to_plot(game: Game, chart: PlotOptions) -> tuple[int | None, int | None]:
+def _strokes_to_plot(game: Game, plot: Path | None, incoming: str | None, own: str | None) -> tuple[int | None, int | None]:
     """Catalogue indices of the incoming and the own stroke of a chart, checked before anything is computed."""
     from shuttle_marl.reports import charts, rally  # noqa: PLC0415
 
-    if chart.plot is None:
-        if chart.incoming is not None or chart.own is not None:
+    if plot is None:
+        if incoming is not None or own is not None:
             raise ExactError("--incoming and --own select the content of a chart; name its file with --plot FILE")
         return None, None
-    charts.check_format(chart.plot)
-    incoming, own = (None if name is None else rally.stroke_index(game, name) for name in (chart.incoming, chart.own))
-    if incoming is not None:
-        rally.edges_of(game, incoming, own)
-    return incoming, own
+    charts.check_format(plot)
+    came, before = (None if name is None else rally.stroke_index(game, name) for name in (incoming, own))
+    if came is not None:
+        rally.edges_of(game, came, before)
+    return came, before
 
 
 def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:
@@ -398,9 +370,22 @@ def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> N
     charts.save(charts.best_replies(solution, incoming, own), path)
 
 
-def _check_at_least(number: int | None) -> None:
-    if number is not None and number < 0:
-        raise ExactError(f"--at-least {number}: expected 0 or more")
+def _least(game: Game, at_least: int | None) -> int:
+    """Real strokes that a better stroke must have behind it."""
+    if at_least is not None and at_least < 0:
+        raise ExactError(f"--at-least {at_least}: expected 0 or more")
+    return least_support(game) if at_least is None else at_least
+
+
+def _in_refits(
+    game: Game, asked: bool, figures: "Callable[[Game], Mapping[str, Values]]", *, at_once: int | None = None
+) -> "tuple[Sequence[Game], dict[str, Spread] | None]":
+    """The refits of a game, and figures in them; none unless asked for."""
+    from shuttle_marl.exact.odds import over  # noqa: PLC0415
+
+    refits = refits_of(game) if asked else ()
+    with cli.working("playing the refits"):
+        return refits, over(refits, figures, at_once=at_once) if refits else None
 
 
 def _support(game: Game, played: F64) -> dict[str, float] | None:
@@ -451,7 +436,7 @@ def depth(
         found,
         json_output,
         cli.named("Play", played | people),
-        cli.named("Best policies that read", found["lists"]),
+        cli.named("Best policies that read", {cli.words(name): of for name, of in found["lists"].items()}),
         "impossible: legal strokes at the net that are met in the back third. types, kinds: shot types above 2 %, and pairs of a "
         "shot type and a target area above 1 %. smash after lift: fraction of its replies to a lift from above. net runs: part "
         "of its net shots in runs of three or more cross-court ones. rare: fraction of its strokes of a shot type that bc plays "

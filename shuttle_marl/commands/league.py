@@ -9,10 +9,8 @@ from typing import Annotated, Final
 import tyro
 
 from shuttle_marl import league
-from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.interrupts import interrupts_held
-from shuttle_marl.base.runs import RALLIES
+from shuttle_marl.base.runs import RALLIES, interrupts_held
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.game.shipped import Profile
@@ -22,15 +20,14 @@ from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     """Play a round robin and print the ranked table."""
-    from shuttle_marl.league.report import console_table  # noqa: PLC0415  keeps --help quick
+    from shuttle_marl.league.page import console_table  # noqa: PLC0415  keeps --help quick
 
     run = league.run_league(config, cli.console(stderr=True))
-    out = cli.console()
-    out.print(console_table(run.standings, config.format))
-    out.print(f"run folder: {printable(str(run.folder))}", soft_wrap=True)
+    cli.console().print(console_table(run.standings, config.format))
+    cli.say(f"run folder: {run.folder}")
     log = run.folder / RALLIES
     if log.exists():
-        out.print(cli.watching(log, config.game, None if config.players else config.profile), soft_wrap=True)
+        cli.say(cli.watching(log, config.game, None if config.players else config.profile))
 
 
 def train(
@@ -58,10 +55,10 @@ def report(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], *, out: Path
         runs: their folders.
         out: the HTML file.
     """
-    from shuttle_marl.league.page.tournament import compare  # noqa: PLC0415  scipy
+    from shuttle_marl.league.page import compare  # noqa: PLC0415  scipy
 
     replace_file(out, compare(runs))
-    cli.console().print(f"report: {printable(str(out))}", soft_wrap=True)
+    cli.say(f"report: {out}")
 
 
 def pairs(
@@ -96,21 +93,21 @@ def pairs(
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
     strokes = None if data is None else read_matches(data)
     names = players_of(pairs, game, players)
-    numbers = range(len(names) * (len(names) - 1) // 2)
-    progress = iter(track(numbers, "pairs", console=cli.console(stderr=True), transient=True))
-    predictions = predict_pairs(names, game=game, date=date, policy=policy, progress=lambda: next(progress))
+    found = predict_pairs(names, game=game, date=date, policy=policy)
+    number = len(names) * (len(names) - 1) // 2
+    predictions = list(track(found, "pairs", number, console=cli.console(stderr=True), transient=True))
     if strokes is not None:
         predictions = with_results(predictions, strokes)
     rows = ranked(names, predictions, game, date)
     if out is not None:
         table = pairs_table(predictions)
         replace_file(out, csv_bytes(table) if out.suffix == ".csv" else parquet_bytes(table))
-    if json_output:
-        cli.print_json({"players": [dataclasses.asdict(row) for row in rows], "pairs": [*map(dataclasses.asdict, predictions)]})
-        return
     met = sorted((each for each in predictions if each.matches), key=lambda each: -each.rallies)
     real = ("real rallies", "real matches") if met else ()
-    cli.tell(
+    points = ((name, f"{value:+.2f}") for name, value in predictions[0].reasons.items()) if len(predictions) == 1 else ()
+    cli.show(
+        {"players": [dataclasses.asdict(row) for row in rows], "pairs": [*map(dataclasses.asdict, predictions)]},
+        json_output,
         cli.table(
             "Predicted against all others",
             ("player", "skill as of", "strokes in the data", "rallies won", "matches won"),
@@ -129,40 +126,18 @@ def pairs(
                 for row in met or predictions
             ),
         ),
+        cli.table(f"Points of 100 rallies for {predictions[0].players[0]}", ("offset", "points"), points),
     )
-    if len(predictions) == 1:
-        points = ((name, f"{value:+.2f}") for name, value in predictions[0].reasons.items())
-        cli.tell(cli.table(f"Points of 100 rallies for {predictions[0].players[0]}", ("offset", "points"), points))
 
 
 COMMANDS: Final = play
-TRAIN: Final = "train"
-REPORT: Final = "report"
 PAIRS: Final = "--pairs"
-
-
-def completed(
-    config: tyro.conf.OmitArgPrefixes[LeagueConfig],
-    form: tyro.conf.OmitArgPrefixes[
-        Annotated[object, tyro.conf.subcommand(TRAIN, prefix_name=False, constructor=train)]
-        | Annotated[object, tyro.conf.subcommand(REPORT, prefix_name=False, constructor=report)]
-    ],
-    *,
-    pairs: Profile,
-    date: str,
-    policy: str,
-    data: Path,
-    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
-) -> None:
-    """What the shell completes: options of a tournament and of pairs, and the other forms."""
-
-
 _PROG: Final = "python -m shuttle_marl.league"
 _PLAY: Final = (
     "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "
     "Writes a run folder with results, ratings, a report and every rally played. "
-    f"`{_PROG} {TRAIN} --help`: a league that learns. `{_PROG} {PAIRS} men`: real players against each other. "
-    f"`{_PROG} {REPORT} RUN…`: runs side by side."
+    f"`{_PROG} train --help`: a league that learns. `{_PROG} {PAIRS} men`: real players against each other. "
+    f"`{_PROG} report RUN…`: runs side by side."
 )
 _TRAIN: Final = (
     "Main agents, main exploiters and league exploiters learn in rounds. After each, policies are frozen, payoffs and "
@@ -178,7 +153,7 @@ _PAIRS: Final = (
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     args = list(sys.argv[1:] if argv is None else argv)
-    for name, command_of, description in ((TRAIN, train, _TRAIN), (REPORT, report, _REPORT)):
+    for name, command_of, description in (("train", train, _TRAIN), ("report", report, _REPORT)):
         if args[:1] == [name]:
             return cli.run(command_of, prog=f"{_PROG} {name}", description=description, argv=args[1:])
     if any(arg.partition("=")[0] == PAIRS for arg in args):

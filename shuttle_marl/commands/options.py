@@ -3,20 +3,23 @@
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Literal
 
+import msgspec
 import tyro
 
-from shuttle_marl.base.bounds import Seed, Within, check_bounds
-from shuttle_marl.base.errors import printable
-from shuttle_marl.commands.cli import console
+from shuttle_marl.base.errors import OptionError, printable
+from shuttle_marl.base.files import Seed, check_bounds, replace_file
+from shuttle_marl.commands.cli import console, print_json, say
 from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
+from shuttle_marl.reports.languages import Language, speaking
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY ...]")]
 Policy = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
@@ -25,7 +28,6 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
 HandsTold = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="hand", metavar="NAME=HAND")]
-_MOST_MATCHES: Final = 10_000_000
 
 
 @contextlib.contextmanager
@@ -122,7 +124,7 @@ class Appearance:
 class SampleOptions:
     """Matches of policies that read the score."""
 
-    matches: Annotated[int, Within(low=1, high=_MOST_MATCHES, text=f"a number from 1 to {_MOST_MATCHES:,}")] = 400
+    matches: Annotated[int, msgspec.Meta(ge=1, le=10_000_000)] = 400
     """Number of matches played for a policy that is sampled."""
     seed: Seed = 0
     """Random seed of these matches."""
@@ -135,3 +137,99 @@ class SampleOptions:
 
     def __post_init__(self) -> None:
         check_bounds(self, ExactError)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReportOptions(PlayerOptions):
+    """What is written of a report."""
+
+    out: File = None
+    """HTML file; default: the name of the command."""
+    pdf: File = None
+    """PDF file, written by Chromium; its first page is one side for the player."""
+    figures: File = None
+    """CSV or Parquet file for a table of all figures."""
+    language: Language = "en"
+    """Language of the page: English, Chinese (simplified) or Indonesian."""
+    json_output: Json = False
+    """Print the figures as JSON, and write no page unless --out or --pdf is given."""
+
+    def write(self, figures: Mapping[str, Any], page: Callable[[], bytes], name: str) -> None:
+        """Write what is asked for.
+
+        Args:
+            page: makes the page, in the language.
+            name: of its file by default.
+
+        Raises:
+            WatchError: there is no Chromium, or it cannot print; the page is written.
+        """
+        files: dict[str, Path] = {}
+        if self.figures is not None:
+            write_figures(figures, self.figures)
+            files["figures"] = self.figures
+        if self.json_output:
+            print_json(figures)
+        if not self.json_output or self.out is not None or self.pdf is not None:
+            with speaking(self.language):
+                content = page()
+            out = self.out or Path(name)
+            replace_file(out, content)
+            files["report"] = out
+            if self.pdf is not None:
+                replace_file(self.pdf, printed(content, out))
+                files["PDF"] = self.pdf
+        for what, path in () if self.json_output else files.items():
+            say(f"{what}: {path}")
+
+
+def write_figures(figures: Mapping[str, Any], path: Path) -> None:
+    """Write all figures of a report as a table: the name of each, such as ``briefs.0.dos.1.won``, and its number or text.
+
+    Raises:
+        OptionError: the name of the file does not end in ``.csv`` or ``.parquet``.
+        FileWriteError: it cannot be written.
+    """
+    import pyarrow as pa  # noqa: PLC0415  these keep --help quick
+
+    from shuttle_marl.base.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
+
+    def parts(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+        inner = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else None
+        if inner is None:
+            yield name, value
+        else:
+            for key, part in inner:
+                yield from parts(part, f"{name}.{key}" if name else f"{key}")
+
+    names, values = zip(*parts(figures, ""), strict=True)
+    numbers = [float(value) if isinstance(value, int | float) else None for value in values]
+    texts = [value if isinstance(value, str) else None for value in values]
+    table = pa.table({"figure": names, "number": pa.array(numbers, pa.float64()), "text": pa.array(texts, pa.string())})
+    if path.suffix not in (".csv", ".parquet"):
+        raise OptionError(f"--figures {path}: expected a file name that ends in .csv or .parquet")
+    replace_file(path, csv_bytes(table) if path.suffix == ".csv" else parquet_bytes(table))
+
+
+def printed(page: bytes, out: Path) -> bytes:
+    """A page on paper of size A4.
+
+    Args:
+        page: content of the HTML file.
+        out: its name, for errors.
+    """
+    from playwright.sync_api import Error  # noqa: PLC0415  an extra
+
+    from shuttle_marl.court import WatchError  # noqa: PLC0415
+    from shuttle_marl.court.server import browser_page, browser_program  # noqa: PLC0415
+
+    try:
+        with tempfile.TemporaryDirectory() as folder, browser_page() as tab:
+            file = Path(folder) / "report.html"
+            file.write_bytes(page)
+            tab.goto(file.as_uri())
+            return tab.pdf(prefer_css_page_size=True, print_background=True)
+    except Error as error:
+        reason = error.message.partition("\n")[0]
+        advice = f"open {out} in another browser and print it"
+        raise WatchError(f"{browser_program()} cannot print the report ({reason}); {advice}") from error

@@ -3,10 +3,7 @@
 from typing import Final
 
 import tyro
-from rich.table import Table
-from rich.text import Text
 
-from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import GameOptions
 
@@ -29,17 +26,8 @@ def policies(*, model: tyro.conf.OmitArgPrefixes[GameOptions] = _DEFAULT, json: 
 
     named = described_names(model.load())
     own = {**forms(), **_OWN}
-    if json:
-        cli.print_json({"policies": named, "forms": own})
-        return
-    out = cli.console()
-    for title, lines in (("Policies by name", named), ("Names that you complete", own)):
-        table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 2))
-        table.add_column(no_wrap=True)
-        table.add_column()
-        for name, about in lines.items():
-            table.add_row(Text(printable(name), "bold"), Text(printable(about)))
-        out.print(table)
+    titles = ("Policies by name", named), ("Names that you complete", own)
+    cli.show({"policies": named, "forms": own}, json, *(cli.table(title, ("name", "policy"), of.items()) for title, of in titles))
 
 
 COMMANDS: Final = policies

@@ -1,7 +1,5 @@
 """``python -m shuttle_marl.recording info | check | recover | export | show | scene``."""
 
-import dataclasses
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
@@ -17,14 +15,13 @@ from shuttle_marl.court.scene import SceneError
 from shuttle_marl.game.court import AREA_WORDS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import export as export_log
 from shuttle_marl.recording.header import RecordingError
+from shuttle_marl.recording.log_file import recover as recover_log
+from shuttle_marl.recording.log_file import recoverable_files, unfinished_files
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.recover import recover as recover_log
-from shuttle_marl.recording.recover import recoverable_files, unfinished_files
 from shuttle_marl.recording.replay import check as check_log
 
 if TYPE_CHECKING:
@@ -35,6 +32,7 @@ Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
 Policies = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
 
 _LOG_GAME: Final = RallyGameOptions()
+_APPEARANCE: Final = Appearance()
 _HINT: Final = "--policy NAME=POLICY gives the policy for a name in the log; --trust-policies runs the code that the log names"
 
 
@@ -66,12 +64,7 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
             "columns": list(headers[0].columns),
             "software": list(dict.fromkeys(header.software for header in headers)),
         }
-    if json_output:
-        cli.print_json(facts)
-        return
-    for name, fact in facts.items():
-        words = [printable(str(each)) for each in (fact if isinstance(fact, list) else [fact])]
-        _print(f"{name.replace('_', ' '):18}{', '.join(words) or 'none'}")
+    cli.show(facts, json_output)
 
 
 def check(path: Log, *, model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LOG_GAME, replay: bool = True) -> None:
@@ -86,7 +79,7 @@ def check(path: Log, *, model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LO
     if result.problems:
         raise RecordingError(f"{path}: {'; '.join(result.problems)}")
     how = "replayed with equal outcomes" if result.replayed else "not replayed"
-    _print(f"{path}: valid; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
+    cli.say(f"{path}: valid; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
 
 
 def recover(path: Log, *, out: Path | None = None) -> None:
@@ -106,7 +99,7 @@ def recover(path: Log, *, out: Path | None = None) -> None:
             problems.append(str(error))
             continue
         lost = f"; {recovered.lost:,} rallies lost" if recovered.lost else ""
-        _print(f"{recovered.path}: {recovered.rallies:,} rallies, {recovered.strokes:,} strokes recovered{lost}")
+        cli.say(f"{recovered.path}: {recovered.rallies:,} rallies, {recovered.strokes:,} strokes recovered{lost}")
     if problems:
         raise RecordingError("\n".join(problems))
 
@@ -116,8 +109,6 @@ def export(
     out: File,
     *,
     rows: Literal["rallies", "strokes"] = "rallies",
-    game: str | None = None,
-    profile: Profile | None = None,
 ) -> None:
     """Export a log as a table.
 
@@ -125,14 +116,8 @@ def export(
         path: a rally log, or a folder of them.
         out: the table; its suffix selects the format: .parquet, .csv or .arrow.
         rows: one row per rally or one row per stroke.
-        game: model on whose game the log was played; adds state and probabilities of every stroke (with --rows strokes).
-        profile: men or women: the game of that discipline alone; default: the average of both.
     """
-    tables = None if game is None and profile is None else RallyGameOptions(game=game, profile=profile).load_for(path)
-    if tables is not None and rows != "strokes":
-        flag = f"--profile {profile}" if game is None else f"--game {game}"
-        raise RecordingError(f"{flag} adds columns to strokes; add --rows strokes")
-    _print(f"{out}: {export_log(path, out, rows, tables):,} rows")
+    cli.say(f"{out}: {export_log(path, out, rows):,} rows")
 
 
 def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | None = None) -> None:
@@ -148,90 +133,67 @@ def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | 
         raise RecordingError("expected either --rally NUMBER or --match NUMBER")
     with RallyLog(path) as log:
         if rally is not None:
-            _print(_describe(log, rally))
+            cli.say(_describe(log, rally))
             return
         numbers = log.numbers_of_match(pairing, match or 0)
         if not len(numbers):
             raise RecordingError(f"{path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
         for number in numbers:
-            _print(_describe(log, int(number)))
-        _print(f"games: {', '.join(f'{a}-{b}' for a, b in log.points_of_games(pairing, match or 0).values())}")
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Selection:
-    """The rallies of a scene: exactly one of rally, match and best.
-
-    Attributes:
-        rally: number of the rally in the log.
-        match: number of the match in its pairing: all its rallies.
-        pairing: number of the pairing of the match.
-        best: number of rallies: the longest of the log.
-    """
-
-    rally: int | None = None
-    match: int | None = None
-    pairing: int = 0
-    best: int | None = None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SceneAppearance(Appearance):
-    """Athletes and frame rate."""
-
-    fps: int = 50
-    """Frames per second, 25 to 50."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Model(RallyGameOptions):
-    """Game and policies of the log."""
-
-    policy: Policies = ()
-    """Policy for a name in the log; modules and files are allowed here."""
-    trust_policies: bool = False
-    """Load policies from the modules and files that the log names, which runs their code."""
+            cli.say(_describe(log, int(number)))
+        cli.say(f"games: {', '.join(f'{a}-{b}' for a, b in log.points_of_games(pairing, match or 0).values())}")
 
 
 def scene(
     path: Log,
     *,
     out: Path,
-    selection: tyro.conf.OmitArgPrefixes[Selection] = Selection(),
-    appearance: tyro.conf.OmitArgPrefixes[SceneAppearance] = SceneAppearance(),
-    model: tyro.conf.OmitArgPrefixes[Model] = Model(),
+    rally: int | None = None,
+    match: int | None = None,
+    pairing: int = 0,
+    best: int | None = None,
+    fps: int = 50,
+    policy: Policies = (),
+    trust_policies: bool = False,
+    appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
+    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LOG_GAME,
 ) -> None:
-    """Write rallies as a 3D scene for Foxglove or Lichtblick.
+    """Write rallies as a 3D scene for Foxglove or Lichtblick: one of --rally, --match and --best.
 
     Args:
         path: a rally log, or a folder of them.
         out: the file to write, NAME.mcap.
-        selection: rallies of the scene.
-        appearance: athletes and frame rate.
-        model: game and policies of the log.
+        rally: number of the rally in the log.
+        match: number of the match in its pairing: all its rallies.
+        pairing: number of the pairing of the match.
+        best: number of rallies: the longest of the log.
+        fps: frames per second, 25 to 50.
+        policy: policy for a name in the log; modules and files are allowed here.
+        trust_policies: load policies from the modules and files that the log names, which runs their code.
+        appearance: appearance of the players.
+        model: game of the log.
     """
     from rich.progress import track  # noqa: PLC0415  keeps --help quick
 
     console = cli.console(stderr=True)
     with RallyLog(path) as log:
-        numbers = scenes.select(log, **dataclasses.asdict(selection))
+        numbers = scenes.select(log, rally=rally, match=match, pairing=pairing, best=best)
         content, unknown = scenes.write_scene(
             log,
             numbers,
             model.load_for(path),
             hands=appearance.hands,
             athletes=appearance.athletes,
-            fps=appearance.fps,
-            resolve=_resolver(model, [player.name for player in log.policies]),
+            fps=fps,
+            resolve=_resolver(policy, trust_policies, [player.name for player in log.policies]),
             progress=lambda numbers: track(numbers, "staging", console=console, transient=True),
         )
     for name, reason in unknown.items():
         console.print(f"without probabilities of {name}: {reason}", soft_wrap=True)
-    if unknown and not (model.trust_policies or model.policy):
+    if unknown and not (trust_policies or policy):
         console.print(_HINT, soft_wrap=True)
     replace_file(out, content)
     size = f"{len(numbers):,} rallies, {len(content) / 1e6:.1f} MB"
-    sys.stdout.write(f"{printable(str(out))}: {size}; open it in Foxglove or Lichtblick\n")
+    cli.say(f"{out}: {size}; open it in Foxglove or Lichtblick")
 
 
 COMMANDS: Final[dict[str, cli.Command]] = {
@@ -271,16 +233,12 @@ def _describe(log: RallyLog, number: int) -> str:
     return "\n".join(lines)
 
 
-def _print(text: str) -> None:
-    sys.stdout.write(printable(text, keep="\n") + "\n")
-
-
-def _resolver(model: Model, names: Sequence[str]) -> "Resolve":
+def _resolver(policies: Sequence[str], trusted: bool, names: Sequence[str]) -> "Resolve":
     """Function that resolves the policies of a log: given by the user, else by their names in the log."""
     from shuttle_marl.policy.registry import resolve, resolve_recorded  # noqa: PLC0415
 
     given: dict[str, str] = {}
-    for entry in model.policy:
+    for entry in policies:
         matching = [name for name in names if entry.startswith(f"{name}=")]
         if not matching:
             raise SceneError(f"--policy {entry}: expected NAME=POLICY with a name of the log, which has {', '.join(names)}")
@@ -290,6 +248,6 @@ def _resolver(model: Model, names: Sequence[str]) -> "Resolve":
     def resolved(name: str, game: Game) -> Policy:
         if name in given:
             return resolve(given[name], game)
-        return (resolve if model.trust_policies else resolve_recorded)(name, game)
+        return (resolve if trusted else resolve_recorded)(name, game)
 
     return resolved

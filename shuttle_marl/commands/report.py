@@ -7,8 +7,7 @@ from typing import Annotated, Final
 import tyro
 
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import RallyGameOptions, hands_told
-from shuttle_marl.commands.reports import ReportOptions
+from shuttle_marl.commands.options import RallyGameOptions, ReportOptions, hands_told
 from shuttle_marl.reports.languages import speaking
 
 _MODEL: Final = RallyGameOptions()
@@ -36,18 +35,19 @@ def report(
         video: address of the video with {seconds} where the time goes, such as https://example.org/watch?t={seconds}.
         output: what is written.
     """
-    from shuttle_marl.reports import sources  # noqa: PLC0415  these keep --help quick
-    from shuttle_marl.reports.match_page import match_page  # noqa: PLC0415
+    from shuttle_marl.court.clips import match_clips  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.reports import coach  # noqa: PLC0415
+    from shuttle_marl.reports.pages import match_page  # noqa: PLC0415
 
     game = model.load_for(path)
     with hands_told(output.hand), cli.working("analysing the match"), speaking(output.language):
-        found, source = sources.of_file(path, game, match, pairing=pairing, columns=columns)
+        found, source = coach.of_file(path, game, match, pairing=pairing, columns=columns)
     if video is not None:
-        source = dataclasses.replace(source, video=sources.video_of(video))
+        source = dataclasses.replace(source, video=coach.video_of(video))
     if output.anonymous:
         with speaking(output.language):
-            found, source = sources.anonymous(found, source)
-    output.write(found.as_json(), lambda: match_page(found, source), "report.html")
+            found, source = coach.anonymous(found, source)
+    output.write(found.as_json(), lambda: match_page(found, source, match_clips(found, source)), "report.html")
 
 
 COMMANDS: Final = report

@@ -8,8 +8,7 @@ import tyro
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import hands_told
-from shuttle_marl.commands.reports import ReportOptions
+from shuttle_marl.commands.options import ReportOptions, hands_told
 from shuttle_marl.reports.languages import speaking
 
 _OUTPUT: Final = ReportOptions()
@@ -38,12 +37,13 @@ def scout(
         list_players: list the players of the model instead.
         output: what is written.
     """
+    from shuttle_marl.court.clips import scout_clips  # noqa: PLC0415
     from shuttle_marl.data import read_matches  # noqa: PLC0415
     from shuttle_marl.game.pairs import people_of  # noqa: PLC0415
-    from shuttle_marl.reports.scout_page import scouting_page  # noqa: PLC0415
-    from shuttle_marl.reports.scouting import plain, players_of  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.reports.habits import plain  # noqa: PLC0415
+    from shuttle_marl.reports.pages import gaps, scouting_page  # noqa: PLC0415
+    from shuttle_marl.reports.scouting import players_of  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.reports.scouting import scout as scouted  # noqa: PLC0415
-    from shuttle_marl.reports.sources import gaps  # noqa: PLC0415
     from shuttle_marl.reports.words import words  # noqa: PLC0415
 
     if list_players:
@@ -70,7 +70,7 @@ def scout(
         other = None if other is None else (letters[2], other[1])
         report = dataclasses.replace(report.renamed(lambda name: hidden.get(name, letters[2])), pair=pair, beside=other)
     missing = () if strokes is None else gaps(strokes)
-    output.write(report.as_json(), lambda: scouting_page(report, missing), "scout.html")
+    output.write(report.as_json(), lambda: scouting_page(report, missing, scout_clips(report)), "scout.html")
 
 
 COMMANDS: Final = scout

@@ -40,13 +40,8 @@ def list_tasks(*, json_output: Json = False) -> None:
         }
         for name, task in suite.TASKS.items()
     ]
-    if json_output:
-        cli.print_json({"tasks": rows})
-        return
-    out = cli.console()
-    for row in rows:
-        out.print(f"{row['task']}: {row['about']}", soft_wrap=True)
-        out.print(f"  baselines: {', '.join(row['baselines'])}\n", soft_wrap=True)
+    lines = (f"{row['task']}: {row['about']}\n  baselines: {', '.join(row['baselines'])}\n" for row in rows)
+    cli.show({"tasks": rows}, json_output, *lines)
 
 
 def _described(task: "suite.Task") -> dict[str, Any]:
@@ -78,13 +73,7 @@ def show(
     found = suite.find_task(task)
     arena = arena_of(found, game, split, quick=quick, seed=seed)
     cases = [case.name for case in found.cases(arena)]
-    fields = {**_described(found), "game": arena.game.hash, "split": split}
-    if json_output:
-        cli.print_json({**fields, "cases": cases})
-        return
-    fields["hidden"] = ", ".join(found.hidden)
-    rows = {name: str(value) for name, value in fields.items() if value not in (None, "")}
-    cli.console().print(cli.facts({**rows, f"{len(cases)} cases": ", ".join(cases)}))
+    cli.show({**_described(found), "game": arena.game.hash, "split": split, "cases": cases}, json_output)
 
 
 def run(config: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = False) -> None:
@@ -94,18 +83,9 @@ def run(config: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fals
         config: settings of the run.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.board import with_interval  # noqa: PLC0415  numba
-
     folder = suite.run_method(config, cli.console(stderr=True))
     found = suite.summarise(folder, config.game, config.seed)
-    if json_output:
-        cli.print_json({"folder": str(folder), **found})
-        return
-    rows = {"task": f"{found['task']}, {found['split']}", "method": found["method"], "seeds": str(found["seeds"])}
-    rows |= {name: with_interval(each) for name, each in found["scores"].items()}
-    rows |= {"seconds": f"{found['seconds']:.1f}", "folder": str(folder)}
-    cli.console().print(cli.facts(rows))
-    _print_remarks(found["remarks"])
+    cli.show({"folder": str(folder), **found}, json_output, cli.named("Scores", found["scores"]))
 
 
 def verify(
@@ -126,32 +106,18 @@ def verify(
     from shuttle_marl.suite.results import NOT_VERIFIED  # noqa: PLC0415  numba
 
     found = suite.verify_run(folder, game, seed, progress=_progress)
-    remarks = [] if found.summary is None else found.summary["remarks"]
-    if json_output:
-        cli.print_json(
-            {
-                "folder": str(folder),
-                "units": found.units,
-                "reproduced": 0 if found.refused else found.units,
-                "refused": [dataclasses.asdict(each) for each in found.refused],
-                "remarks": remarks,
-                "not_verified": list(NOT_VERIFIED),
-            }
-        )
-    else:
-        out = cli.console()
-        for each in found.refused[:_SHOWN]:
-            out.print(printable(f"refused: {each.case}, seed {each.seed}: {each.reason}"), soft_wrap=True)
-        if not found.refused:
-            out.print(f"{found.units} units reproduced. Not verified: {', '.join(NOT_VERIFIED)}.", soft_wrap=True)
-        _print_remarks(remarks)
+    figures = {
+        "folder": str(folder),
+        "units": found.units,
+        "reproduced": 0 if found.refused else found.units,
+        "refused": [dataclasses.asdict(each) for each in found.refused],
+        "remarks": [] if found.summary is None else found.summary["remarks"],
+        "not_verified": list(NOT_VERIFIED),
+    }
+    lines = [f"refused: {each.case}, seed {each.seed}: {each.reason}" for each in found.refused[:_SHOWN]]
+    cli.show(figures, json_output, *lines)
     if found.refused:
         raise SuiteError(f"{folder}: {len(found.refused)} of {found.units} units are refused")
-
-
-def _print_remarks(remarks: Sequence[str]) -> None:
-    if remarks:
-        cli.console().print(f"remarks: {'; '.join(remarks)}", soft_wrap=True)
 
 
 def board(
@@ -162,7 +128,6 @@ def board(
     game: str | None = None,
     seed: str | None = None,
     out: File = None,
-    html: bool = False,
 ) -> None:
     """Write the leaderboard from run folders, best method first, with the open gap.
 
@@ -175,7 +140,6 @@ def board(
         game: model of the game; default: the shipped one that a run names. Folders that a run names are not opened.
         seed: seed of the split round.
         out: write the board here; default: print it.
-        html: write HTML instead of Markdown.
     """
     from shuttle_marl.suite.board import render, rows_of  # noqa: PLC0415  numba
 
@@ -183,7 +147,7 @@ def board(
         raise SuiteError("nothing to show: name run folders, or a file of results with --results")
     left: list[str] = []
     rows = rows_of(folders, results, game=game, seed=seed, check=check, progress=_progress, failed=left.append)
-    text = render(rows, "html" if html else "md")
+    text = render(rows)
     if out is None:
         print(text, end="")  # noqa: T201
     else:
@@ -202,22 +166,16 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
         json_output: print JSON.
     """
     from shuttle_marl.suite.exploit import Exploit  # noqa: PLC0415  numba
-    from shuttle_marl.suite.frontier import frontier as points_of  # noqa: PLC0415
     from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
+    from shuttle_marl.suite.task import frontier as points_of  # noqa: PLC0415
 
     found = suite.find_task(task)
     if not isinstance(found, Exploit):
         raise SuiteError(f"{task} has no frontier of an opponent; exploit-v0 has")
     arena = arena_of(found, game, "test")
     points = points_of(arena, arena.policy(opponent), tolerance=TOLERANCE)
-    if json_output:
-        cli.print_json(points)
-        return
-    rows = {
-        f"p = {each['p']:g}": ", ".join(f"{name} {each[name]:.3f}" for name in ("score", "exploitability", "gain"))
-        for each in points
-    }
-    cli.console().print(cli.facts(rows))
+    rows = {f"p = {each['p']:g}": {name: value for name, value in each.items() if name != "p"} for each in points}
+    cli.show(points, json_output, cli.named(f"Restricted responses to {opponent}, in points", rows))
 
 
 def new_submission(task: Task, *, author: str, out: Path = Path()) -> None:
@@ -228,9 +186,9 @@ def new_submission(task: Task, *, author: str, out: Path = Path()) -> None:
         author: your name on boards.
         out: folder.
     """
-    from shuttle_marl.suite.registry import new_submission as write  # noqa: PLC0415  numba
+    from shuttle_marl.suite.run import new_submission as write  # noqa: PLC0415  numba
 
-    cli.console().print(f"run it in {out} with\n  {write(task, out, author)}", soft_wrap=True)
+    cli.say(f"run it in {out} with\n  {write(task, out, author)}")
 
 
 def data(
@@ -258,11 +216,7 @@ def data(
     """
     from shuttle_marl.suite.registry import write_data  # noqa: PLC0415  numba
 
-    hashes = write_data(task, out, split, game, seeds, quick=quick, minari=minari)
-    if json_output:
-        cli.print_json(hashes)
-    else:
-        cli.console().print(cli.facts(hashes))
+    cli.show(write_data(task, out, split, game, seeds, quick=quick, minari=minari), json_output)
 
 
 def _progress(units: Sequence[Any]) -> Any:

@@ -10,9 +10,8 @@ import tyro
 from rich.console import Console
 
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.interrupts import interrupts_held
-from shuttle_marl.base.runs import PAGE, RALLIES
-from shuttle_marl.commands.cli import Command, Output, console, entry_point, named, watching
+from shuttle_marl.base.runs import PAGE, RALLIES, interrupts_held
+from shuttle_marl.commands.cli import Command, entry_point, named, say, tell, watching, words
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.config import CONFIGS, A2CConfig, PPOConfig, SACConfig, TrainingConfig
@@ -32,21 +31,20 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
 
     done = train(config, Console(stderr=True, highlight=False))
     figures = done.evaluation
-    out = Output(highlight=False, soft_wrap=True, markup=False)
     against = "bc" if config.self_play else " and ".join(config.opponent)
-    out.print(
+    say(
         f"against {against}: wins {figures.rally_win:.2%} of rallies and {figures.match_win:.2%} of matches (exact), "
-        f"{figures.score_text}, {figures.exploitability_text}"
+        f"{figures.text}",
+        f"agent: {done.folder}/agent, played as agent:{done.folder}/agent",
+        f"report: {_report(done.folder, [done.folder])}",
     )
-    out.print(f"agent: {done.folder}/agent, played as agent:{done.folder}/agent")
-    out.print(f"report: {_report(done.folder, [done.folder])}")
     if (log := done.folder / RALLIES).exists():
-        out.print(watching(log, config.game, config.profile))
+        say(watching(log, config.game, config.profile))
 
 
 def _report(folder: Path, runs: Sequence[Path]) -> Path:
     """Write the page of training runs to a folder, and return its path."""
-    from shuttle_marl.league.page.tournament import compare  # noqa: PLC0415  scipy
+    from shuttle_marl.league.page import compare  # noqa: PLC0415  scipy
 
     path = folder / PAGE
     replace_file(path, compare(runs))
@@ -58,11 +56,11 @@ def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
         from shuttle_marl.training import train_seeds  # noqa: PLC0415  torch
 
     done = train_seeds(config, seeds, jobs, Console(stderr=True, highlight=False))
-    out = console()
-    out.print(named("Exact figures: interquartile mean, 95 % interval, lowest and highest seed", done.figures))
+    figures = {words(name): of for name, of in done.figures.items()}
+    tell(named("Exact figures: interquartile mean, 95 % interval, lowest and highest seed", figures))
     folders = [done.folder / f"seed-{seed}" for seed in range(config.seed, config.seed + seeds)]
-    out.print(f"{seeds} agents are in {done.folder}; the first is played as agent:{folders[0] / 'agent'}")
-    out.print(f"report: {_report(done.folder, folders)}", soft_wrap=True)
+    say(f"{seeds} agents are in {done.folder}; the first is played as agent:{folders[0] / 'agent'}")
+    say(f"report: {_report(done.folder, folders)}")
 
 
 Seeds = Annotated[int, tyro.conf.arg(help="number of seeds to train, starting at --seed; prints the spread of their results.")]

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import functools
 import socket
-import sys
 import threading
 import webbrowser
 from pathlib import Path
@@ -172,12 +171,9 @@ def watch(
         model: the game.
         server: server of the page.
     """
-    from shuttle_marl.court.answers import Answers  # noqa: PLC0415  these keep --help quick
-    from shuttle_marl.court.first_rally import first_key, shipped_rally  # noqa: PLC0415
-    from shuttle_marl.court.match_log import MatchLog  # noqa: PLC0415
-    from shuttle_marl.court.policies import PolicyTables  # noqa: PLC0415
+    from shuttle_marl.court.answers import Answers, first_key, shipped_rally  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.court.match import MatchLog, PolicyTables  # noqa: PLC0415
     from shuttle_marl.court.server import Server, application, bind, check_video, hosts_of  # noqa: PLC0415
-    from shuttle_marl.court.stager import Stager  # noqa: PLC0415
 
     console, video = cli.console(stderr=True), output.video
     if video is not None and output.save_site is not None:
@@ -196,9 +192,19 @@ def watch(
         contextlib.closing(bind(server.host, server.port)) as listener,
         contextlib.closing(MatchLog(output.record, policies)) as log,
     ):
-        stager = Stager(appearance.athletes, appearance.hands)
-        shipped = shipped_rally(first_key(policies.game, plan, stager)) if recorded is None and tags is None else None
-        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, tags=tags, shipped=shipped)
+        athletes, hands = appearance.athletes, appearance.hands
+        key = first_key(policies.game, plan, athletes, hands)
+        answers = Answers(
+            policies,
+            plan,
+            athletes=athletes,
+            hands=hands,
+            recorded=recorded,
+            first=first,
+            log=log,
+            tags=tags,
+            shipped=shipped_rally(key) if recorded is None and tags is None else None,
+        )
         if output.save_site is not None:
             _save_site(output.save_site, page, answers, server.language)
             return
@@ -279,19 +285,20 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
 
     @functools.lru_cache(maxsize=8)
     def report(match: str | tuple[int, int], _: Language) -> bytes:
-        from shuttle_marl.reports import sources  # noqa: PLC0415  Jinja
-        from shuttle_marl.reports.match_page import match_page  # noqa: PLC0415
+        from shuttle_marl.court.clips import match_clips  # noqa: PLC0415
+        from shuttle_marl.reports import coach  # noqa: PLC0415  Jinja
+        from shuttle_marl.reports.pages import match_page  # noqa: PLC0415
 
-        found = sources.of_strokes(path, game, match) if isinstance(match, str) else sources.of_log(path, game, *match)
-        return match_page(*found)
+        found = coach.of_strokes(path, game, match) if isinstance(match, str) else coach.of_log(path, game, *match)
+        return match_page(*found, match_clips(*found))
 
     def strokes(match: str | tuple[int, int]) -> "pa.Table":
-        from shuttle_marl.reports import sources  # noqa: PLC0415  Jinja
+        from shuttle_marl.reports import coach  # noqa: PLC0415  Jinja
 
         if isinstance(match, str):
-            return sources.match_strokes(read_matches(path), match)
+            return coach.match_strokes(read_matches(path), match)
         with RallyLog(path) as log:
-            return sources.log_strokes(log, *match)
+            return coach.log_strokes(log, *match)
 
     return {
         ("report", "text/html"): lambda number: report(recorded.match(number), current()),
@@ -308,7 +315,7 @@ def _save_site(folder: Path, page: Path, answers: "Answers", language: Language)
             folder, page, answers, lambda done: status.update(f"saving the rallies … {done}"), language=language
         )
     rest = f"; {left:,} more did not fit" if left else ""
-    sys.stdout.write(f"{printable(str(folder))}: {count:,} rallies, {size / 1e6:.1f} MB{rest}\n")
+    cli.say(f"{folder}: {count:,} rallies, {size / 1e6:.1f} MB{rest}")
 
 
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:
@@ -324,7 +331,7 @@ def _film(server: "Server", listener: socket.socket, address: str, path: Path) -
     finally:
         server.should_exit = True
         running.join()
-    sys.stdout.write(f"{printable(str(path))}: {frames} frames, {path.stat().st_size / 1e6:.1f} MB\n")
+    cli.say(f"{path}: {frames} frames, {path.stat().st_size / 1e6:.1f} MB")
 
 
 COMMANDS: Final = watch

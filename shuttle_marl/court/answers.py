@@ -5,9 +5,11 @@ A request names all it needs, so pages can reconnect and share links.
 
 import contextlib
 import dataclasses
+import gzip
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import msgspec
@@ -18,41 +20,59 @@ from scipy.special import logsumexp
 
 from shuttle_marl import __version__
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import content_hash
 from shuttle_marl.court import WatchError, messages, staging
-from shuttle_marl.court.facts import hall_facts, rally_facts, rounded
-from shuttle_marl.court.first_rally import FirstRally
 from shuttle_marl.court.friends import Friends
-from shuttle_marl.court.match import CourtRally, Match, play_rally
-from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.match import CourtRally, Match, MatchLog, OnceCache, PolicyTables, play_rally
+from shuttle_marl.court.messages import RallyReply
 from shuttle_marl.court.plan import LADDER, Plan, Side
-from shuttle_marl.court.policies import OnceCache, PolicyTables
-from shuttle_marl.court.recorded import Recorded
-from shuttle_marl.court.stager import Stager
+from shuttle_marl.court.recorded import LogRallies, RealRallies, Recorded
 from shuttle_marl.court.tagging import TagFile, suggestions
-from shuttle_marl.court.values import ELITE, StrokeValues
+from shuttle_marl.court.values import ELITE, StrokeValues, hall_facts, rally_facts, rounded
+from shuttle_marl.game.court import Hands
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import game_of_people
+from shuttle_marl.game.pairs import game_of_people, looks_of
 from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.policy import history, registry
-from shuttle_marl.policy.baselines import imitation
-from shuttle_marl.reports.rally import Players, match_win_after
+from shuttle_marl.game.tables import Game
+from shuttle_marl.policy import baselines, registry
+from shuttle_marl.reports.rally import Players, decision, match_win_after
 from shuttle_marl.reports.rating import MARKS, Rating
 
-_MAX_MATCHES: Final = 64
-_MAX_PACKED: Final = 8
-_MAX_MOTIONS: Final = 16
-_MAX_OVERVIEWS: Final = 16
-_MAX_PAIRS: Final = 3
-"""Number of games of pairs in memory, of hundreds of megabytes each."""
+FIRST_RALLY: Final = Path(__file__).with_name("first_rally.bin")
+
+
+class FirstRally(Struct, frozen=True):
+    """The first rally of the default match, staged in advance; ``key``: of what it depends on.
+
+    A server whose compiled code is not cached needs half a minute before it can stage a rally; the page shows this one at once.
+    ``python -m docs.tools.first_rally`` writes the file again, after a change of the game, of the agents or of the staging.
+    """
+
+    key: str
+    reply: RallyReply
+    motion: bytes
+
+
+def first_key(game: Game, plan: Plan, athletes: tuple[str, str] | None = None, hands: Hands | None = None) -> str:
+    """Hash of the game, the plan of the match, and the appearance of the players, as for :class:`Answers`."""
+    first, second = plan.sides_in(0)
+    looks = looks_of(game, (first.policy, second.policy))
+    return content_hash(msgspec.json.encode([game.hash, plan.key.decode(), athletes or looks.athletes, hands or looks.hands]))
+
+
+def shipped_rally(key: str) -> FirstRally | None:
+    """The shipped rally; None: it is another one."""
+    found = msgspec.msgpack.decode(gzip.decompress(FIRST_RALLY.read_bytes()), type=FirstRally)
+    return found if found.key == key else None
+
+
 _PATIENCE: Final = 10.0
 """Maximum time that a new server waits for its first page before it compiles [s]."""
 _LEAST: Final = 1e-4
 """Least probability of a stroke that a person chose, under an imitated player."""
-_TOLD: Final = 5e-4
-"""Least cost of a stroke, in the probability of winning the match, that pages show."""
-_MOMENTS: Final = 5
-"""Number of costliest strokes of a match."""
+_TOLD, _MOMENTS = 5e-4, 5
+"""Least cost of a stroke, in the probability of winning the match, that pages show, and number of costliest strokes."""
 
 
 class Answers:
@@ -60,6 +80,8 @@ class Answers:
 
     Args:
         plan: the match of a page that names none.
+        athletes: ``male`` or ``female``, of seats 0 and 1; None: as the players are.
+        hands: ``right`` or ``left``, of seats 0 and 1; None: those of the players.
         recorded: recorded rallies to show instead of matches.
         log: log of the rallies that a person plays; None: not recorded.
         tags: the video that is tagged, instead of rallies; None: none.
@@ -70,8 +92,9 @@ class Answers:
         self,
         policies: PolicyTables,
         plan: Plan,
-        stager: Stager,
         *,
+        athletes: tuple[str, str] | None = None,
+        hands: Hands | None = None,
         recorded: Recorded | None = None,
         first: int = 0,
         log: MatchLog | None = None,
@@ -80,9 +103,11 @@ class Answers:
     ) -> None:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
-        self._values, self._stager, self._log = StrokeValues(policies), stager, log
-        self._overviews, self._motions = OnceCache(_MAX_OVERVIEWS), OnceCache(_MAX_MOTIONS)
-        self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
+        self._values, self._athletes, self._hands, self._log = StrokeValues(policies), athletes, hands, log
+        self._staging = threading.Lock()  # staging uses one core; two at a time would delay both
+        self._overviews, self._motions = OnceCache(16), OnceCache(16)
+        self._matches, self._packed = OnceCache(64), OnceCache(8)
+        self._pairs = OnceCache(3)  # games of hundreds of megabytes each
         self._tags, self._shipped, self._friends = tags, shipped, Friends(policies)
         self._shown = threading.Event()
 
@@ -129,7 +154,7 @@ class Answers:
 
     def opening(self, line: tuple[int, ...]) -> messages.OpeningReply:
         """Strokes that follow the first strokes of a rally between two average pros, or the two people of a pair."""
-        return self._values.opening(line, self._imitated(self._values))
+        return self._values.opening(line, self._values.imitated())
 
     def warm(self) -> None:
         """Compute the first rally, the walk to the next one, and its analysis, so that no page waits for them.
@@ -206,7 +231,7 @@ class Answers:
         values = self._values_of(query)
         if rally.receives:
             return messages.OptionsReply([], values.positions(rally.turn, rally.chooser))
-        choice = values.decision(rally.turn, rally.chooser, self._players(query))
+        choice = decision(values.game, rally.turn, rally.chooser, self._players(query))
         return messages.OptionsReply(values.options(rally, choice, limit=len(choice.stroke)), [])
 
     def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:
@@ -276,7 +301,11 @@ class Answers:
             states, strokes = found.setdefault(policies, ([], []))
             states += rally.states(policies.game)[mine].tolist()
             strokes += rally.stroke[mine].tolist()
-        players = [n for n in registry.names(self._game.seats[seat]) if n.partition(":")[0] == ELITE.policy and n != history.NAME]
+        players = [
+            n
+            for n in registry.names(self._game.seats[seat])
+            if n.partition(":")[0] == ELITE.policy and n != baselines.REMEMBERING
+        ]
         log_likelihood = np.zeros(len(players))
         for policies, (states, strokes) in found.items():
             if not strokes:
@@ -304,10 +333,10 @@ class Answers:
     def _played(self, query: messages.Query) -> CourtRally:
         if (plan := query.plan) is not None:
             match = self._matches.get(plan.key, lambda: Match(plan, self._policies))
-            return self._stager.shown(match.rally(query.rally, query.person))
+            return self._shown_as(match.rally(query.rally, query.person))
         if self._recorded is None:
             raise WatchError("this server shows no recorded rallies; load the page again")
-        rally = self._stager.shown(self._recorded.rally(query.rally))
+        rally = self._shown_as(self._recorded.rally(query.rally))
         if not query.tried:
             return rally
         k = min(query.tried)
@@ -323,22 +352,16 @@ class Answers:
         tried = tuple(i for i in branch.chosen if i in chosen)
         return dataclasses.replace(branch, key=rally.key, hands=rally.hands, athletes=rally.athletes, chosen=tried)
 
+    def _shown_as(self, rally: CourtRally) -> CourtRally:
+        return dataclasses.replace(rally, hands=self._hands or rally.hands, athletes=self._athletes or rally.athletes)
+
     def _players(self, query: messages.Query) -> Players:
         if query.plan is not None:
             return self._values_of(query).players(query.plan.sides_in(query.rally))
-        found = None if self._recorded is None else self._recorded.players(query.rally)
-        if found is not None:
+        if isinstance(self._recorded, LogRallies) and (found := self._recorded.players(query.rally)) is not None:
             return found
         # Rallies of unknown players have the values of imitated ones.
-        return self._imitated(self._values_of(query))
-
-    @staticmethod
-    def _imitated(values: StrokeValues) -> Players:
-        """The imitated people of a pair, or two average elite players."""
-        if values.game.people is not None:
-            first, second = map(imitation, values.game.people.players, values.game.seats)
-            return values.players((Side(policy=first), Side(policy=second)))
-        return values.players((ELITE, ELITE))
+        return self._values_of(query).imitated()
 
     def _values_of(self, query: messages.Query) -> StrokeValues:
         """Values of strokes in the game of a rally.
@@ -349,9 +372,9 @@ class Answers:
             policies = self._policies.between(query.plan.sides_in(query.rally))
             same = policies is self._policies
             return self._values if same else self._pairs.get(policies.game.hash, lambda: StrokeValues(policies))
-        people = None if self._recorded is None else self._recorded.people(query.rally)
-        if people is None or self._game.people is not None:
+        if not isinstance(self._recorded, RealRallies) or self._game.people is not None:
             return self._values
+        people = self._recorded.people(query.rally)
 
         def values() -> StrokeValues:
             game = game_of_people(self._game.seats[0], people.names, people.date)
@@ -365,10 +388,12 @@ class Answers:
         def compute() -> tuple[staging.Motion, int]:
             branch = _branch(query, rally)
             if branch is None:
-                return self._stager.stage(rally), 0
+                with self._staging:
+                    return staging.stage(rally, seed=rally.key, athletes=rally.athletes), 0
             before, stroke = branch
             begun, _ = self._motion(before, self._played(before))
-            motion = self._stager.stage(rally, begun, stroke)
+            with self._staging:
+                motion = staging.continue_motion(begun, rally, seed=rally.key, from_stroke=stroke)
             return motion, int(motion.contact_frame[stroke - 1]) + 1 if stroke else len(begun.time)
 
         # Where a person chose strokes, the motion depends on when they did, because frames that were shown do not change.

@@ -11,27 +11,23 @@ from shuttle_marl import __version__
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.court import messages
 from shuttle_marl.court.building import BuildError, build
-from shuttle_marl.court.facts import hall_facts, rally_facts
-from shuttle_marl.court.match import CourtRally, play_rally
+from shuttle_marl.court.match import CourtRally, PolicyTables, play_rally
 from shuttle_marl.court.plan import Plan
-from shuttle_marl.court.policies import PolicyTables
-from shuttle_marl.court.recorded import LogRallies, RealRallies
+from shuttle_marl.court.recorded import LogRallies, RealRallies, Recorded
 from shuttle_marl.court.staging import stage
 from shuttle_marl.court.staging.skeleton import model_file
-from shuttle_marl.court.values import ELITE, StrokeValues
-from shuttle_marl.exact import evaluate
+from shuttle_marl.court.values import ELITE, StrokeValues, hall_facts, rally_facts
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy import baselines
 from shuttle_marl.reports import Players
-from shuttle_marl.reports.advice import Advice, Meeting, imitated, meet
+from shuttle_marl.reports.advice import Advice, Meeting
+from shuttle_marl.reports.coach import Source, hidden
 from shuttle_marl.reports.html import Viewer
 from shuttle_marl.reports.match import MatchReport
-from shuttle_marl.reports.rendering import Clips
+from shuttle_marl.reports.pages import Clips
 from shuttle_marl.reports.scouting import ScoutingReport
-from shuttle_marl.reports.sources import Source, hidden
 
 _FPS: Final = 25
 """Frames per second; the page interpolates, and motions are half as large."""
@@ -77,12 +73,8 @@ def viewer() -> Viewer:
     return Viewer(script=script.replace("</script", "<\\/script").replace("<!--", "<\\!--"), style=style.replace("</", "<\\/"))
 
 
-def shared(rallies: Sequence[CourtRally], game: Game, players: Players) -> tuple[str, int]:
-    """Rallies as the content of a saved page of the live court.
-
-    Args:
-        rallies: in the order of their numbers, from 0.
-        game: in which they are valued.
+def shared(rallies: Sequence[CourtRally], game: Game, players: Players | None) -> tuple[str, int]:
+    """Rallies, in the order of their numbers, as the content of a saved page of the live court; None: imitated players.
 
     Returns:
         JSON without characters that end a script element, and the number of rallies that it contains.
@@ -97,7 +89,8 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players) -> tuple
         if size > _MOST_BYTES:
             break
         replies[f"rally {number}"] = packed
-        replies[f"analysis {number}"] = _packed(messages.encode_reply(0, values.analysis(rally, players)))
+        analysis = values.analysis(rally, players or values.imitated())
+        replies[f"analysis {number}"] = _packed(messages.encode_reply(0, analysis))
         shown |= dict.fromkeys(rally.athletes)
         count += 1
     hello = messages.Hello(
@@ -118,12 +111,7 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players) -> tuple
 
 
 def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: tuple[str, str]) -> list[CourtRally]:
-    """A simulated rally for each advice: the situation occurs, and seat 0 plays the advised stroke.
-
-    Args:
-        home: the imitated players.
-        names: printable names of the players.
-    """
+    """A simulated rally for each advice: the situation occurs, and seat 0 of the imitated players plays the advised stroke."""
     found: list[CourtRally] = []
     looks = looks_of(pair, names)._asdict()
 
@@ -152,7 +140,7 @@ def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: t
 
 def scout_clips(report: ScoutingReport) -> Clips:
     """An example of each piece of advice."""
-    if report.pair is None or report.home is None or report.player is None:
+    if not report.advice or report.pair is None or report.home is None or report.player is None:
         return Clips()
     try:
         program = viewer()
@@ -170,7 +158,7 @@ def match_clips(report: MatchReport, source: Source) -> Clips:
     Raises:
         WatchError: the file has no whole rally.
     """
-    found: LogRallies | RealRallies
+    found: Recorded
     if source.strokes is None:
         found, numbers = LogRallies(source.path, source.game), dict(enumerate(source.numbers))
     else:
@@ -184,20 +172,8 @@ def match_clips(report: MatchReport, source: Source) -> Clips:
         return Clips(reason=str(error), numbers=listed)
     moments = [i for i in report.moments if i in numbers]
     staged = [found.rally(numbers[i]) for i in moments]
-    if source.policies is None:
-        game, policies = report.game, _imitated(report.game)
-    else:
-        game, policies = hidden(source.game, source.people, report.players), source.policies
+    game = report.game if source.policies is None else hidden(source.game, source.people, report.players)
     if source.anonymous:
         staged = [dataclasses.replace(rally, names=report.players) for rally in staged]
-    content, count = shared(staged, game, policies)
+    content, count = shared(staged, game, source.policies)
     return Clips(content=content, viewer=program, shown=moments[:count], numbers=listed)
-
-
-def _imitated(game: Game) -> Players:
-    """The imitated people of a pair, or two average players."""
-    if game.people is not None:
-        first, second = imitated(game)
-        return Players(tables=(first, second), value=meet(first, second).value)
-    average = baselines.load(None, game.seats[0])
-    return Players(tables=(average, average), value=evaluate(average, average))

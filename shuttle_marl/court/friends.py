@@ -14,11 +14,10 @@ from typing import Final
 from msgspec.structs import replace
 
 from shuttle_marl.court import WatchError
-from shuttle_marl.court.match import CourtRally, Match
+from shuttle_marl.court.match import CourtRally, Match, PolicyTables
 from shuttle_marl.court.messages import FriendReply, FriendRequest, Query
 from shuttle_marl.court.plan import DUEL, Person, Plan, Side
-from shuttle_marl.court.policies import PolicyTables
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 
 MAX_GAMES: Final = 64
 """Maximum number of games of a server."""
@@ -46,11 +45,7 @@ class _Game:
 
 
 class Friends:
-    """The games of a server; calls from several threads are answered one after the other.
-
-    Args:
-        policies: of the game that is played.
-    """
+    """The games of a server; calls from several threads are answered one after the other."""
 
     def __init__(self, policies: PolicyTables) -> None:
         self._policies = policies
@@ -64,9 +59,8 @@ class Friends:
             WatchError: the choice is not legal.
         """
         with self._lock:
-            token, now = asked.token, time.monotonic()
-            if token is None:
-                token = self._open(now)
+            now = time.monotonic()
+            token = asked.token or self._open(now)
             if token is None:
                 return FriendReply(refused="full")
             game = self._games.get(token)

@@ -1,14 +1,18 @@
-"""Matches played stroke by stroke on request of a page: by policies, by a person, or by both.
+"""Matches played stroke by stroke on request of a page, by policies, by a person, or by both; their policies and their log.
 
 A rally depends on the plan and its number alone, so a link reproduces it. Random numbers are those of ``match_v0``: by seed,
-match 0, rally and stroke.
+match 0, rally and stroke. Pages name policies and are untrusted: a name is resolved without importing modules or opening files,
+unless the user gave it on the command line.
 """
 
 import dataclasses
 import itertools
 import threading
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -16,43 +20,114 @@ from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.plan import Person, Plan, Side
-from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, visits
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
-from shuttle_marl.game.pairs import looks_of
-from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import choose, stepper_of
+from shuttle_marl.game.pairs import game_between, looks_of
+from shuttle_marl.game.policy import Policy, TabulatedPolicy, TemperedPolicy, tabulate
+from shuttle_marl.game.rally import Rallies, Rally, choose, columns_of, stepper_of, stroke_dtype
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.policy import baselines
+from shuttle_marl.policy.registry import resolve, resolve_recorded
+from shuttle_marl.recording.header import LogHeader, Pair, Player
+from shuttle_marl.recording.recorder import RallyRecorder
 
-PERSON: Final = "you"
-"""Name under which a person plays."""
-FRIEND: Final = "friend"
-"""Name of another person at the other seat."""
-_SEEDS: Final = 4096
+T = TypeVar("T")
+
+
+class OnceCache:
+    """Least-recently-used cache that computes each result once, even if several threads request it at the same time."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._entries: dict[Hashable, tuple[threading.Lock, list[Any]]] = {}
+        self._lock = threading.Lock()
+
+    def get(self, key: Hashable, compute: Callable[[], T]) -> T:
+        """The result of a key, computed if it is not cached; errors are not cached."""
+        with self._lock:
+            entry = self._entries.pop(key, None) or (threading.Lock(), [])
+            self._entries[key] = entry
+            while len(self._entries) > self._size:
+                self._entries.pop(next(iter(self._entries)))
+        lock, results = entry
+        with lock:
+            if not results:
+                results.append(compute())
+            result: T = results[0]
+            return result
+
+
+class PolicyTables:
+    """Policies of one game; ``trusted`` names, which the user gave, may name modules and files."""
+
+    def __init__(self, game: Game, trusted: Collection[str] = ()) -> None:
+        self.game = game
+        self._trusted = frozenset(trusted)
+        self._policies, self._tables = OnceCache(12), OnceCache(12)
+        self._values, self._visits = OnceCache(24), OnceCache(24)
+        self._solution, self._opposite = OnceCache(1), OnceCache(1)
+
+    def between(self, sides: tuple[Side, Side]) -> "PolicyTables":
+        """The policies of the game in which two sides meet: these ones, but between persons whose hands differ."""
+        game = game_between(self.game, (sides[0].policy, sides[1].policy))
+        return self if game is self.game else self._opposite.get(game.hash, lambda: PolicyTables(game, self._trusted))
+
+    def table(self, side: Side, seat: int = 0) -> TabulatedPolicy:
+        """The tabulated policy of a side at a seat; for ``bc:history``, which has no table, that of ``bc``.
+
+        Raises:
+            PolicyError: the policy is unknown, may not be named by a page, or reads the score or the rally so far.
+        """
+        if side.policy == baselines.REMEMBERING:
+            side = Side(policy="bc", temperature=side.temperature)
+        game = self.game.seats[seat]  # the same for both, unless it is that of a pair
+        return self._tables.get((side, game.hash), lambda: tabulate(self.policy(side, seat), game))
+
+    def policy(self, side: Side, seat: int = 0) -> Policy:
+        """The policy of a side at a seat, for single states: tabulating all states would take longer.
+
+        Raises:
+            PolicyError: the policy is unknown, or may not be named by a page.
+        """
+        game = self.game.seats[seat]
+
+        def resolved() -> Policy:
+            policy = (resolve if side.policy in self._trusted else resolve_recorded)(side.policy, game)
+            return policy if side.temperature == 1 else TemperedPolicy(policy, side.temperature)
+
+        return self._policies.get((side, game.hash), resolved)
+
+    def values(self, sides: tuple[Side, Side]) -> ProfileValue:
+        """Exact values of seat 0 against seat 1."""
+        return self._values.get(sides, lambda: evaluate(self.table(sides[0], 0), self.table(sides[1], 1)))
+
+    @property
+    def solution(self) -> Solution:
+        """The solved game."""
+        return self._solution.get(self.game.hash, lambda: solve(self.game))
+
+    def visits(self, sides: tuple[Side, Side]) -> Visits:
+        """Expected visits of seat 0 against seat 1 in a rally, both serving equally often."""
+        return self._visits.get(sides, lambda: visits(self.table(sides[0], 0), self.table(sides[1], 1)))
+
+
+PERSON, FRIEND = "you", "friend"
+"""Names of a person, and of another person at the other seat."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class CourtRally(Rally):
-    """A rally as the page shows it; one that continues waits for the choice of a person.
+    """A rally as the page shows it; one that continues waits for the choice of a person."""
 
-    Attributes:
-        names: printable names of the players at seats 0 and 1.
-        athletes: ``male`` or ``female``, of seats 0 and 1.
-        turn: state in which a person has to choose; None: the rally is over.
-        receives: whether they are the receiver there, of a stroke that is not told, and choose a position if they can.
-        chosen: numbers of the strokes that no policy chose.
-        key: random seed of the staging.
-    """
-
-    names: tuple[str, str]
+    names: tuple[str, str]  # printable, of seats 0 and 1
     athletes: tuple[str, str] = ("male", "male")
     score: Score
-    turn: int | None = None
-    receives: bool = False
-    chosen: tuple[int, ...] = ()
-    key: int
+    turn: int | None = None  # state in which a person has to choose; None: the rally is over
+    receives: bool = False  # they are the receiver there, of a stroke that is not told, and choose a position if they can
+    chosen: tuple[int, ...] = ()  # numbers of the strokes that no policy chose
+    key: int  # random seed of the staging
 
     @property
     def chooser(self) -> int:
@@ -66,12 +141,7 @@ class CourtRally(Rally):
     @classmethod
     def at(cls, score: Score, **fields: Any) -> "CourtRally":
         """A rally at a score, which says who serves, the points and games, and the ends."""
-        known: dict[str, Any] = {
-            "server": score.server,
-            "points": score.points,
-            "games": score.games,
-            "ends_changed": score.ends_changed,
-        }
+        known: dict[str, Any] = {name: getattr(score, name) for name in ("server", "points", "games", "ends_changed")}
         return cls(score=score, **known, **fields)
 
 
@@ -106,7 +176,7 @@ class Match:
     def _play(self, number: int, person: Person | None) -> CourtRally:
         sides = self.plan.sides_in(number)
         policies = self._policies.between(sides)
-        names = [side_name(side) for side in sides]
+        names = [_side_name(side) for side in sides]
         if person is not None and number >= person.rally:
             names[person.seat] = PERSON
             if person.friend:
@@ -148,9 +218,7 @@ def play_rally(
     """
     number, names, score = about
     stepper = stepper_of(game)
-    strokes: list[int] = []
-    hurried: list[bool] = []
-    positions: list[int] = []
+    strokes, hurried, positions = list[int](), list[bool](), list[int]()
     state, ending = ROOT, RETURNED_BELOW
     turn, receives = None, False
     if begun is not None:
@@ -173,7 +241,7 @@ def play_rally(
             policy, tables = policies[striker], game.seats[striker]
             stroke = choose(policy, tables, state, int(choice_draw(bits)[0]), score.seen_by(striker), strokes)
         position = stepper.only_position(state)
-        if stepper.chooses_position(state):
+        if position is None:
             if waited and i in waited:
                 position = waited[i]
                 if not stepper.is_feasible(state, position):
@@ -185,8 +253,7 @@ def play_rally(
                 policy, tables = policies[receiver], game.seats[receiver]
                 drawn = int(position_draw(bits)[0])
                 position = choose(policy, tables, state, drawn, score.seen_by(striker), strokes, waits=True) - tables.n_strokes
-        if position is not None:
-            positions.append(position)
+        positions.append(position)
         strokes.append(stroke)
         hurried.append(stepper.is_hurried(state))
         played, state = stepper.step(state, striker, stroke, int(outcome_draw(bits)[0]), position)
@@ -211,13 +278,9 @@ def play_rally(
 
 
 def seed_of_line(game: Game, line: Sequence[int]) -> int | None:
-    """The first seed of a match whose first rally seat 0 serves and in which all strokes of a line are legal and returned.
-
-    Returns:
-        The seed; None if none of the first 4,096 has such a rally.
-    """
+    """The first of 4,096 seeds in whose first rally, served by seat 0, all strokes of a line are legal and returned."""
     stepper = stepper_of(game)
-    for seed in range(_SEEDS):
+    for seed in range(4096):
         if int(first_server(draw(stream(seed, 0, 0), 0))[0]):
             continue
         key, state = stream(seed, 0, 0), ROOT
@@ -232,8 +295,93 @@ def seed_of_line(game: Game, line: Sequence[int]) -> int | None:
     return None
 
 
-def side_name(side: Side) -> str:
-    """Printable name of a player."""
+def _side_name(side: Side) -> str:
     if side.temperature == 1:
         return printable(side.policy)
     return f"{printable(side.policy)}@{'greedy' if side.temperature == 0 else format(side.temperature, 'g')}"
+
+
+_MOST_OPEN: Final = 8
+"""Maximum number of open logs: pages in several tabs play matches in turn."""
+
+
+class MatchLog:
+    """Records finished rallies in a folder that the first one creates; :meth:`close` finishes the open logs."""
+
+    def __init__(self, folder: Path, policies: PolicyTables) -> None:
+        self._folder, self._policies = folder, policies
+        self._open: OrderedDict[object, RallyRecorder] = OrderedDict()
+        self._recorded: set[tuple[object, int]] = set()
+        self._lock = threading.Lock()
+        self._started, self._count = time.strftime("%Y%m%d-%H%M%S"), 0
+
+    def add(self, plan: Plan, rally: CourtRally) -> None:
+        """Record a rally if it is finished and not recorded yet.
+
+        Raises:
+            RecordingError: the log cannot be written.
+        """
+        winner = rally.winner
+        if winner is None:
+            return
+        match = (plan.seed, plan.points, rally.names, plan.sides_in(rally.number))
+        with self._lock:
+            if (match, rally.number) in self._recorded:
+                return
+            recorder = self._recorder(match, plan, rally)
+            recorder.add(self._row(rally, winner))
+            recorder.flush(sync=False)
+            self._recorded.add((match, rally.number))
+
+    def close(self) -> None:
+        """Finish the open logs."""
+        with self._lock:
+            while self._open:
+                self._open.popitem()[1].close()
+
+    def _recorder(self, match: object, plan: Plan, rally: CourtRally) -> RallyRecorder:
+        if match in self._open:
+            self._open.move_to_end(match)
+            return self._open[match]
+        if len(self._open) == _MOST_OPEN:
+            self._open.popitem(last=False)[1].close()
+        sides = plan.sides_in(rally.number)
+        policies = self._policies.between(sides)
+        players = tuple(
+            Player(name=name)
+            if name in (PERSON, FRIEND) or side.policy == baselines.REMEMBERING
+            else Player(name=name, hash=policies.table(side, seat).hash)
+            for seat, (name, side) in enumerate(zip(rally.names, sides, strict=True))
+        )
+        header = LogHeader(
+            seed=plan.seed,
+            game=policies.game.hash,
+            strokes=rally.catalogue.names,
+            policies=players,
+            draws="match_v0",
+            rules=plan.rules,
+            pair=Pair.of(policies.game),
+            columns=columns_of(policies.game),
+        )
+        self._count += 1
+        self._folder.mkdir(parents=True, exist_ok=True)
+        recorder = RallyRecorder.create(self._folder / f"played-{self._started}-{self._count}.mcap", header)
+        self._open[match] = recorder
+        return recorder
+
+    @staticmethod
+    def _row(rally: CourtRally, winner: int) -> Rallies:
+        return Rallies(
+            pairing=np.zeros(1, np.uint32),
+            match=np.zeros(1, np.uint32),
+            rally=np.array([rally.number], np.uint16),
+            policy=np.array([[0, 1]], np.uint16),
+            server=np.array([rally.server], np.uint8),
+            winner=np.array([winner], np.uint8),
+            reason=np.array([rally.ending], np.uint8),
+            score=np.array([[*rally.points, *rally.games]], np.uint8),
+            length=np.array([len(rally)], np.int32),
+            stroke=rally.stroke.astype(stroke_dtype(len(rally.catalogue))),
+            hurried=rally.hurried.astype(np.uint8),
+            waited=None if rally.waited is None else rally.waited.astype(np.int8),
+        )

@@ -45,19 +45,13 @@ class FriendSeat(Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class Query(Request, kw_only=True, frozen=True):
-    """A request about a rally.
-
-    Attributes:
-        plan: plan of its match; None: a recorded rally, or one of the game of two persons.
-        tried: what replaces strokes, or positions of receivers, of a recorded rally.
-        friend: the seat of who asks about a game of two persons, whose plan the server has.
-    """
+    """A request about a rally."""
 
     rally: Annotated[int, Meta(ge=0, lt=1 << 40)]
-    plan: Plan | None = None
+    plan: Plan | None = None  # of its match; None: a recorded rally, or one of the game of two persons
     person: Person | None = None
-    tried: Tried = {}
-    friend: FriendSeat | None = None
+    tried: Tried = {}  # what replaces strokes, or positions of receivers, of a recorded rally
+    friend: FriendSeat | None = None  # the seat of who asks about a game of two persons, whose plan the server has
 
     def __post_init__(self) -> None:
         if self.plan is not None and self.rally >= MAX_RALLIES:
@@ -69,15 +63,10 @@ class HelloRequest(Request, tag="hello", frozen=True):
 
 
 class RallyRequest(Query, kw_only=True, tag="rally", frozen=True):
-    """Strokes and motion of a rally.
+    """Strokes and motion of a rally."""
 
-    Attributes:
-        have: whether the page has the motion up to the branch; then the reply holds the frames after it.
-        walk: whether the reply holds the walk to the next rally instead, the frames after those of the rally.
-    """
-
-    have: bool = False
-    walk: bool = False
+    have: bool = False  # the page has the motion up to the branch; the reply holds the frames after it
+    walk: bool = False  # the reply holds the walk to the next rally instead, the frames after those of the rally
 
 
 class AnalysisRequest(Query, kw_only=True, tag="analysis", frozen=True):
@@ -93,13 +82,9 @@ class StylesRequest(Query, kw_only=True, tag="styles", frozen=True):
 
 
 class MatchRequest(Query, kw_only=True, tag="match", frozen=True):
-    """Overview of the match of a rally.
+    """Overview of the match of a rally."""
 
-    Attributes:
-        partial: whether it ends with that rally; matches of a person always do.
-    """
-
-    partial: bool = False
+    partial: bool = False  # it ends with that rally; matches of a person always do
 
 
 class LikenessRequest(Query, kw_only=True, tag="likeness", frozen=True):
@@ -107,44 +92,28 @@ class LikenessRequest(Query, kw_only=True, tag="likeness", frozen=True):
 
 
 class RatingRequest(Request, kw_only=True, tag="rating", frozen=True):
-    """The rating of a person after a match.
-
-    Attributes:
-        points, deviation, volatility: before it, as in :class:`shuttle_marl.reports.rating.Rating`.
-        scores: quality of each judged decision of the match.
-    """
+    """The rating of a person after a match."""
 
     points: Annotated[float, Meta(ge=-10_000, le=10_000)]
     deviation: Annotated[float, Meta(ge=0, le=1000)]
     volatility: Annotated[float, Meta(gt=0, le=1)]
-    scores: Annotated[tuple[Annotated[float, Meta(ge=0, le=1)], ...], Meta(max_length=20_000)]
+    scores: Annotated[tuple[Annotated[float, Meta(ge=0, le=1)], ...], Meta(max_length=20_000)]  # quality of each judged decision
 
 
 class FriendRequest(Request, kw_only=True, tag="friend", frozen=True):
-    """A person opens a game of two persons, takes a seat in it, chooses, or asks how it stands.
+    """A person opens a game of two persons, takes a seat in it, chooses, or asks how it stands."""
 
-    Attributes:
-        token: token of the game; None: a new one.
-        key: key of the seat; None: the next free one.
-        rally, stroke: numbers of the stroke for which they choose.
-        choice: a stroke, or as the receiver a position; None: none.
-    """
-
-    token: Secret | None = None
-    key: Secret | None = None
+    token: Secret | None = None  # of the game; None: a new one
+    key: Secret | None = None  # of the seat; None: the next free one
     rally: RallyNumber = 0
     stroke: StrokeNumber = 0
-    choice: CatalogueIndex | None = None
+    choice: CatalogueIndex | None = None  # for this stroke: a stroke, or as the receiver a position; None: none
 
 
 class OpeningRequest(Request, tag="opening", frozen=True):
-    """Strokes that follow the first strokes of a rally.
+    """Strokes that follow the first strokes of a rally."""
 
-    Attributes:
-        line: catalogue indices of the first strokes.
-    """
-
-    line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()
+    line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()  # catalogue indices of the first ones
 
 
 _HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
@@ -192,34 +161,21 @@ class TagRow(TagStroke, forbid_unknown_fields=True, frozen=True, kw_only=True):
 
 
 class TagRequest(Request, kw_only=True, tag="tag", frozen=True):
-    """An input of a person who tags a video, and the rows that it changed.
+    """An input of a person who tags a video, and the rows that it changed."""
 
-    Attributes:
-        at: number of inputs before it.
-        after: hash of these, which the last reply gave; None: of those that the last reply of this connection gave.
-        input: the input as JSON; None: the last one is undone.
-        only_rows: whether no input is added, only rows.
-        first: number of the first row that changed; those from there on are replaced.
-        rows: the new ones.
-    """
-
-    at: Count
-    input: Annotated[str, Meta(max_length=1000)] | None
-    first: Count
+    at: Count  # number of inputs before it
+    input: Annotated[str, Meta(max_length=1000)] | None  # as JSON; None: the last one is undone
+    first: Count  # number of the first row that changed; those from there on are replaced
     rows: Annotated[tuple[TagRow, ...], Meta(max_length=400)]
-    only_rows: bool = False
-    after: Annotated[str, Meta(max_length=64)] | None = None
+    only_rows: bool = False  # no input is added
+    after: Annotated[str, Meta(max_length=64)] | None = None  # hash of the inputs before; None: that which the last reply gave
 
 
 class SuggestRequest(Request, tag="suggest", frozen=True):
-    """Shot types that probably follow the strokes of a rally.
-
-    Attributes:
-        receivers: hands of who receives the serve, and of the server.
-    """
+    """Shot types that probably follow the strokes of a rally."""
 
     line: Annotated[tuple[TagStroke, ...], Meta(max_length=300)]
-    receivers: tuple[Hand, Hand] = ("right", "right")
+    receivers: tuple[Hand, Hand] = ("right", "right")  # hands of who receives the serve, and of the server
 
 
 class CourtFacts(Struct):
@@ -297,17 +253,13 @@ class HallFacts(Struct):
 
 
 class RecordedMatch(Struct):
-    """An annotated match: its first rally, event, players and date.
-
-    Attributes:
-        missing: number of its rallies that the data do not hold.
-    """
+    """An annotated match: its first rally, event, players and date."""
 
     first: int
     title: str
     names: tuple[str, str]
     date: str | None
-    missing: int
+    missing: int  # number of its rallies that the data do not hold
 
 
 class RecordedFacts(Struct):
@@ -320,33 +272,19 @@ class RecordedFacts(Struct):
 
 
 class TagFacts(Struct):
-    """The video that is tagged.
-
-    Attributes:
-        out: name of the table.
-        inputs: inputs so far, as JSON.
-        rows: number of saved rows.
-        after: hash of the inputs.
-        name, longest_name: pattern and length of the names that the table takes.
-    """
+    """The video that is tagged."""
 
     video: str
-    out: str
-    inputs: list[str]
-    rows: int
-    after: str
-    name: str
+    out: str  # name of the table
+    inputs: list[str]  # so far, as JSON
+    rows: int  # number of saved rows
+    after: str  # hash of the inputs
+    name: str  # pattern of the names that the table takes
     longest_name: int
 
 
 class Hello(Struct):
-    """Reply to :class:`HelloRequest`.
-
-    Attributes:
-        ladder: opponents of duels, the weakest first.
-        rallies: number of rallies of a match in a site, None where a server plays them.
-        duel: points that win a duel.
-    """
+    """Reply to :class:`HelloRequest`."""
 
     version: str
     game: str
@@ -354,8 +292,8 @@ class Hello(Struct):
     policies: list[str]
     plan: Plan
     recorded: RecordedFacts | None
-    ladder: list[str]
-    rallies: int | None = None
+    ladder: list[str]  # opponents of duels, the weakest first
+    rallies: int | None = None  # of a match in a site; None: a server plays them
     tag: TagFacts | None = None
     duel: int = DUEL
 
@@ -373,20 +311,14 @@ class StrokeFacts(Struct, kw_only=True):
 
 
 class Stroke(StrokeFacts, kw_only=True):
-    """A stroke of a rally.
-
-    Attributes:
-        hurried: whether its striker was late or stretched.
-        waited: position of its receiver; None: they had no choice, or it is not known.
-        speed: launch speed of the staged flight, which the annotations of matches do not tell [m/s].
-    """
+    """A stroke of a rally."""
 
     state: int
     p_succ: float
     p_ret: float
     person: bool
-    hurried: bool
-    waited: int | None
+    hurried: bool  # its striker was late or stretched
+    waited: int | None  # position of its receiver; None: they had no choice, or it is not known
     effort: int | None
     opponent_effort: int | None
     duel: int | None
@@ -397,7 +329,7 @@ class Stroke(StrokeFacts, kw_only=True):
     end: str
     end_time: float
     end_point: Point
-    speed: float
+    speed: float  # launch speed of the staged flight [m/s]
 
 
 class TurnStroke(StrokeFacts, kw_only=True):
@@ -408,21 +340,14 @@ class TurnStroke(StrokeFacts, kw_only=True):
 
 
 class Turn(Struct):
-    """A choice of a person: of a stroke, or of the position in which they wait for one of the opponent.
-
-    Attributes:
-        number: number of the stroke.
-        height, hurried: whether who strikes meets the shuttle above the net, and is late or stretched.
-        strokes: the legal strokes; empty where a position is chosen.
-        positions: probabilities of people's positions, 0 where they are not feasible; empty where a stroke is chosen.
-    """
+    """A choice of a person: of a stroke, or of the position in which they wait for one of the opponent."""
 
     seat: int
     number: int
-    height: str
-    hurried: bool
-    strokes: list[TurnStroke]
-    positions: list[float]
+    height: str  # at which who strikes meets the shuttle
+    hurried: bool  # who strikes is late or stretched
+    strokes: list[TurnStroke]  # the legal strokes; empty where a position is chosen
+    positions: list[float]  # probabilities of people's positions, 0: not feasible; empty where a stroke is chosen
 
 
 class ScoreFacts(Struct):
@@ -443,23 +368,15 @@ class PlayerFacts(Struct):
 
 
 class RallyFacts(Struct):
-    """A rally without its motion.
-
-    Attributes:
-        skill: day of the skill of the players in the game of a pair, empty: the last one known; None: both strike with the same
-            probabilities.
-        from_right: whether the server serves from the right service court.
-        ends_changed: whether seat 0 is at y > 0.
-        before: interval or change of ends before the rally, in words; empty: neither.
-    """
+    """A rally without its motion."""
 
     number: int
-    skill: str | None
+    skill: str | None  # day of the skill of a pair, empty: the last one known; None: both strike with the same probabilities
     names: tuple[str, str]
     server: int
-    from_right: bool
-    ends_changed: bool
-    before: str
+    from_right: bool  # the server serves from the right service court
+    ends_changed: bool  # seat 0 is at y > 0
+    before: str  # interval or change of ends before the rally, in words; empty: neither
     points: Pair
     games: Pair
     finished: list[Pair]
@@ -494,36 +411,23 @@ class Option(ValuedStroke, kw_only=True):
 
 
 class Question(Struct):
-    """A question about a stroke.
+    """A question about a stroke."""
 
-    Attributes:
-        right, wrong: the right answer and wrong ones, the stroke played first.
-        share: share of elite players who choose the right shot type.
-        theme: situation, one of :data:`shuttle_marl.reports.rating.THEMES`, or ``serve``.
-        usual: how usual the right shot type is as an answer, 0: the least.
-    """
-
-    right: int
-    wrong: list[int]
-    share: float
-    theme: str
-    usual: int
+    right: int  # the right answer
+    wrong: list[int]  # wrong answers, the stroke played first
+    share: float  # of elite players who choose the right shot type
+    theme: str  # one of THEMES of shuttle_marl.reports.rating, or serve
+    usual: int  # how usual the right shot type is as an answer, 0: the least
 
 
 class Place(Struct):
-    """A position of the receiver of a stroke.
-
-    Attributes:
-        people, perfect: probabilities of people's choices and of perfect play.
-        loss: rallies that it loses to the best one if the striker strikes as perfect play does.
-        win: probability that the striker wins with the stroke played against it, under perfect play from then on.
-    """
+    """A position of the receiver of a stroke."""
 
     position: int
-    people: float
-    perfect: float
-    loss: float
-    win: float
+    people: float  # probability of people's choice
+    perfect: float  # probability of perfect play
+    loss: float  # rallies that it loses to the best one if the striker strikes as perfect play does
+    win: float  # probability that the striker wins with the stroke played, under perfect play from then on
 
 
 class OpenSide(StrokeFacts, kw_only=True):
@@ -533,30 +437,25 @@ class OpenSide(StrokeFacts, kw_only=True):
 
 
 class StrokeValue(Struct, kw_only=True):
-    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
-
-    ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
-    (:mod:`shuttle_marl.reports.rating`). ``change`` and ``quality`` (:mod:`shuttle_marl.reports.rating`) are None where too
-    few real strokes stand behind it. ``support`` is the number of real strokes behind the rarer of both; None: unknown.
-    ``places`` are the positions of the receiver, None: they have no choice; ``open`` is the open side, None: there is none, or
-    the position is not known; ``wait`` is how usual the answer is to the question where to wait, None: it is not asked.
-    """
+    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins."""
 
     win: float
     chosen: float
     match: float
     probability: float
-    change: float | None
-    quality: float | None
-    loss: float
+    change: (
+        float | None
+    )  # from what elite players choose, as in shuttle_marl.reports.rating; None: too few real strokes behind it
+    quality: float | None  # beside the better stroke; None: too few real strokes behind it
+    loss: float  # to the better stroke
     mark: str
     better: int
     question: Question | None
     options: list[Option]
-    support: int | None
-    places: list[Place] | None
-    open: OpenSide | None
-    wait: int | None
+    support: int | None  # number of real strokes behind the rarer of both; None: unknown
+    places: list[Place] | None  # positions of the receiver; None: they have no choice
+    open: OpenSide | None  # the open side; None: there is none, or the position is not known
+    wait: int | None  # how usual the answer is to the question where to wait; None: it is not asked
 
 
 class Analysis(Struct):
@@ -594,10 +493,7 @@ class Styles(Struct):
 
 
 class MatchRally(Struct):
-    """A rally of a match: probability that seat 0 wins the match and score before it, server, winner, number of strokes.
-
-    ``swing`` is the largest change of the probability of winning the rally by a stroke.
-    """
+    """A rally of a match: probability that seat 0 wins the match and score before it, server, winner, number of strokes."""
 
     number: int
     win: float
@@ -606,24 +502,19 @@ class MatchRally(Struct):
     server: int
     winner: int
     strokes: int
-    swing: float
+    swing: float  # largest change of the probability of winning the rally by a stroke
 
 
 class Moment(Struct):
-    """A costly stroke.
-
-    Attributes:
-        change: of the probability of winning the rally.
-        cost: in the probability of winning the match; None: too small to be shown.
-    """
+    """A costly stroke."""
 
     rally: int
     stroke: int
     seat: int
     shot: str
     mark: str
-    change: float
-    cost: float | None
+    change: float  # of the probability of winning the rally
+    cost: float | None  # in the probability of winning the match; None: too small to be shown
 
 
 class MatchReply(Struct):
@@ -637,17 +528,11 @@ class MatchReply(Struct):
 
 
 class Likeness(Struct):
-    """Reply to :class:`LikenessRequest`: imitated players and the average pro, the likeliest first.
-
-    Attributes:
-        names: identifiers of the policies.
-        probability: posterior probability that each made the choices, if all are equally likely before and one of them did.
-        strokes: number of strokes that the person chose.
-    """
+    """Reply to :class:`LikenessRequest`: imitated players and the average pro, the likeliest first."""
 
     names: list[str]
-    probability: list[float]
-    strokes: int
+    probability: list[float]  # that each made the choices, if all are equally likely before and one of them did
+    strokes: int  # number of strokes that the person chose
 
 
 class RatingReply(Struct):
@@ -660,47 +545,31 @@ class RatingReply(Struct):
 
 
 class FriendReply(Struct, kw_only=True):
-    """Reply to :class:`FriendRequest`.
+    """Reply to :class:`FriendRequest`."""
 
-    Attributes:
-        refused: why there is no seat: too many games, no such game, or both seats are taken; then the rest says nothing.
-        friend: whether the other person has a seat, and asked lately.
-        rally, strokes: number of the rally that is played, and of its strokes so far.
-        chosen: whether this person has chosen for the next one.
-        plan: of the match that is over; None: it is not.
-    """
-
-    refused: Literal["full", "unknown", "taken"] | None = None
+    refused: Literal["full", "unknown", "taken"] | None = None  # too many games, no such game, or both seats are taken
     token: str = ""
     key: str = ""
     seat: int = 0
     friend: Literal["absent", "here", "away"] = "absent"
     rally: int = 0
-    strokes: int = 0
-    chosen: bool = False
-    plan: Plan | None = None
+    strokes: int = 0  # so far
+    chosen: bool = False  # this person has chosen for the next stroke
+    plan: Plan | None = None  # of the match that is over
 
 
 class OpeningStroke(ValuedStroke, kw_only=True):
-    """A stroke after the first ones of a rally between two average pros.
+    """A stroke after the first ones of a rally between two average pros."""
 
-    ``available`` is the probability that it is legal, ``share`` that the average pro chooses it.
-    """
-
-    available: float
-    share: float
+    available: float  # probability that it is legal
+    share: float  # probability that the average pro chooses it
 
 
 class OpeningReply(Struct):
-    """Reply to :class:`OpeningRequest`.
+    """Reply to :class:`OpeningRequest`."""
 
-    Attributes:
-        strokes: the most frequent first.
-        seed: seed of a match in which the first rally, served by seat 0, returns all strokes of the line; None: none was found.
-    """
-
-    strokes: list[OpeningStroke]
-    seed: int | None
+    strokes: list[OpeningStroke]  # the most frequent first
+    seed: int | None  # of a match whose first rally, served by seat 0, returns all strokes of the line; None: none was found
 
 
 class Openings(Struct):

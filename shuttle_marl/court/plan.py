@@ -36,43 +36,28 @@ Waited = dict[StrokeNumber, Annotated[int, Meta(ge=0, lt=N_POSITIONS)]]
 
 
 class Side(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The player of a seat.
-
-    Attributes:
-        temperature: 1: unchanged, below 1: sharper, 0: greedy.
-    """
+    """The player of a seat."""
 
     policy: Annotated[str, Meta(min_length=1, max_length=200)]
-    temperature: Annotated[float, Meta(ge=0, le=100)] = 1.0
+    temperature: Annotated[float, Meta(ge=0, le=100)] = 1.0  # 1: unchanged, below 1: sharper, 0: greedy
 
 
 class Change(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A change of player during a match.
+    """A change of player during a match."""
 
-    Attributes:
-        rally: first rally of the new player.
-    """
-
-    rally: RallyNumber
+    rally: RallyNumber  # first rally of the new player
     seat: Seat
     side: Side
 
 
 class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A person who plays instead of a policy.
-
-    Attributes:
-        rally: the rally in which they take over.
-        stroke: the first stroke of that rally that they may choose, or for which they may wait.
-        practice: whether they play a rally again, which is not recorded.
-        friend: whether another person plays at the other seat.
-    """
+    """A person who plays instead of a policy."""
 
     seat: Seat
     rally: RallyNumber
-    stroke: StrokeNumber
-    practice: bool = False
-    friend: bool = False
+    stroke: StrokeNumber  # the first stroke of that rally that they may choose, or for which they may wait
+    practice: bool = False  # they play a rally again, which is not recorded
+    friend: bool = False  # another person plays at the other seat
 
     def chooses(self, rally: int, stroke: int, seat: int) -> bool:
         """Whether a person chooses for a seat: as the striker a stroke, as the receiver a position."""
@@ -80,22 +65,14 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A match.
+    """A match."""
 
-    Attributes:
-        seed: random seed; JavaScript represents integers up to 2^53.
-        sides: players of seats 0 and 1 in the first rally.
-        chosen: by rally, the strokes that no policy chose: a person's, or strokes that were tried.
-        waited: by rally, the positions that a person chose.
-        points: points that win a duel, a match of one game; None: a match by the rules of the sport.
-    """
-
-    seed: Annotated[int, Meta(ge=0, lt=1 << 53)]
-    sides: tuple[Side, Side]
+    seed: Annotated[int, Meta(ge=0, lt=1 << 53)]  # random seed; JavaScript represents integers up to 2^53
+    sides: tuple[Side, Side]  # players of seats 0 and 1 in the first rally
     changes: Annotated[tuple[Change, ...], Meta(max_length=MAX_CHANGES)] = ()
-    chosen: dict[RallyNumber, Chosen] = {}
-    waited: dict[RallyNumber, Waited] = {}
-    points: Annotated[int, Meta(ge=1, le=21)] | None = None
+    chosen: dict[RallyNumber, Chosen] = {}  # by rally, the strokes that no policy chose
+    waited: dict[RallyNumber, Waited] = {}  # by rally, the positions that a person chose
+    points: Annotated[int, Meta(ge=1, le=21)] | None = None  # points that win a duel; None: the rules of the sport
 
     def __post_init__(self) -> None:
         if sum(map(len, (*self.chosen.values(), *self.waited.values()))) > MAX_CHOSEN:

@@ -1,6 +1,5 @@
 """Recorded rallies: of a rally log, and of annotated matches."""
 
-import abc
 import datetime
 import itertools
 import threading
@@ -13,15 +12,14 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court import WatchError
-from shuttle_marl.court.match import CourtRally
+from shuttle_marl.court.match import CourtRally, OnceCache
 from shuttle_marl.court.messages import RecordedMatch
-from shuttle_marl.court.policies import OnceCache
 from shuttle_marl.court.scene.rally_report import staging_key
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.matches import WholeRally, event, nearest_stroke, whole_rallies
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.hurried import hurry_of, marked_rows
+from shuttle_marl.dynamics.features import hurry_of, marked_rows
 from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people, looks_of
@@ -36,48 +34,14 @@ _MAX_MATCHES: Final = 16
 
 
 class People(NamedTuple):
-    """The people who played a real rally."""
+    """The people who played a real rally, at seats 0 and 1; ``date``: of the match, None: unknown."""
 
     names: tuple[str, str]
-    """At seats 0 and 1."""
     date: datetime.date | None
-    """Of the match; None: unknown."""
 
 
-class Recorded(abc.ABC):
-    """Rallies by number, from 0.
-
-    Attributes:
-        matches: the annotated matches; none of a log.
-    """
-
-    title: str
-    count: int
-    matches: list[RecordedMatch]
-
-    @abc.abstractmethod
-    def rally(self, number: int) -> CourtRally:
-        """A rally.
-
-        Raises:
-            ShuttleError: the rally does not exist, or it cannot be shown.
-        """
-
-    @abc.abstractmethod
-    def match(self, number: int) -> str | tuple[int, int]:
-        """Match of a rally: its name in annotated matches, or numbers of pairing and match of a log."""
-
-    def players(self, number: int) -> Players | None:  # noqa: ARG002
-        """Policies of a rally; None: unknown."""
-        return None
-
-    def people(self, number: int) -> People | None:  # noqa: ARG002
-        """The people who played a real rally; None: policies played."""
-        return None
-
-
-class LogRallies(Recorded):
-    """The rallies of a log.
+class LogRallies:
+    """The rallies of a log, by number, from 0.
 
     Policies named by the log are resolved without running code, and used only if their table is the one that played.
 
@@ -89,40 +53,39 @@ class LogRallies(Recorded):
         self._log, self._game = RallyLog(path), game
         self._lock = threading.RLock()  # a log is one open file, and requests are answered by several threads
         self._players, self._games = LogPlayers(self._log, game), OnceCache(_MAX_MATCHES)
-        self.title, self.count, self.matches = printable(path.name), self._log.n_rallies, []
+        self.title, self.count = printable(path.name), self._log.n_rallies
+        self.matches: list[RecordedMatch] = []
 
     def rally(self, number: int) -> CourtRally:
-        """A rally; see :class:`Recorded`."""
-        with self._lock:
-            return self._rally(number)
+        """A rally.
 
-    def _rally(self, number: int) -> CourtRally:
-        found = self._log.rally(number)
-        header = self._log.files[self._log.file_of(number)].header
-        rally = found.row(0, self._log.catalogue, header.rules).checked()
-        try:
-            legal_states(rally, self._game)
-        except IllegalStrokeError as error:
-            raise WatchError(f"rally {number + 1}: {error}") from error
-        first, second = (self._log.policies[int(policy)] for policy in found.policy[0])
-        match = int(found.pairing[0]), int(found.match[0])
-        games: dict[int, tuple[int, int]] = self._games.get(match, lambda: self._log.points_of_games(*match))
-        finished = tuple(points for game, points in games.items() if game < sum(rally.games))
-        return CourtRally.at(
-            Score(points=rally.points, games=rally.games, finished=finished, server=rally.server, rules=header.rules),
-            catalogue=self._game.catalogue,
-            stroke=rally.stroke,
-            hurried=rally.hurried,
-            waited=rally.waited,
-            ending=rally.ending,
-            number=number,
-            names=(printable(first.name), printable(second.name)),
-            **looks_of(self._game, (first.name, second.name))._asdict(),
-            key=staging_key(header, found),
-        )
+        Raises:
+            ShuttleError: the rally does not exist, or it cannot be shown.
+        """
+        with self._lock:
+            found = self._log.rally(number)
+            header = self._log.files[self._log.file_of(number)].header
+            rally = found.row(0, self._log.catalogue, header.rules).checked()
+            try:
+                legal_states(rally, self._game)
+            except IllegalStrokeError as error:
+                raise WatchError(f"rally {number + 1}: {error}") from error
+            first, second = (self._log.policies[int(policy)] for policy in found.policy[0])
+            match = int(found.pairing[0]), int(found.match[0])
+            games: dict[int, tuple[int, int]] = self._games.get(match, lambda: self._log.points_of_games(*match))
+            finished = tuple(points for game, points in games.items() if game < sum(rally.games))
+            return CourtRally.at(
+                Score(points=rally.points, games=rally.games, finished=finished, server=rally.server, rules=header.rules),
+                catalogue=self._game.catalogue,
+                **{name: getattr(rally, name) for name in ("stroke", "hurried", "waited", "ending")},
+                number=number,
+                names=(printable(first.name), printable(second.name)),
+                **looks_of(self._game, (first.name, second.name))._asdict(),
+                key=staging_key(header, found),
+            )
 
     def players(self, number: int) -> Players | None:
-        """Players of a rally; see :class:`Recorded`."""
+        """Policies of a rally; None: unknown."""
         with self._lock:
             found = self._players.of_rally(number)
         return None if found.value is None else found
@@ -134,12 +97,11 @@ class LogRallies(Recorded):
         return int(found.pairing[0]), int(found.match[0])
 
 
-class RealRallies(Recorded):
-    """The rallies of annotated matches, as strokes of the game.
+class RealRallies:
+    """The rallies of annotated matches, as strokes of the game, by number, from 0.
 
     An annotated stroke is shown as the nearest legal stroke: same contact, then shot type, technique and area. Who was hurried
-    says the table, or else the index of the model. Flight times and landing points are staged as for every rally. A player whose
-    hand is not known plays with the right one.
+    says the table, or else the index of the model. A player whose hand is not known plays with the right one.
 
     Args:
         path: a stroke table, or a folder with the raw files.
@@ -170,8 +132,8 @@ class RealRallies(Recorded):
         """Numbers of the rallies of a match, by their game and number in the data."""
         return {found.number: number for number, found in enumerate(self._rallies) if found.match == match}
 
-    def people(self, number: int) -> People | None:
-        """The people who played; see :class:`Recorded`."""
+    def people(self, number: int) -> People:
+        """The people who played a rally."""
         found = self._at(number)
         return People(found.players, date_of(found.match))
 
@@ -189,7 +151,11 @@ class RealRallies(Recorded):
         return self._rallies[number]
 
     def rally(self, number: int) -> CourtRally:
-        """A rally; see :class:`Recorded`."""
+        """A rally.
+
+        Raises:
+            WatchError: the rally does not exist.
+        """
         found, column = self._at(number), self._columns
         # The tables of the two people, whose hands may differ, if the model knows them.
         pair = game_of_people(self._game, found.players, date_of(found.match))
@@ -219,6 +185,10 @@ class RealRallies(Recorded):
             athletes=(athlete, athlete),
             key=int(stream(0, number)[0] >> np.uint64(1)),
         )
+
+
+Recorded = LogRallies | RealRallies
+"""Recorded rallies by number, from 0; ``matches``: the annotated ones."""
 
 
 def _described(rallies: list[tuple[int, WholeRally]]) -> RecordedMatch:

@@ -7,7 +7,6 @@ refused, the size and rate of messages are limited, and a client that does not r
 import asyncio
 import base64
 import contextlib
-import dataclasses
 import importlib.util
 import io
 import ipaddress
@@ -36,19 +35,9 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.base.extras import install_hint
 from shuttle_marl.base.files import replacing
-from shuttle_marl.court import WatchError
-from shuttle_marl.court.messages import (
-    SHOWN,
-    FriendRequest,
-    HelloRequest,
-    RallyRequest,
-    TagRequest,
-    decode_request,
-    encode_reply,
-    request_id,
-)
-from shuttle_marl.court.messages import Request as PageRequest
-from shuttle_marl.court.staging import ATHLETES, model_file
+from shuttle_marl.court import WatchError, messages
+from shuttle_marl.court.staging import model_file
+from shuttle_marl.court.staging.skeleton import ATHLETES
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 
 if TYPE_CHECKING:
@@ -58,20 +47,15 @@ HOST: Final = "127.0.0.1"
 MAX_MESSAGE: Final = 1 << 18
 """Maximum size of a message from a page [bytes]: the plan of a match holds all strokes of the person."""
 MAX_CONNECTIONS: Final = 200
-"""Maximum number of connections."""
 _RATE, _BURST = 40.0, 120.0
 """Requests per second of a connection: sustained rate, and burst."""
 _CONCURRENT: Final = 16
 """Maximum number of concurrent requests of a connection."""
 _THREADS: Final = 4
-_FAST: Final = (HelloRequest, RallyRequest, TagRequest, FriendRequest)
+_FAST: Final = (messages.HelloRequest, messages.RallyRequest, messages.TagRequest, messages.FriendRequest)
 """Requests that never wait for the game to be solved; the others have separate threads."""
-_DIGITS: Final = 9
-"""Maximum number of digits of the number of a rally."""
-_REQUEST: Final = 10.0
-"""Time for the head of a request [s]."""
-_STALLED: Final = 30.0
-"""Time for a page to read a reply [s]."""
+_REQUEST, _STALLED = 10.0, 30.0
+"""Times for the head of a request, and for a page to read a reply [s]."""
 _SHUTDOWN: Final = 1
 """Time for connections to close when the server stops [s]."""
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
@@ -80,10 +64,17 @@ CONTENT_POLICY: Final = (
     "connect-src 'self' data: blob:; media-src 'self' blob:; base-uri 'none'; form-action 'none'"
 )
 """Content security policy of the page: its own files alone, and no inline script."""
-_POLICY: Final = f"{CONTENT_POLICY}; frame-ancestors 'none'"
+_SECURITY: Final = {
+    "content-security-policy": f"{CONTENT_POLICY}; frame-ancestors 'none'",
+    # Else a page of another origin could show the film that is tagged.
+    "cross-origin-resource-policy": "same-origin",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+}
+_CURRENT: Final = {"Cache-Control": "no-cache"}
 _TYPES: Final = {"watch.js": "text/javascript", "watch.css": "text/css"}
 
-Answer = Callable[[PageRequest], bytes]
+Answer = Callable[[messages.Request], bytes]
 """Returns the encoded reply to a request; raises ShuttleError. Called in worker threads."""
 Downloads = Mapping[tuple[str, str], Callable[[int], bytes]]
 """By name and media type, what makes a file about the match of a recorded rally; raises ShuttleError."""
@@ -99,15 +90,17 @@ def application(
     hosts: tuple[str, ...] = _LOOPBACK,
     proxies: tuple[str, ...] = (),
 ) -> ASGIApp:
-    """The ASGI application.
+    """The ASGI application; ``video``: that which is tagged, ``language``: of a page whose reader has chosen none.
 
     Args:
-        video: the video that is tagged.
-        language: language of a page whose reader has chosen none.
         hosts: allowed values of the Host header; ``*`` allows every IP address.
         proxies: further ones, whose pages may connect whatever Host header the proxy sends.
     """
-    index = _index(page / "index.html", language)
+
+    async def index(_: Request) -> Response:
+        content = in_language((page / "index.html").read_bytes(), language)
+        return Response(content, media_type="text/html", headers=_CURRENT)
+
     routes: list[BaseRoute] = [Route("/", index), Route("/index.html", index)]
     routes += [Route(f"/{name}", _file(page / name)) for name in _TYPES]
     routes += [Route(f"/{name}.glb", _file(model_file(name))) for name in ATHLETES]
@@ -116,14 +109,14 @@ def application(
     limiter = anyio.CapacityLimiter(1)  # one at a time: a report takes seconds of all cores
     routes += [Route(f"/{name}", _download(make, name, kind, limiter)) for (name, kind), make in (downloads or {}).items()]
     routes.append(WebSocketRoute("/ws", _Connections(answer).serve))
-    return _Guard(Starlette(routes=routes), hosts, tuple(map(str.lower, proxies)))
+    return _guarded(Starlette(routes=routes), hosts, tuple(map(str.lower, proxies)))
 
 
 def _file(path: Path, kind: str | None = None) -> Callable[[Request], Awaitable[Response]]:
     kind = kind or _TYPES.get(path.name, "model/gltf-binary")
 
     async def respond(_: Request) -> Response:
-        return FileResponse(path, media_type=kind, headers={"Cache-Control": "no-cache"})
+        return FileResponse(path, media_type=kind, headers=_CURRENT)
 
     return respond
 
@@ -133,19 +126,12 @@ def in_language(index: bytes, language: Language) -> bytes:
     return index.replace(b'<html lang="en">', f'<html lang="{language}">'.encode(), 1)
 
 
-def _index(path: Path, language: Language) -> Callable[[Request], Awaitable[Response]]:
-    async def respond(_: Request) -> Response:
-        return Response(in_language(path.read_bytes(), language), media_type="text/html", headers={"Cache-Control": "no-cache"})
-
-    return respond
-
-
 def _download(
     make: Callable[[int], bytes], name: str, kind: str, limiter: anyio.CapacityLimiter
 ) -> Callable[[Request], Awaitable[Response]]:
     async def respond(request: Request) -> Response:
         number = request.query_params.get("rally", "")
-        if not number.isascii() or not number.isdecimal() or len(number) > _DIGITS:
+        if not number.isascii() or not number.isdecimal() or len(number) > 9:
             return PlainTextResponse(f"expected {name}?rally=NUMBER\n", status_code=400)
         wanted = request.query_params.get("language", "en")
         language = next((known for known in LANGUAGES if known == wanted), None)
@@ -162,38 +148,30 @@ def _download(
     return respond
 
 
-class _Guard:
+def _guarded(app: ASGIApp, hosts: tuple[str, ...], proxies: tuple[str, ...]) -> ASGIApp:
     """Refuses requests to other hosts and from other origins, and adds security headers to every response."""
 
-    def __init__(self, app: ASGIApp, hosts: tuple[str, ...], proxies: tuple[str, ...]) -> None:
-        self._app, self._hosts, self._proxies = app, hosts, proxies
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def guarded(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
-            await self._app(scope, receive, send)
+            await app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        reason = refusal(headers.getlist("host"), headers.getlist("origin"), self._hosts, self._proxies)
+        reason = refusal(headers.getlist("host"), headers.getlist("origin"), hosts, proxies)
         if reason is None:
-            await self._app(scope, receive, _with_headers(send))
+            await app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008, "reason": reason[:100]})
         else:
             await PlainTextResponse(f"{reason}\n", status_code=403)(scope, receive, _with_headers(send))
 
+    return guarded
+
 
 def _with_headers(send: Send) -> Send:
     async def sending(event: Any) -> None:
         if event["type"] == "http.response.start":
-            extra = {
-                "content-security-policy": _POLICY,
-                # Else a page of another origin could show the film that is tagged.
-                "cross-origin-resource-policy": "same-origin",
-                "x-content-type-options": "nosniff",
-                "referrer-policy": "no-referrer",
-            }
             known = {name for name, _ in event["headers"]}
-            added = [(name.encode(), value.encode()) for name, value in extra.items() if name.encode() not in known]
+            added = [(name.encode(), value.encode()) for name, value in _SECURITY.items() if name.encode() not in known]
             event["headers"] = [*event["headers"], *added]
         await send(event)
 
@@ -245,16 +223,18 @@ class _Connections:
             await socket.close(1013, f"{MAX_CONNECTIONS} pages are open already")
             return
         self._count += 1
-        SHOWN.set([])
+        messages.SHOWN.set([])
         running: set[asyncio.Task[None]] = set()
-        budget = _Budget(asyncio.get_running_loop().time())
+        clock = asyncio.get_running_loop().time
+        tokens, at = _BURST, clock()  # a token bucket
         sending = asyncio.Lock()
         try:
             while True:
                 text = await socket.receive_text()
-                wait = budget.take(asyncio.get_running_loop().time())
-                if wait > 0:
-                    await asyncio.sleep(wait)
+                now = clock()
+                tokens, at = min(_BURST, tokens + (now - at) * _RATE) - 1, now
+                if tokens < 0:
+                    await asyncio.sleep(-tokens / _RATE)
                 if len(running) >= _CONCURRENT:
                     await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
                 task = asyncio.create_task(self._reply(socket, text, sending))
@@ -268,16 +248,16 @@ class _Connections:
                 task.cancel()
 
     async def _reply(self, socket: WebSocket, text: str, sending: asyncio.Lock) -> None:
-        number = request_id(text)
+        number = messages.request_id(text)
         try:
-            request = decode_request(text)
+            request = messages.decode_request(text)
             limiter = self._limiters[not isinstance(request, _FAST)]
             content = await anyio.to_thread.run_sync(self._answer, request, limiter=limiter)
         except ShuttleError as error:
-            content = encode_reply(number, printable(str(error)))
+            content = messages.encode_reply(number, printable(str(error)))
         except Exception as error:  # pages receive every error, and the server continues
             logging.getLogger(__name__).exception("a request failed")
-            content = encode_reply(number, f"the server failed ({type(error).__name__}); see its console")
+            content = messages.encode_reply(number, f"the server failed ({type(error).__name__}); see its console")
         try:
             async with sending:
                 await asyncio.wait_for(socket.send_bytes(content), _STALLED)
@@ -288,25 +268,8 @@ class _Connections:
             pass
 
 
-@dataclasses.dataclass
-class _Budget:
-    """Rate limiter of one connection (token bucket)."""
-
-    at: float
-    left: float = _BURST
-
-    def take(self, now: float) -> float:
-        """Take a token; returns the time until it is available [s]."""
-        self.left = min(_BURST, self.left + (now - self.at) * _RATE) - 1
-        self.at = now
-        return max(0.0, -self.left / _RATE)
-
-
 def bind(host: str, port: int) -> socket.socket:
-    """Bind a socket to a port, or to a free port if that one is in use.
-
-    Args:
-        port: port; 0 selects a free one.
+    """Bind a socket to a port, or to a free port if that one is in use or 0.
 
     Raises:
         WatchError: the host is not an address of this machine.
@@ -317,20 +280,20 @@ def bind(host: str, port: int) -> socket.socket:
         family, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
     except OSError as error:
         raise WatchError(f"--host {host}: {error.strerror}; give an address of this machine") from error
-    for wanted in (port, 0):
+    while True:
         listener = socket.socket(family)
         if os.name == "posix":  # recently closed connections do not block the port
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listener.bind((host, wanted))
+            listener.bind((host, port))
             listener.listen(128)
         except OSError as error:
             listener.close()
-            if wanted == 0:
+            if port == 0:
                 raise WatchError(f"--host {host}: {error.strerror}; give an address of this machine") from error
+            port = 0
         else:
             return listener
-    raise AssertionError("unreachable")
 
 
 class _Http(H11Protocol):
@@ -386,9 +349,8 @@ def hosts_of(host: str) -> tuple[str, ...]:
 
 Progress = Callable[[Iterable[int]], Iterable[int]]
 
-SIZE: Final = (1280, 720)
-FPS: Final = 25
-BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
+_SIZE: Final = (1280, 720)
+_BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
 _FLAGS: Final = (
     "--enable-unsafe-swiftshader",
     "--disable-background-networking",
@@ -410,7 +372,7 @@ def check_video(path: Path) -> None:
     """Check the format and the required programs of a video.
 
     Raises:
-        WatchError: the suffix is not a known format, or a library or the browser is missing.
+        WatchError: an unknown suffix, or a library or the browser is missing.
     """
     if path.suffix not in _FORMATS:
         raise WatchError(f"--video {path}: expected a name that ends in {' or '.join(_FORMATS)}")
@@ -420,12 +382,11 @@ def check_video(path: Path) -> None:
     browser_program()
 
 
-def write_video(address: str, path: Path, progress: Progress = iter, *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
-    """Render the rally of a page to a video; returns the number of frames.
+def write_video(address: str, path: Path, progress: Progress = iter, *, size: tuple[int, int] = _SIZE, fps: int = 25) -> int:
+    """Render the rally of a page to a video, written atomically; returns the number of frames.
 
     Args:
         address: URL of the page, with the rally in its fragment.
-        path: the video, ``.mp4`` or ``.webm``; written atomically.
         size: width and height [pixels], both even.
 
     Raises:
@@ -473,20 +434,15 @@ def browser_program() -> str:
     Raises:
         WatchError: none is installed.
     """
-    for name in (os.environ.get("CHROMIUM", ""), *BROWSERS):
+    for name in (os.environ.get("CHROMIUM", ""), *_BROWSERS):
         if name and (found := shutil.which(name)):
             return found
     raise WatchError("this needs Chromium or Chrome; install it, or name it in the variable CHROMIUM")
 
 
 @contextlib.contextmanager
-def browser_page(size: tuple[int, int] = SIZE, *flags: str, **options: Any) -> "Iterator[Page]":
-    """A page of a headless browser, which is closed at the end.
-
-    Args:
-        size: width and height [pixels].
-        flags: of the browser, besides :func:`browser_flags`.
-        options: of the page.
+def browser_page(size: tuple[int, int] = _SIZE, *flags: str, **options: Any) -> "Iterator[Page]":
+    """A page of a headless browser, which is closed at the end; ``options`` of the page, and further ``flags`` of the browser.
 
     Raises:
         WatchError: no browser is installed.
@@ -500,14 +456,12 @@ def browser_page(size: tuple[int, int] = SIZE, *flags: str, **options: Any) -> "
         browser.close()
 
 
-def browser_flags(*, mesa: bool | None = None) -> list[str]:
+def browser_flags() -> list[str]:
     """Flags of a headless browser that makes no network requests of its own.
 
-    Args:
-        mesa: render with Mesa, which is two to three times as fast as SwiftShader without a GPU; None: if it is installed.
+    Without a GPU, Mesa is two to three times as fast as SwiftShader.
     """
-    if mesa is None:
-        mesa = find_library("EGL") is not None and any(Path("/usr/lib").glob("*/dri/swrast_dri.so"))
+    mesa = find_library("EGL") is not None and any(Path("/usr/lib").glob("*/dri/swrast_dri.so"))
     # Chromium does not start as root with its sandbox.
     root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     return [*root, *_FLAGS, f"--use-angle={'gl-egl' if mesa else 'swiftshader'}"]

@@ -40,8 +40,7 @@ def save_site(
     Args:
         folder: its folder; a site that is there is replaced.
         progress: receives the number of rallies so far.
-        language: language of a page whose reader has chosen none.
-        limit: maximum size of the site [bytes]; rallies that do not fit are left out.
+        limit: maximum size [bytes]; rallies that do not fit are left out.
 
     Raises:
         WatchError: the folder has other files, or not even one rally fits.

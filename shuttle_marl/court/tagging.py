@@ -1,4 +1,4 @@
-"""Tagging: what a page of a video continues and saves (:mod:`shuttle_marl.data.tagging`), and what players probably play next.
+"""Tagging: what a page of a video continues and saves (:mod:`shuttle_marl.data.matches`), and what players probably play next.
 
 The page holds the state; it follows from the inputs alone.
 """
@@ -15,11 +15,10 @@ import numpy as np
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.messages import LONGEST_NAME, NAME, SHOWN, Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
-from shuttle_marl.data.matches import nearest_stroke
-from shuttle_marl.data.tagging import TaggedStrokes, content_hash
+from shuttle_marl.court.values import arrivals
+from shuttle_marl.data.matches import TaggedStrokes, content_hash, nearest_stroke
 from shuttle_marl.game.court import Hands
 from shuttle_marl.game.policy import Policy, States, checked_probabilities
-from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import ROOT, Game
 
@@ -35,7 +34,7 @@ class TagFile:
 
     Raises:
         WatchError: the video does not exist.
-        TaggingError, RunError: as :class:`~shuttle_marl.data.tagging.TaggedStrokes`.
+        TaggingError, RunError: as :class:`~shuttle_marl.data.matches.TaggedStrokes`.
     """
 
     def __init__(self, video: Path, out: Path) -> None:
@@ -92,22 +91,17 @@ class TagFile:
 def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers: Hands = ("right", "right")) -> list[Suggestion]:
     """Shot types with which a policy continues a rally, and the ways of playing each, the most probable first.
 
-    Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states.
-
-    Args:
-        line: strokes so far, all returned; each stands for the nearest legal one.
-        receivers: hands of who receives the serve, and of the server.
+    Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states. Each stroke
+    of the line stands for the nearest legal one; ``receivers``: hands of who receives the serve, and of the server.
     """
     states = {ROOT: 1.0}
     for i, stroke in enumerate(line):
         met = {state: w for state, w in states.items() if int(game.contact(state)) == stroke.height} or states
-        following: dict[int, float] = {}
+        pairs: dict[int, float] = {}
         for state, weight in met.items():
             nearest = nearest_stroke(game, state, stroke.shot, stroke.technique, stroke.area, receivers[i % 2])
-            pair = np.array([int(game.pair(state, nearest))])
-            returned = weight * game.outcome_probabilities(pair)[0, RETURNED_BELOW:]
-            for arrival, mass in zip(game.arrivals(pair)[0].tolist(), returned.tolist(), strict=True):
-                following[arrival] = following.get(arrival, 0.0) + mass
+            pairs[int(game.pair(state, nearest))] = weight
+        following = arrivals(pairs, game)
         states = dict(sorted(following.items(), key=lambda item: -item[1])[:_MOST_STATES])
         total = sum(states.values()) or 1.0
         states = {state: mass / total for state, mass in states.items()}

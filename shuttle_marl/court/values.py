@@ -1,36 +1,230 @@
-"""Values of the strokes of a game, as pages receive them."""
+"""Facts about hall, rallies and strokes, and values of strokes, as pages receive them."""
 
-from collections.abc import Iterable
+import dataclasses
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64
-from shuttle_marl.court import messages
-from shuttle_marl.court.facts import rounded, stroke_facts
-from shuttle_marl.court.match import CourtRally, seed_of_line
-from shuttle_marl.court.openings import Opening, opening
+from shuttle_marl.base.arrays import F64, I32
+from shuttle_marl.court import messages, staging
+from shuttle_marl.court.match import CourtRally, OnceCache, PolicyTables, seed_of_line
 from shuttle_marl.court.plan import Side
-from shuttle_marl.court.policies import OnceCache, PolicyTables
+from shuttle_marl.court.staging import skeleton as body
+from shuttle_marl.exact import Solution
 from shuttle_marl.game import court
-from shuttle_marl.game.pairs import looks_of
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import stepper_of, waited_at
-from shuttle_marl.game.rules import RETURNED_BELOW
-from shuttle_marl.game.shipped import RELIABLE, factor_of
-from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tabulated import position_shares
-from shuttle_marl.reports.rally import Decision, Players, analyse_rally
-from shuttle_marl.reports.rally import decision as analyse_decision
+from shuttle_marl.game.pairs import looks_of, seat_names
+from shuttle_marl.game.policy import position_shares
+from shuttle_marl.game.rally import Rally, stepper_of, waited_at
+from shuttle_marl.game.recovery import position_box
+from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError
+from shuttle_marl.game.shipped import RELIABLE, factor_of, real_strokes, waiting_places
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.policy.baselines import imitation
+from shuttle_marl.reports.rally import Decision, Players, analyse_rally, decision
 from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of
 
-SHOWN: Final = 8
-"""Number of strokes listed for each decision."""
+
+def hall_facts() -> messages.HallFacts:
+    """Dimensions of court, equipment and athletes, and the vocabulary of strokes."""
+    return messages.HallFacts(
+        court=messages.CourtFacts(*(getattr(court, name.upper()) for name in messages.CourtFacts.__struct_fields__)),
+        areas=[messages.AreaFacts(name=name, box=court.area_box(i)) for i, name in enumerate(court.AREAS)],
+        positions=[
+            messages.PositionFacts(box=position_box(i), place=(round(x, 4), round(-y, 4)))
+            for i, (x, y) in enumerate(waiting_places().tolist())
+        ],
+        racket=messages.RacketFacts(
+            length=body.RACKET_LENGTH, sweet_spot=body.SWEET_SPOT, butt=body.RACKET_BUTT, head=body.RACKET_HEAD
+        ),
+        shuttle=messages.ShuttleFacts(scale=body.SHUTTLE_SCALE, cork=body.CORK, feathers=body.FEATHERS, feather=body.FEATHER),
+        bones=list(body.BONES),
+        athletes={name: {hand: _athlete(name, hand == "right") for hand in court.HANDS} for name in body.ATHLETES},
+        shots=list(SHOTS),
+        heights=list(HEIGHTS),
+        techniques=list(TECHNIQUES),
+    )
+
+
+def _athlete(name: str, right_handed: bool) -> messages.AthleteFacts:
+    skeleton, fingers = body.load_skeleton(name), body.finger_pose(name, right_handed=right_handed)
+    axis, normal = skeleton.racket(right_handed=right_handed)
+    return messages.AthleteFacts(
+        height=skeleton.height,
+        parents=skeleton.parents(right_handed=right_handed).tolist(),
+        rest=np.round(skeleton.rest_pose(right_handed=right_handed), 6).tolist(),
+        shaft=np.round(axis, 6).tolist(),
+        strings=np.round(normal, 6).tolist(),
+        fingers={bone: np.round(turn, 6).tolist() for bone, turn in fingers.items()},
+    )
+
+
+def rounded(value: float) -> float:
+    """A probability rounded to seven decimals."""
+    return round(float(value), 7)
+
+
+def stroke_facts(rally: Rally, stroke: int, seat: int) -> dict[str, Any]:
+    """Fields of :class:`~shuttle_marl.court.messages.StrokeFacts` for a stroke with which a seat aims at an area in a rally."""
+    catalogue, sign = rally.catalogue, rally.facing(seat)
+    (x0, x1), (y0, y1) = rally.aim_box(seat, stroke)
+    xs, ys = sorted((sign * x0, sign * x1)), sorted((sign * y0, sign * y1))
+    return {
+        "stroke": stroke,
+        "seat": seat,
+        "shot": SHOTS[catalogue.shot[stroke]],
+        "area": court.AREAS[rally.target(seat, stroke)],
+        "height": HEIGHTS[catalogue.height[stroke]],
+        "technique": TECHNIQUES[catalogue.technique[stroke]],
+        "box": (*xs, *ys),
+    }
+
+
+def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
+    """A rally without its motion: score, strokes with their probabilities, positions and times, and a person's turn."""
+    (first, second), winner, result = motion.skeletons, rally.winner, None
+    if winner is not None:
+        after = rally.score.after(winner)
+        game_won = len(after.finished) > len(rally.score.finished)
+        points = after.finished[-1] if game_won else after.points
+        result = messages.ScoreFacts(points, after.games, after.over, game_won, after.changes_ends)
+    named = ("number", "server", "from_right", "ends_changed", "points", "games")
+    return messages.RallyFacts(
+        **{name: getattr(rally, name) for name in named},
+        skill=None if game.people is None else str(game.people.date or ""),
+        names=seat_names(game, rally.names),
+        before=rally.score.break_before,
+        finished=list(rally.score.finished),
+        winner=winner,
+        reason=None if rally.open else OUTCOMES[rally.ending],
+        after=result,
+        strokes=[_stroke(game, rally, motion, i, int(state)) for i, state in enumerate(rally.states(game))],
+        turn=_turn(game, rally, rally.turn) if rally.turn is not None and rally.chooses(game) else None,
+        players=(messages.PlayerFacts(first.name, motion.hands[0]), messages.PlayerFacts(second.name, motion.hands[1])),
+    )
+
+
+def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
+    seat = rally.chooser
+    about = seat, len(rally), HEIGHTS[int(game.contact(state))], bool(game.hurried(state))
+    if rally.receives:
+        return messages.Turn(*about, strokes=[], positions=[rounded(p) for p in game.people_positions(state)])
+    game = game.seats[seat]
+    strokes = game.legal_strokes(state).tolist()
+    good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
+    legal = [
+        messages.TurnStroke(**stroke_facts(rally, stroke, seat), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
+        for k, stroke in enumerate(strokes)
+        if rally.as_named(seat, stroke)
+    ]
+    return messages.Turn(*about, strokes=legal, positions=[])
+
+
+def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
+    trajectory, stroke, game = motion.trajectory, int(rally.stroke[i]), game.seats[int(rally.striker[i])]
+    pair = int(game.pair(state, stroke))
+    good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
+    real = real_strokes(game)
+    return messages.Stroke(
+        **stroke_facts(rally, stroke, int(rally.striker[i])),
+        state=state,
+        p_succ=good,
+        p_ret=returned,
+        person=i in rally.chosen,
+        hurried=bool(rally.hurried[i]),
+        waited=waited_at(rally, game, i, state),
+        effort=int(game.effort(state)) if game.levels > 1 else None,
+        opponent_effort=int(game.opponent_effort(state)) if game.levels > 1 else None,
+        duel=int(game.duel(state)) if game.counts_duels else None,
+        support=None if real is None else round(float(real[game.base_pair_edge[pair % game.n_base_pairs]]), 1),
+        time=round(float(trajectory.time[i]), 4),
+        frame=int(motion.contact_frame[i]),
+        contact=np.round(trajectory.contact[i], 4).tolist(),
+        end=staging.ENDS[trajectory.end[i]],
+        end_time=round(float(trajectory.end_time[i]), 4),
+        end_point=np.round(trajectory.end_point[i], 4).tolist(),
+        speed=round(float(trajectory.flight.launch_speed[i]), 2),
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Opening:
+    """The K strokes that are possible after a line of strokes from the serve, the most frequent first; seat 0 serves.
+
+    A stroke reaches the receiver below or above the net at random, and hurries them at random. A stroke that is legal in several
+    of these states has the mean of its values, weighted by the probabilities of the states.
+    """
+
+    seat: int
+    stroke: I32  # [K] catalogue indices
+    available: F64  # [K] probability that the stroke is legal, given that the line was played
+    share: F64  # [K] probability with which the striker's policy chooses it, given that the line was played
+    p_succ: F64  # [K] probability that it is good
+    p_ret: F64  # [K] probability that the opponent returns a good one
+    support: F64  # [K] number of real strokes behind these two, the smaller of both contacts; NaN if unknown
+    win: F64  # [K] probability that the striker wins the rally with it, under both policies from then on
+    optimal: F64  # [K] the same if both play perfectly from then on
+
+
+def opening(game: Game, line: Sequence[int], players: Players, solution: Solution) -> Opening:
+    """The strokes after a line of first strokes, all of them returned.
+
+    Raises:
+        IllegalStrokeError: a stroke of the line is not legal there.
+        GameError: the support of the game's model cannot be read.
+    """
+    seat, states = len(line) % 2, states_after(game, line)
+    found = [decision(game, state, seat, players, solution) for state in states]
+
+    def of(name: str) -> F64:
+        return np.concatenate([getattr(choice, name) for choice in found])
+
+    weight = np.repeat(list(states.values()), [len(choice.stroke) for choice in found])
+    stroke, group = np.unique(of("stroke"), return_inverse=True)
+    total = np.bincount(group, weight).astype(np.float64)
+    means = {name: np.bincount(group, weight * of(name)) / total for name in ("p_succ", "p_ret", "win", "optimal")}
+    support = np.full(len(stroke), np.inf)
+    np.minimum.at(support, group, of("support"))
+    share = np.bincount(group, weight * of("probability")).astype(np.float64)
+    columns: dict[str, Any] = {"stroke": stroke.astype(np.int32), "available": total, "share": share, "support": support, **means}
+    order = np.argsort(-share, kind="stable")
+    return Opening(seat=seat, **{name: column[order] for name, column in columns.items()})
+
+
+def states_after(game: Game, line: Sequence[int]) -> dict[int, float]:
+    """States of the next striker after a line whose strokes were all returned, with their probabilities.
+
+    Raises:
+        IllegalStrokeError: a stroke is not legal there; ``row`` is its number, from 0.
+    """
+    states = {ROOT: 1.0}
+    for i, stroke in enumerate(line):
+        tables = game.seats[i % 2]
+        pairs = {int(tables.pair(state, stroke)): w for state, w in states.items() if 0 <= stroke < tables.n_strokes}
+        following = arrivals({pair: w for pair, w in pairs.items() if pair >= 0}, tables)
+        total = sum(following.values())
+        if not total:
+            raise IllegalStrokeError(f"stroke {i + 1} of the opening is not legal there, or is never returned", stroke, i)
+        states = {state: mass / total for state, mass in following.items() if mass}
+    return states
+
+
+def arrivals(pairs: dict[int, float], game: Game) -> dict[int, float]:
+    """Weights of the states in which returned strokes arrive, from those of legal pairs."""
+    following: dict[int, float] = {}
+    for pair, weight in pairs.items():
+        one = np.array([pair])
+        returned = weight * game.outcome_probabilities(one)[0, RETURNED_BELOW:]
+        for arrival, mass in zip(game.arrivals(one)[0].tolist(), returned.tolist(), strict=True):
+            following[arrival] = following.get(arrival, 0.0) + mass
+    return following
+
+
 ELITE: Final = Side(policy="bc")
 """The imitated average elite player, the reference of all comparisons."""
-OPEN: Final = 0.01
-"""Gain of a stroke from which a side is open, in rallies."""
-_MAX_STYLES: Final = 64
+SHOWN, OPEN = 8, 0.01
+"""Number of strokes listed for each decision, and gain of a stroke from which a side is open, in rallies."""
 _GROUPS: Final = {
     "attack": [SHOTS.index(shot) for shot in ("smash", "half-smash", "net-kill")],
     "net play": [SHOTS.index(shot) for shot in ("net-shot", "cross-court-net-shot", "block")],
@@ -39,15 +233,11 @@ _GROUPS: Final = {
 
 
 class StrokeValues:
-    """Values of the strokes of one game.
-
-    Attributes:
-        policies: of that game.
-    """
+    """Values of the strokes of the game of some policies."""
 
     def __init__(self, policies: PolicyTables) -> None:
         self.policies, self.game = policies, policies.game
-        self._styles = OnceCache(_MAX_STYLES)
+        self._styles = OnceCache(64)
         self._factor = factor_of(policies.game.seats[0])
 
     def players(self, sides: tuple[Side, Side]) -> Players:
@@ -59,9 +249,12 @@ class StrokeValues:
         first, second = (self.policies.table(side, seat) for seat, side in enumerate(sides))
         return Players(tables=(first, second), value=self.policies.values(sides))
 
-    def decision(self, state: int, seat: int, players: Players) -> Decision:
-        """The decision of a seat in a state."""
-        return analyse_decision(self.game, state, seat, players)
+    def imitated(self) -> Players:
+        """The imitated people of a pair, or two average elite players."""
+        if self.game.people is None:
+            return self.players((ELITE, ELITE))
+        first, second = map(imitation, self.game.people.players, self.game.seats)
+        return self.players((Side(policy=first), Side(policy=second)))
 
     def rated(self, choice: Decision) -> Rated:
         """The strokes of a decision with the ratings that people see, in the same order."""
@@ -84,20 +277,19 @@ class StrokeValues:
     def _stroke(self, rally: Rally, number: int, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
         win, chosen = choice.value, float(choice.win[rank])
         rated = self.rated(choice)
-        loss, asked = float(rated.loss[rank]), rated.question(rank)
+        loss, question = float(rated.loss[rank]), None
         better = int(rated.best[0]) if loss > 0 else rank
-        question = None
-        if asked is not None:
+        always = [rank, better]
+        if (asked := rated.question(rank)) is not None:
             right, wrong = asked
-            share = rounded(rated.share[right])
+            always += [right, *wrong]
             question = messages.Question(
-                int(choice.stroke[right]),
-                [int(choice.stroke[k]) for k in wrong],
-                share,
-                theme_of(rally, number, above=bool(self.game.contact(choice.state))),
-                usual_of(SHOTS[rated.shot[right]]),
+                right=int(choice.stroke[right]),
+                wrong=[int(choice.stroke[k]) for k in wrong],
+                share=rounded(rated.share[right]),
+                theme=theme_of(rally, number, above=bool(self.game.contact(choice.state))),
+                usual=usual_of(SHOTS[rated.shot[right]]),
             )
-        always = (rank, better, *(() if asked is None else (asked[0], *asked[1])))
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
             chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
@@ -140,17 +332,9 @@ class StrokeValues:
     def options(
         self, rally: Rally, choice: Decision, rated: Rated | None = None, *, always: tuple[int, ...] = (), limit: int = SHOWN
     ) -> list[messages.Option]:
-        """The strokes of a decision, most probable first.
-
-        Args:
-            rated: ratings of its strokes; None: computed.
-            always: positions that are always listed.
-        """
-        order = [
-            k
-            for k in np.argsort(-choice.probability, kind="stable").tolist()
-            if rally.as_named(choice.seat, int(choice.stroke[k]))
-        ]
+        """The strokes of a decision, most probable first; those at positions ``always`` are listed."""
+        usual = np.argsort(-choice.probability, kind="stable").tolist()
+        order = [k for k in usual if rally.as_named(choice.seat, int(choice.stroke[k]))]
         order += [k for k in always if k not in order]
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
         best = (rated or self.rated(choice)).win
@@ -161,9 +345,6 @@ class StrokeValues:
 
     def opening(self, line: tuple[int, ...], players: Players) -> messages.OpeningReply:
         """The strokes that follow the first strokes of a rally that seat 0 serves.
-
-        Args:
-            line: catalogue indices of the first strokes.
 
         Raises:
             IllegalStrokeError: a stroke of the line is not legal there.

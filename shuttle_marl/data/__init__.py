@@ -4,9 +4,8 @@ Most users only need :func:`read_matches`.
 """
 
 from shuttle_marl.data.cleaning import clean_matches
-from shuttle_marl.data.problems import DataError
-from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome, named, to_df
-from shuttle_marl.data.table import Report, anonymised, load_account, provenance_of, read_matches, validate, write_parquet
+from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, DataError, Outcome, named, to_df
+from shuttle_marl.data.table import Report, anonymised, provenance_of, read_matches, validate, write_parquet
 from shuttle_marl.data.upstream import SPLITS, Split, matches_of, split_of
 
 __all__ = [
@@ -22,7 +21,6 @@ __all__ = [
     "Split",
     "anonymised",
     "clean_matches",
-    "load_account",
     "matches_of",
     "named",
     "provenance_of",

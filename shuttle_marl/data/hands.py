@@ -17,20 +17,18 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.data.problems import DataError, shown
-from shuttle_marl.data.schema import STROKES
+from shuttle_marl.data import schema
+from shuttle_marl.data.schema import DataError, shown
 from shuttle_marl.data.upstream import player_id
 from shuttle_marl.data.words import Words
 from shuttle_marl.game import court
 from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
 
-LEAST: Final = 10
+_LEAST: Final = 10
 """Strokes around the head that tell the hand of a player; of fewer it is unknown."""
-LEFT_HANDED: Final = 0.7
-"""Least share of them on the right of a left-hander."""
-RIGHT_HANDED: Final = 0.3
-"""Largest share of them on the right of a right-hander."""
+_LEFT_HANDED, _RIGHT_HANDED = 0.7, 0.3
+"""Least share of them on the right of a left-hander, and largest of a right-hander."""
 _RIGHT, _LEFT = range(len(HANDS))
 _CENTRE: Final = 1
 """Side of an area that tells nothing."""
@@ -38,12 +36,10 @@ _CENTRE: Final = 1
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlayerHand:
-    """The hand of a player, and the strokes that show it.
+    """The hand of a player, a number in :data:`shuttle_marl.game.court.HANDS` or None, and the strokes that show it.
 
     Attributes:
-        hand: number in :data:`shuttle_marl.game.court.HANDS`; None: unknown.
-        n: overhead strokes around the head on a known side.
-        share: fraction of them on the striker's right; None without any.
+        n: overhead strokes around the head on a known side; ``share``: fraction of them on the striker's right, None without any.
     """
 
     hand: int | None
@@ -58,9 +54,9 @@ class PlayerHand:
     @property
     def shown(self) -> int | None:
         """The hand that the strokes show; None if they are few or of both sides."""
-        if self.share is None or self.n < LEAST:
+        if self.share is None or self.n < _LEAST:
             return None
-        return _LEFT if self.share >= LEFT_HANDED else _RIGHT if self.share <= RIGHT_HANDED else None
+        return _LEFT if self.share >= _LEFT_HANDED else _RIGHT if self.share <= _RIGHT_HANDED else None
 
 
 def hands_of(strokes: pa.Table) -> dict[str, PlayerHand]:
@@ -72,11 +68,10 @@ def hands_of(strokes: pa.Table) -> dict[str, PlayerHand]:
     given = strokes["hand"].fill_null(-1).to_numpy()
     hand, known = np.full(len(names), -1), np.flatnonzero((given >= 0) & (given < len(HANDS)))[::-1]
     hand[player[known]] = given[known]  # the first one, if they differ
-    after = np.diff(strokes["stroke"].to_numpy()) == 1
-    for name in ("match", "game", "rally"):
-        after &= np.diff(_encoded(strokes, name)[0]) == 0
+    replied = np.diff(strokes["stroke"].to_numpy(), prepend=0) == 1
+    replied[schema.rally_starts(strokes)[:-1]] = False
     area = np.where(area_inferred(strokes), _CENTRE, strokes["area"].fill_null(_CENTRE).to_numpy())
-    met = np.r_[_CENTRE, np.where(after, area[:-1] % court.N_SIDES, _CENTRE)][: len(strokes)]
+    met = np.where(replied, np.roll(area, 1) % court.N_SIDES, _CENTRE)
     x = strokes["contact_x"].to_numpy()
     on_right = np.where(np.isnan(x), met < _CENTRE, x > 0)
     counted = (strokes["technique"].to_numpy() == TECHNIQUES.index("around-the-head")) & ~(np.isnan(x) & (met == _CENTRE))
@@ -97,9 +92,6 @@ def with_hands(strokes: pa.Table, path: Path) -> tuple[pa.Table, list[str]]:
 
     Returns:
         The table, and sentences on what was told and inferred.
-
-    Raises:
-        DataError: ``--hand`` names an unknown player or an unknown hand, or gives a player two hands.
     """
     players, (words, said) = hands_of(strokes), _TELLING.get() or ((), [])
     told = _told(words, players, path)
@@ -109,7 +101,7 @@ def with_hands(strokes: pa.Table, path: Path) -> tuple[pa.Table, list[str]]:
     of_player = pa.array([hands[name] for name in names], pa.int8()).take(pa.array(player))
     replaced = pc.or_(pc.is_null(strokes["hand"]), pc.is_in(strokes["player"], pa.array(list(told), pa.string())))
     filled = pc.if_else(replaced.combine_chunks(), of_player, strokes["hand"].combine_chunks())
-    strokes = strokes.set_column(strokes.schema.get_field_index("hand"), STROKES.field("hand"), filled)
+    strokes = schema.changed(strokes, "hand", filled)
     said.append(unknown_hands(strokes))
     sources = (("told by --hand", told), ("from the side of strokes around the head", inferred))
     counts = {source: [list(found.values()).count(hand) for hand in (_RIGHT, _LEFT)] for source, found in sources if found}
@@ -135,9 +127,6 @@ def telling_hands(words: Sequence[str]) -> Iterator[list[list[str]]]:
 
     Yields:
         :func:`unknown_hands` of each table that was read.
-
-    Raises:
-        ShuttleError: ``words`` is not empty, and no strokes were read within the block.
     """
     unknown: list[list[str]] = []
     token = _TELLING.set((words, unknown))

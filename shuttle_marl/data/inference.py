@@ -1,18 +1,19 @@
-"""Inference of missing values of a stroke table, warnings of improbable ones, and comparison of redundant columns."""
+"""Inference of missing values of a sheet, warnings of improbable ones, and names of matches and players."""
 
+import functools
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Array, Bools
 from shuttle_marl.data.cleaning import FIXED_HEIGHT
-from shuttle_marl.data.problems import shown
-from shuttle_marl.data.schema import REACH_OVER, REASONS, Outcome
+from shuttle_marl.data.schema import DISCIPLINES, REACH_OVER, REASONS, Outcome, shown
 from shuttle_marl.data.sheet import Sheet
-from shuttle_marl.data.upstream import player_id
+from shuttle_marl.data.upstream import discipline, player_id
+from shuttle_marl.data.words import PLAYERS, Words, bare, nfc, plain, whole
 from shuttle_marl.game import court
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS
@@ -54,10 +55,8 @@ _APART: Final = 0.5
 """Largest distance of a contact point from the landing of the stroke before, which is the same point [m]."""
 _REACH: Final = 4.0
 """Largest distance of a player from a contact point [m]; 3.5 in 999 of 1,000 published strokes."""
-_SHALLOW: Final = 3.0
-"""Points all within this distance of the middle of the net are improbable [m]."""
-_TINY: Final = 1.05
-"""Points all within this distance of the middle of the net are no metres [m], but fractions of a court."""
+_SHALLOW, _TINY = 3.0, 1.05
+"""Points all within this distance of the middle of the net [m] are improbable, or no metres but fractions of a court."""
 _FEW: Final = 10
 """Fewer points tell nothing for certain."""
 _TEMPO: Final = (0.3, 5.0)
@@ -97,10 +96,8 @@ def winners_by_score(
     Args:
         scores: of each of the R rallies, in an unknown order, before or after it; None not known.
         fresh: ``[R]`` whether a rally is the first of its game.
-        server: ``[R]`` 0 for who struck first in the game, 1 for the other player.
-        told: ``[R]`` the winner, where another value tells it; else -1.
-        began: ``[R]`` who struck first in the match.
-        match: ``[R]`` number of the match.
+        server, told, began: ``[R]`` who serves, who won where another value tells it (else -1), and who struck first in the
+            match: 0 for who struck first in the game, 1 for the other player.
 
     Returns:
         Points of 0 and 1 after each rally; ``[R]`` winners, -1 not known; and the reading in words, empty if several fit.
@@ -204,32 +201,28 @@ def check_tempo(sheet: Sheet, passed: F64) -> None:
         (sheet.add if certain else sheet.doubt)(text)
 
 
-def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64], side: I64) -> None:
+def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64], fresh: Bools, first: Bools) -> None:
     """Compare the rows with those before them, and points and heights with other columns.
 
     Args:
         strokes: ``[n]`` values by column of the schema, NaN where there are none.
         points: ``[n, 2]`` :data:`POINTS`.
-        side: ``[n]`` half of the striker, 1 for the far one.
+        fresh, first: ``[n]`` whether a row begins a game, and a rally.
     """
-    match, game, rally, number, player, outcome = (
-        strokes[name] for name in ("match", "game", "rally", "stroke", "player", "outcome")
-    )
-    fresh = changes(match, game)
-    first = fresh | changes(rally)
+    game, rally, number, player, outcome = (strokes[name] for name in ("game", "rally", "stroke", "player", "outcome"))
     if "stroke" in sheet:
         missing = number != np.where(first, 1, np.r_[0, number[:-1]] + 1)
         sheet.warn(missing, "strokes of the rally are missing before this one")
     gap = rally - np.where(fresh, 0, np.r_[0, rally[:-1]])
     sheet.warn(first & (gap > 1), "rallies of the game are missing before this one")
-    leap = game - np.where(changes(match), 0, np.r_[0, game[:-1]])
+    leap = game - np.where(changes(strokes["match"]), 0, np.r_[0, game[:-1]])
     sheet.warn(leap > 1, "games of the match are missing before this one")
     won = np.select([outcome == Outcome.WINNER, outcome == Outcome.FAULT], [player, strokes["opponent"]], "")
     served = first & (number == 1) & (strokes["shot"] < N_SERVES) & ~fresh & (gap == 1)
     others = served & np.r_[False, (won[:-1] != "") & (won[:-1] != player[1:])]
     sheet.warn(others, "the server did not win the rally before")
     if "side" in sheet:
-        moved = ~fresh & changes((side == 1) ^ (player < strokes["opponent"]))
+        moved = ~fresh & changes((sheet.words("side", 0) == 1) ^ (player < strokes["opponent"]))
         sheet.mark(np.flatnonzero(moved & ~first), "the players are not on the sides of the stroke before")
         sheet.warn(moved & first & (game < 3), "the players change sides during the game")
     if "seconds" in sheet:
@@ -289,5 +282,176 @@ def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[st
         sheet.warn(known & wrong, text)
     returned = known & (outcome == Outcome.RETURNED)
     if returned.sum() > 2 and (returned & ~inside).sum() > returned.sum() / 3:
-        text = "a third of the returned strokes were met outside the court: are x and y metres from the middle of the net?"
-        sheet.doubt(text)
+        sheet.doubt("a third of the returned strokes were met outside the court: are x and y metres from the middle of the net?")
+
+
+_MISSING: Final = frozenset(
+    {"nan", "none", "null", "nil", "nat", "na", "<na>", "undefined", "missing", "ref!", "value!", "name?", "div0!", "num!", "inf"}
+)
+"""What programs write for a missing value, bare."""
+_ROLES: Final = frozenset(
+    {"server", "receiver", "striker", "hitter", "winner", "loser", "发球方", "接发球方", "发球者", "接发球者"}
+)
+_IF_ONE: Final = "; map it in [values.player] if it is one"
+_TWO: Final = re.compile(r"[/&+;|\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(and|und|og|et|dan|vs|v|और)\.?\s", re.IGNORECASE)
+"""What stands between two names."""
+_OTHER_END: Final = {"near": "far", "far": "near", "left": "right", "right": "left"}
+_DECIDER: Final = 3
+"""Game within which the players change ends."""
+_PLACE: Final = re.compile("player|court|side|half|end")
+UNKNOWN_END: Final = "the players change ends in the third game, and with one name nobody knows the other; name them in each row"
+
+
+@functools.lru_cache(maxsize=1 << 12)
+def end_of(word: str) -> str:
+    """``near``, ``far``, ``left`` or ``right`` for the name of an end, such as *top* or *player_near*; else empty."""
+    word = _PLACE.sub("", bare(word))
+    found = Words("side", ()).meaning(word) or Words("side_of_area", ()).meaning(word) or ""
+    return found if found in _OTHER_END else ""
+
+
+def ends_in(names: Mapping[str, str]) -> dict[str, str]:
+    """Names by end, of a mapping in which some keys are names of ends."""
+    return {end: name for word, name in names.items() if (end := end_of(word))}
+
+
+def at_ends(ends: Mapping[str, str], words: Sequence[str], games: Iterable[int], first: int) -> list[str]:
+    """Names of players who are named by the ends of a match, empty where they cannot be known (:data:`UNKNOWN_END`).
+
+    Args:
+        ends: names by end in the game ``first``, see :func:`ends_in`.
+        words, games: the end of each player, and its game, from 1.
+    """
+    return [
+        ends.get(end_of(word) if game == first else _OTHER_END.get(end_of(word), ""), "") if game < _DECIDER else ""
+        for word, game in zip(words, games, strict=True)
+    ]
+
+
+def ends_note(games: Iterable[int]) -> str:
+    """What is inferred about names of ends in these games."""
+    if len(set(games)) > 1:
+        return "names of the ends: those of the first game of a match, exchanged in the second, because the players change"
+    return "names of the ends: the same in all rallies, because they are of one game by their numbers"
+
+
+def names_of_matches(sheet: Sheet) -> Array:
+    """``[n]`` names of matches; without a column that of the file."""
+    if "match" in sheet:
+        return np.array(_checked(sheet, "match", spelled(sheet, "match")))
+    return np.full(len(sheet), "".join(c if c.isprintable() else "_" for c in sheet.path.stem).strip() or "match")
+
+
+def players_of(sheet: Sheet, match: Array, game: I64) -> tuple[Array, Array]:
+    """``[n]`` identifiers of the players and of their opponents."""
+    known: dict[str, str] = {}
+    alike: dict[str, str] = {}
+    warn_alike(sheet, alike, match.tolist(), "match")
+
+    def identifiers(name: str) -> Array:
+        names = _checked(sheet, name, spelled(sheet, name, game, match))
+        for row, value in enumerate(names):
+            if (other := known.setdefault(player_id(value), value)) != value:
+                one = f"{shown(value)} and {shown(other)} would be one player, {player_id(value)}"
+                sheet.mark(row, f"{one}; write one name, or map one in [values.player]")
+        warn_alike(sheet, alike, names, "player")
+        return np.array([player_id(value) for value in names], dtype=object)
+
+    player = identifiers("player")
+    return player, identifiers("opponent") if "opponent" in sheet else _others(sheet, match, player)
+
+
+def spelled(sheet: Sheet, name: str, game: I64 | None = None, match: Array | None = None) -> list[str]:
+    """``[n]`` names of a column as ``[values.player]`` spells them.
+
+    Args:
+        game, match: ``[n]``, for players who are named by their ends.
+    """
+    texts, spellings = sheet.text(name), sheet.map.values.get("player", {}) if name in PLAYERS else {}
+    values = [nfc(spellings.get(plain(text), whole(text))) for text in texts]
+    if game is None or match is None or not (ends := ends_in(spellings)):
+        return values
+    at_end = np.array([plain(text) in spellings and bool(end_of(text)) for text in texts])
+    for of_match in np.unique(match[at_end]):
+        rows, games = np.flatnonzero(at_end & (match == of_match)).tolist(), game[match == of_match]
+        found = at_ends(ends, [texts[row] for row in rows], game[rows], games.min())
+        for row, person in zip(rows, found, strict=True):
+            if not person:
+                sheet.mark(row, f"{sheet.named(name)} {shown(texts[row])}: {UNKNOWN_END}")
+            values[row] = person or values[row]
+        told = ends_note(games.tolist())
+        sheet.notes += [told] if told not in sheet.notes else []
+    return values
+
+
+def _checked(sheet: Sheet, name: str, values: list[str]) -> list[str]:
+    """The names; what is no name of one match or one person is a problem."""
+    wrong = {value: told for value in set(values) if (told := _no_name(value, of_player=name in PLAYERS))}
+    for row, value in enumerate(values) if wrong else ():
+        if value in wrong:
+            sheet.mark(row, f"{sheet.named(name)} {shown(value)}; {wrong[value]}")
+    return values
+
+
+def _no_name(value: str, *, of_player: bool) -> str:
+    """What is expected instead of a text; empty if it may be a name."""
+    if not value or not value.isprintable():
+        return "expected a name"
+    if of_player and not any(map(str.isalnum, value)):
+        return "expected a name with letters or digits"
+    if bare(value) in _MISSING or Words("shot", ()).meaning(value) == "unknown":
+        return f"expected a name: this stands for a missing one{_IF_ONE if of_player else ''}"
+    if of_player and bare(value) in _ROLES:
+        return f"expected a name: this is another player in another rally{_IF_ONE}"
+    if of_player and _TWO.search(value):
+        return f"expected the name of one person, because the game is of singles{_IF_ONE}"
+    return ""
+
+
+def _others(sheet: Sheet, match: Array, player: Array) -> Array:
+    """``[n]`` the other player of the match."""
+    opponent = player.copy()
+    of_match, begins = np.argsort(match, kind="stable"), np.unique(np.sort(match), return_index=True)[1]
+    for rows in np.split(of_match, begins[1:]):
+        names, first, count = np.unique(player[rows], return_index=True, return_counts=True)
+        if len(names) == 2:
+            opponent[rows] = np.where(player[rows] == names[0], names[1], names[0])
+            continue
+        if not sheet.unreadable[rows].any():  # else reported already
+            has = f"match {str(match[rows[0]])!r} has {len(names)} players ({', '.join(names[:5])})"
+            rarest = rows[first[np.lexsort((-first, count))[0]]]
+            sheet.mark(rarest, f"{has}; expected two, or a column opponent")
+        sheet.unreadable[rows] = True
+    return opponent
+
+
+def hands_given(sheet: Sheet, player: Array) -> I64:
+    """``[n]`` hands of the column, -1 not given; a player has one."""
+    hand, of_player = sheet.words("hand"), dict[str, int]()
+    for row in np.flatnonzero(hand >= 0):
+        if of_player.setdefault(player[row], hand[row]) != hand[row]:
+            sheet.mark(row, f"{player[row]} is {court.HANDS[hand[row]]}-handed here, and not above; expected one hand")
+    return np.array([of_player.get(name, -1) for name in player])
+
+
+def disciplines(sheet: Sheet, player: Array, opponent: Array) -> Array:
+    """``[n]`` disciplines: of the column, of the map, or of known players."""
+    known = [{discipline(a), discipline(b)} - {None} for a, b in zip(player, opponent, strict=True)]
+    first, second = DISCIPLINES
+    if "discipline" in sheet:
+        given = np.array(DISCIPLINES)[np.maximum(sheet.words("discipline"), 0)]
+    elif sheet.map.discipline:
+        given = np.full(len(sheet), sheet.map.discipline)
+    elif sheet.map.guessed and not any(known):
+        sheet.notes.append(f'the discipline: {first}; if it is another, set discipline = "{second}" in a map')
+        return np.full(len(sheet), first)
+    else:
+        told = f'set discipline = "{first}" or "{second}" in the map, or map a column'
+        sheet.mark(
+            np.flatnonzero([len(kinds) != 1 for kinds in known])[:1],
+            f"unknown discipline, or players of different ones; {told}",
+        )
+        return np.array([min((kind for kind in kinds if kind), default=first) for kinds in known])
+    others = np.array([bool(kinds - {told}) for kinds, told in zip(known, given.tolist(), strict=True)])
+    sheet.warn(others, "a player of the published matches, who plays another discipline there")
+    return given

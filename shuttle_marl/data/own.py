@@ -1,4 +1,4 @@
-"""Import of a user's matches from a table of strokes, by a :class:`~shuttle_marl.data.column_map.ColumnMap`.
+"""Import of a user's matches from a table of strokes, by a :class:`~shuttle_marl.data.words.ColumnMap`.
 
 Nothing is repaired: every invalid value and every broken rule of the schema is reported with its line. What is improbable is a
 warning (:mod:`shuttle_marl.data.inference`). What the file lacks is inferred where other values tell it, and marked.
@@ -14,20 +14,242 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from shuttle_marl import __version__
-from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64, Array, Bools
 from shuttle_marl.base.files import content_hash
-from shuttle_marl.data import inference, readers
-from shuttle_marl.data.column_map import COLUMNS, ColumnMap
-from shuttle_marl.data.copies import copies
+from shuttle_marl.data import inference, readers, schema
 from shuttle_marl.data.hands import area_inferred, hands_of, unknown_hands, with_hands
-from shuttle_marl.data.people import disciplines, end_of, hands_given
-from shuttle_marl.data.problems import DataError, Problem, grouped
-from shuttle_marl.data.rallies import Rallies, results
-from shuttle_marl.data.schema import Account, Cleaned, Outcome, stroke_table, violations
-from shuttle_marl.data.sheet import Sheet
-from shuttle_marl.data.words import Words
+from shuttle_marl.data.inference import disciplines, end_of, hands_given, names_of_matches, players_of, spelled
+from shuttle_marl.data.matches import copies
+from shuttle_marl.data.schema import RANGES, REASONS, Account, Cleaned, DataError, Outcome, Problem, shown
+from shuttle_marl.data.sheet import Sheet, listed
+from shuttle_marl.data.upstream import player_id
+from shuttle_marl.data.words import COLUMNS, FAULTS, WINNERS, WORDS, ColumnMap, Words
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
+
+_BARE_SERVE: Final = WORDS["shot"].index("serve")
+_SERVES: Final = (*range(N_SERVES), _BARE_SERVE)
+_ENDINGS: Final = WORDS["ending"]
+_LET: Final = _ENDINGS.index("let")
+_UNFORCED, _FORCED = (_ENDINGS.index(word) for word in ("unforced-error", "forced-error"))
+_FAULTS, _WINNERS = ([_ENDINGS.index(word) for word in words] for words in (FAULTS, WINNERS))
+_REASON: Final = np.array([REASONS.index(word if word in REASONS else "unknown") for word in _ENDINGS])
+_MOST_MATCHES: Final = 10_000
+
+
+class Rallies:
+    """Where each of the n rows of a sheet belongs; all attributes are ``[n]``.
+
+    Attributes:
+        fresh, first, last: whether a row begins a game, and begins and ends a rally.
+        start, group: first row of the game, and number of the rally in the file, from 0.
+        reply: whether the next row is the next stroke.
+        shot: shot types, -1 not known; ``inferred_serve``: whether the reply told that of a serve.
+        ending: words for the ends of rallies, indices into those of the map.
+    """
+
+    def __init__(self, sheet: Sheet) -> None:
+        self.sheet, self.match = sheet, names_of_matches(sheet)
+        self.game, shot = _numbers(sheet, "game"), sheet.words("shot")
+        known, match = np.unique(self.match, return_inverse=True)
+        if len(known) > _MOST_MATCHES:
+            raise DataError(sheet.path, f"{len(known):,} matches, more than {_MOST_MATCHES:,}; divide the file")
+        self.fresh = inference.changes(match, self.game)
+        self.start = np.flatnonzero(self.fresh)[np.cumsum(self.fresh) - 1]
+        self.rally = _numbers(sheet, "rally") if "rally" in sheet else self._numbered(shot)
+        self.first = self.fresh | inference.changes(self.rally)
+        self.last = np.r_[self.first[1:], True]
+        self.group = np.cumsum(self.first) - 1
+        if {"rally", "stroke", "seconds", "frame"} & sheet.map.columns.keys():
+            rows = zip(*map(sheet.text, sheet.map.columns), strict=True)
+            sheet.mark(1 + np.flatnonzero([a == b for a, b in itertools.pairwise(rows)]), "duplicate of the row before")
+        self.stroke = self._strokes(shot)
+        self.reply = np.r_[~self.first[1:] & (np.diff(self.stroke) == 1), False]
+        self.inferred_serve = shot == _BARE_SERVE
+        self.shot = np.where(self.inferred_serve, np.isin(self.following(shot), inference.LONG_REPLIES), shot)
+        self.ending = sheet.words("ending", 0)
+        self.player, self.opponent = players_of(sheet, self.match, self.game)
+
+    def __len__(self) -> int:
+        """Number of rallies."""
+        return int(self.first.sum())
+
+    def following(self, values: I64) -> I64:
+        """``[n]`` values of the next strokes, -1 without one."""
+        return np.where(self.reply, np.r_[values[1:], -1], -1)
+
+    def wrong(self) -> Bools:
+        """``[n]`` rows of the rallies with problems."""
+        return np.isin(self.group, self.group[self.sheet.unreadable])
+
+    def without_lets(self) -> Sheet | None:
+        """The sheet without rallies that were replayed, which do not count as rallies of their games; None: there are none."""
+        let = self.ending == _LET
+        if not let.any():
+            return None
+        after_let = np.r_[False, let[:-1]]
+        part = np.cumsum(self.first | after_let)  # the replay may have the same number
+        kept = ~np.isin(part, part[let])
+        counted = np.cumsum(~self.fresh & after_let & (np.diff(self.rally, prepend=0) > 0))
+        number = self.rally - counted + counted[self.start]
+        sheet = self.sheet.take(kept)
+        if "rally" in sheet:
+            sheet.columns[sheet.named("rally")] = tuple(map(str, number[kept].tolist()))
+        return sheet
+
+    def _numbered(self, shot: I64) -> I64:
+        """Numbers of rallies in their games: each begins with a serve, or after a pause."""
+        sheet, begins, pause = self.sheet, np.isin(shot, _SERVES), ""
+        if "seconds" in sheet:
+            passed = np.diff(sheet.numbers("seconds"), prepend=np.nan)
+            inference.check_tempo(sheet, passed[~(self.fresh | begins)])
+            begins |= passed > inference.PAUSE
+            pause = f", or after a pause of {inference.PAUSE:g} s"
+        sheet.notes.append(f"where rallies begin: with each serve{pause}")
+        number = np.cumsum(begins | self.fresh)
+        return number - number[self.start] + 1
+
+    def _strokes(self, shot: I64) -> I64:
+        """Numbers of strokes in their rallies; in files of programs one is missing where a player strikes twice in a row."""
+        sheet, n = self.sheet, len(shot)
+        if "stroke" in sheet:
+            return _numbers(sheet, "stroke")
+        start = np.flatnonzero(self.first)[self.group]
+        if sheet.strict:
+            return np.arange(n) - start + 1
+        player = np.array(sheet.text("player"))
+        again = np.r_[False, player[1:] == player[:-1]]
+        if twice := int((again & ~self.first).sum()):
+            sheet.notes.append(f"a stroke is missing where a player strikes twice in a row: {twice:,} times")
+        served = np.isin(shot, [-1, WORDS["shot"].index("unknown"), *_SERVES])
+        step = np.cumsum(np.where(again, 2, 1))
+        return step - step[start] + np.where(served[start], 1, 2)
+
+    @property
+    def side(self) -> I64:
+        """``[n]`` 0 for strokes of who struck first in the game, 1 for the other player."""
+        return (self.player != self.player[self.start]).astype(np.int64)
+
+
+def _numbers(sheet: Sheet, name: str) -> I64:
+    """``[n]`` numbers of games, rallies or strokes; 1 without the column."""
+    return sheet.integers(name, *RANGES[name], missing=1)
+
+
+def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
+    """``[n]`` outcome, reason, forced and points by column of the schema, and whether who serves next told the outcome."""
+    sheet, ending, last = rallies.sheet, rallies.ending, rallies.last
+    points = {name: sheet.bounded(name, *RANGES[name]) for name in ("points", "points_opponent")}
+    told, inferred = _winners(rallies), np.zeros(len(sheet), dtype=bool)
+    won = told
+    if "score" in sheet:
+        by_score, points = _by_score(rallies, told)
+        won = np.where(told < 0, by_score, told)
+    elif not ("ending" in sheet or "winner" in sheet):
+        won = _of_row(rallies, _serves_next(rallies))
+        inferred = last & (won >= 0)
+    for row in np.flatnonzero(~last & (ending > 0)):
+        sheet.mark(row, f"ending {_ENDINGS[ending[row]]!r} of a stroke that is not the last of its rally")
+    fault, winner = np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)
+    for row in np.flatnonzero(last & ((fault & (won == 1)) | (winner & (won == 0)))):
+        sheet.mark(row, f"ending {_ENDINGS[ending[row]]!r} contradicts who won the rally")
+    undecided = last & ~fault & ~winner
+    by_winner = np.select([won == 1, won == 0], [Outcome.WINNER, Outcome.FAULT], Outcome.UNKNOWN)
+    outcome = np.select([undecided, fault, winner], [by_winner, Outcome.FAULT, Outcome.WINNER], Outcome.RETURNED)
+    unsaid = undecided & (ending != _ENDINGS.index("unknown"))
+    if sheet.strict and "ending" in sheet:
+        sheet.warn(unsaid & (won >= 0), "the last stroke of its rally has no ending, only a winner")
+    if sheet.strict and ("ending" in sheet or "winner" in sheet):
+        rows = np.flatnonzero(unsaid & (won < 0) & ~rallies.wrong())
+        sheet.mark(rows, "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known")
+    forced = np.select([ending == _UNFORCED, ending == _FORCED], [0, 1], sheet.words("forced"))
+    values: dict[str, Any] = {
+        "outcome": outcome,
+        "reason": np.where(undecided, REASONS.index("unknown"), _REASON[ending]),
+        "forced": np.ma.masked_where(forced < 0, forced == 1),
+        **points,
+    }
+    return values, inferred
+
+
+def _winners(rallies: Rallies) -> I64:
+    """``[n]`` 1 if the striker won the rally by the column of winners, 0 if not, -1 unknown."""
+    sheet, winner_of = rallies.sheet, dict[int, str]()
+    names = spelled(sheet, "winner", rallies.game, rallies.match) if "winner" in sheet else ()
+    for row, name in enumerate(names):
+        both = (rallies.player[row], rallies.opponent[row])
+        if not name or both[0] == both[1]:  # reported already
+            continue
+        if player_id(name) not in both:
+            sheet.mark(row, f"winner {shown(name)}; expected one of the players, {' or '.join(both)}")
+        elif winner_of.setdefault(int(rallies.group[row]), player_id(name)) != player_id(name):
+            sheet.mark(row, f"{shown(name)} contradicts another winner of this rally")
+    winners = [winner_of.get(number) for number in rallies.group.tolist()]
+    return np.array([-1 if name is None else int(name == who) for name, who in zip(winners, rallies.player, strict=True)])
+
+
+def _server(rallies: Rallies) -> I64:
+    """``[R]`` side of the server of each rally."""
+    first, side = np.flatnonzero(rallies.first), rallies.side
+    return np.where(rallies.stroke[first] % 2 == 1, side[first], 1 - side[first])
+
+
+def _serves_next(rallies: Rallies) -> I64:
+    """``[R]`` side that serves in the next rally, because it won; -1 not known."""
+    first, server = np.flatnonzero(rallies.first), _server(rallies)
+    followed = np.r_[~rallies.fresh[first][1:] & (np.diff(rallies.rally[first]) == 1), False]
+    return np.where(followed, np.r_[server[1:], -1], -1)
+
+
+def _of_row(rallies: Rallies, winner: I64) -> I64:
+    """``[n]`` 1 if the striker is of the side that won, 0 if not, -1 unknown."""
+    of_row = winner[rallies.group]
+    return np.where(of_row < 0, -1, of_row == rallies.side)
+
+
+def _by_score(rallies: Rallies, known: I64) -> tuple[I64, dict[str, Array]]:
+    """``[n]`` 1 if the striker won the rally by the score, 0 if not, -1 unknown; and the points after the rally.
+
+    Args:
+        known: ``[n]`` the same by the column of winners.
+    """
+    sheet, ending, side = rallies.sheet, rallies.ending, rallies.side
+    first, last = np.flatnonzero(rallies.first), np.flatnonzero(rallies.last)
+    new_match = inference.changes(rallies.match)
+    of_match = np.flatnonzero(new_match)[np.cumsum(new_match) - 1]
+    fault, won_by = (np.isin(ending[last], group) for group in (_FAULTS, _WINNERS))
+    conditions = [known[last] == 1, known[last] == 0, fault, won_by]
+    told = np.select(conditions, [side[last], 1 - side[last], 1 - side[last], side[last]], _serves_next(rallies))
+    began = (rallies.player[of_match] != rallies.player[rallies.start])[first].astype(np.int64)
+    if all(end_of(name) for name in np.unique(rallies.player)):  # another person in the next game
+        began = (began + rallies.game[first] - rallies.game[of_match][first]) % 2
+    match, scores = np.unique(rallies.match[first], return_inverse=True)[1], _scores(sheet, rallies)
+    fresh = rallies.fresh[first]
+    points, winner, reading = inference.winners_by_score(scores, fresh, _server(rallies), told, began, match)
+    if reading:
+        sheet.notes.append(reading)
+    else:
+        sheet.add("the score does not tell whose points are first, or whether it is that before the rally; add a winner")
+    totals = [(rallies.start[row], sum(score)) for row, score in zip(first, scores, strict=True) if score is not None]
+    if "game" not in sheet and any(a == b and later < now for (a, now), (b, later) in itertools.pairwise(totals)):
+        sheet.add("the score falls, so there are several games: number them in a column")
+    both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[rallies.group]
+    rows = np.arange(len(sheet))
+    return _of_row(rallies, winner), {"points": both[rows, side], "points_opponent": both[rows, 1 - side]}
+
+
+def _scores(sheet: Sheet, rallies: Rallies) -> list[inference.Points | None]:
+    """The score of each rally as it stands there."""
+    scores: list[inference.Points | None] = [None] * len(rallies)
+    for row, text in enumerate(sheet.text("score")):
+        if text.strip() and (score := inference.read_score(text)) is None:
+            sheet.mark(row, f"score {shown(text)}; expected points such as 5-3 (did a spreadsheet make it a date?)")
+        elif text.strip():
+            if scores[rallies.group[row]] not in (None, score):
+                sheet.warn([row], inference.OTHER_SCORE)
+            scores[rallies.group[row]] = score
+    return scores
+
 
 _ABOVE: Final = [SHOTS.index(name) for name in ("clear", "drop", "smash", "half-smash", "net-kill")]
 _COUNTED: Final = "rally (counted)"
@@ -40,7 +262,6 @@ INFERRED: Final = {
 }
 """What may be inferred of a stroke, and from what."""
 _SHOWN: Final = 30
-"""Headers that a message shows."""
 
 
 def import_matches(path: Path, columns: Path | None = None) -> Cleaned:
@@ -66,17 +287,14 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
     """Check and convert the table of a reader.
 
     Rallies that were replayed are dropped; of a file that users cannot correct also those with a problem, which is a warning.
-
-    Raises:
-        DataError: invalid values or broken rules; of a file that users cannot correct, if no rally is left.
     """
     path, total = sheet.path, sheet.total
     sheet.map = _mapped(sheet, given)
     sheet.require(sheet.map.columns.values())
     told, sheet.warnings = sheet.warnings, []
     read = {"source": sheet.map.source, "format": sheet.format, "file": path.name, "sha256": content_hash(sheet.content)}
-    if unread := [repr(name) for name in sheet.header if name and name not in sheet.map.columns.values()]:
-        told.append(Problem(path, f"columns that the map does not name are not read: {', '.join(unread)}"))
+    unread = [name for name in sheet.header if name and name not in sheet.map.columns.values()]
+    told += [Problem(path, words) for words in listed("columns that the map does not name are not read", unread)]
     broken, most, lets, notes = 0, 0, 0, list[str]()
     while True:
         rallies = Rallies(sheet)
@@ -119,9 +337,9 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)
     return Cleaned(
         strokes=strokes,
-        account=Account.of(strokes, total=total, rallies=most, dropped=dropped),
+        account=Account.of(strokes, rallies=most, strokes=total, dropped=dropped),
         files=(path,),
-        warnings=tuple(str(problem) for problem in grouped(found)),
+        warnings=tuple(str(problem) for problem in schema.grouped(found)),
         provenance={
             **read,
             "inferred": [*sheet.inferred, *notes, *sheet.notes, *_inferred(strokes), *hands],
@@ -132,11 +350,7 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
 
 
 def _mapped(sheet: Sheet, given: ColumnMap) -> ColumnMap:
-    """The map of a sheet: the one of the user; without columns, with those that the words of its header mean.
-
-    Raises:
-        DataError: a required column is missing.
-    """
+    """The map of a sheet: the one of the user; without columns, with those that the words of its header mean."""
     given = dataclasses.replace(given, source=given.source or sheet.source)
     if given.columns:
         return given
@@ -163,9 +377,9 @@ def _seen_by_left_handers(strokes: pa.Table) -> pa.Table:
     """The table with the inferred areas, which are where right-handers meet the shuttle, mirrored for left-handed receivers."""
     left = [name for name, player in hands_of(strokes).items() if player.hand == court.HANDS.index("left")]
     mirrored = area_inferred(strokes) & pc.is_in(strokes["opponent"], pa.array(left, pa.string())).to_numpy()
-    area, position = strokes["area"].combine_chunks(), strokes.schema.get_field_index("area")
+    area = strokes["area"].combine_chunks()
     filled = pa.array(court.mirrored(area.fill_null(0).to_numpy(zero_copy_only=False)))
-    return strokes.set_column(position, strokes.schema.field("area"), pc.if_else(mirrored, filled, area))
+    return schema.changed(strokes, "area", pc.if_else(mirrored, filled, area))
 
 
 def _strokes_of(sheet: Sheet, rallies: Rallies) -> pa.Table:
@@ -183,7 +397,7 @@ def _strokes_of(sheet: Sheet, rallies: Rallies) -> pa.Table:
         "area": guessed,
         "outcome": won_by_server,
     }
-    sure = sheet.probabilities("confidence")
+    sure = sheet.bounded("confidence", 0, 1, whole=False)
     landing_x, landing_y = point["landing"].T.astype(np.float32)
     values: dict[str, Any] = {
         "source": np.full(len(sheet), sheet.map.source),
@@ -194,19 +408,19 @@ def _strokes_of(sheet: Sheet, rallies: Rallies) -> pa.Table:
         "technique": np.maximum(technique, 0),
         "area": np.ma.masked_less(np.where(guessed, met, landed), 0),
         "in_court": np.ma.masked_where(np.isnan(landing_y), court.in_court(landing_x, landing_y)),
-        "clock": sheet.whole("seconds", "clock"),
-        "frame": sheet.whole("frame"),
+        "clock": np.floor(sheet.bounded("seconds", *RANGES["clock"], whole=False)),
+        "frame": sheet.bounded("frame", *RANGES["frame"]),
         **result,
         "confidence": np.where(guessed, np.where(np.isnan(sure), 1.0, sure) * share, sure),
         "inferred": [" ".join(itertools.compress(marks, row)) or None for row in zip(*marks.values(), strict=True)],
     }
-    inference.compare(sheet, values, point, sheet.words("side", 0))
+    inference.compare(sheet, values, point, rallies.fresh, rallies.first)
     # An unreadable row would cause false problems of the other rows of its rally.
     known = np.flatnonzero((shot < len(SHOTS)) & ~rallies.wrong())
     if not len(known) and not sheet.problems:
         raise DataError(sheet.path, "no stroke of a known shot type")
-    strokes = stroke_table(values, point).take(pa.array(known))
-    for violation in violations(strokes):
+    strokes = schema.stroke_table(values, point).take(pa.array(known))
+    for violation in schema.violations(strokes):
         sheet.mark(known[violation.rows], f"expected: {violation.rule}")
     return strokes
 

@@ -1,4 +1,4 @@
-"""Schema of annotated strokes, and rules that every stroke table satisfies.
+"""Schema of annotated strokes, rules that every stroke table satisfies, and problems of files.
 
 One row is one stroke that passed cleaning. Coordinates are egocentric metres (see :mod:`shuttle_marl.game.court`): origin
 on the floor under the middle of the net, ``y`` from the striker towards the opponent, ``x`` to the striker's right.
@@ -6,7 +6,7 @@ on the floor under the middle of the net, ``y`` from the striker towards the opp
 
 import dataclasses
 import enum
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -15,19 +15,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.base.arrays import I64, Array, Bools, Floats, Ints
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.arrays import I64, Array, Bools, Floats
+from shuttle_marl.base.errors import ShuttleError, command, printable
 from shuttle_marl.base.extras import hinted
 from shuttle_marl.base.files import Fraction, StoredCount
-from shuttle_marl.game import court, rules
+from shuttle_marl.game import court
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 
 
 class Outcome(enum.IntEnum):
-    """Outcome of an annotated stroke, the codes of the column ``outcome``.
-
-    They differ from :data:`shuttle_marl.game.rules.OUTCOMES`, which :func:`outcome_of` converts.
-    """
+    """Outcome of an annotated stroke, codes of the column ``outcome``; others than :data:`shuttle_marl.game.rules.OUTCOMES`."""
 
     RETURNED = 0
     """The opponent struck it."""
@@ -40,7 +37,6 @@ class Outcome(enum.IntEnum):
 
 
 OUTCOMES: Final = tuple(outcome.name.lower() for outcome in Outcome)
-"""Names of the outcomes, in the order of their codes."""
 
 REASONS: Final = ("returned", "out", "net", "short", "foul", "landed", "misjudged", "unknown")
 """Reasons of an outcome: out of court, into the net, short of the net, a foul; landed in court, left by a misjudging opponent."""
@@ -115,7 +111,6 @@ NAMES: Final = {
     "outcome": OUTCOMES,
     "reason": REASONS,
 }
-"""Names of the values of columns that are indices."""
 
 
 def named(strokes: pa.Table) -> pa.Table:
@@ -124,11 +119,14 @@ def named(strokes: pa.Table) -> pa.Table:
     pandas reads them as categories, polars and DuckDB as text.
     """
     for name, names in NAMES.items():
-        at = strokes.schema.get_field_index(name)
-        field, codes = strokes.schema.field(at), strokes.column(at).combine_chunks()
-        column = pa.DictionaryArray.from_arrays(codes, pa.array(names))
-        strokes = strokes.set_column(at, field.with_type(column.type), column)
+        strokes = changed(strokes, name, pa.DictionaryArray.from_arrays(strokes[name].combine_chunks(), pa.array(names)))
     return strokes
+
+
+def changed(table: pa.Table, name: str, values: pa.Array) -> pa.Table:
+    """The table with other values in a column."""
+    at = table.schema.get_field_index(name)
+    return table.set_column(at, table.schema.field(at).with_type(values.type), values)
 
 
 def to_df(table: pa.Table, library: Literal["pandas", "polars"] = "pandas") -> Any:
@@ -147,11 +145,7 @@ def to_df(table: pa.Table, library: Literal["pandas", "polars"] = "pandas") -> A
 
 
 def unnamed(name: str, column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Codes of a column of :data:`NAMES`, from names or codes.
-
-    Raises:
-        pa.ArrowException: an unknown name, or neither text nor integers.
-    """
+    """Codes of a column of :data:`NAMES`, from names or codes."""
     kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
     if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
         return column.cast(STROKES.field(name).type)
@@ -176,15 +170,11 @@ RANGES: Final = {name: (0, len(names) - 1) for name, names in NAMES.items()} | {
 _FAULT_REASONS: Final = [REASONS.index(name) for name in ("out", "net", "short", "foul", "unknown")]
 _WINNER_REASONS: Final = [REASONS.index(name) for name in ("landed", "misjudged", "unknown")]
 
-_OF_RALLY: Final = np.zeros(len(rules.OUTCOMES), dtype=np.int64)
-_OF_RALLY[[rules.FAULT, rules.WINNER, rules.RETURNED_BELOW, rules.RETURNED_ABOVE]] = (
-    Outcome.FAULT, Outcome.WINNER, Outcome.RETURNED, Outcome.RETURNED,
-)  # fmt: skip
 
-
-def outcome_of(played: Ints) -> I64:
-    """Codes of :class:`Outcome` for indices into :data:`shuttle_marl.game.rules.OUTCOMES`, any shape."""
-    return np.asarray(_OF_RALLY[np.asarray(played, dtype=np.int64)])
+def rally_starts(strokes: pa.Table) -> I64:
+    """``[R + 1]`` first row of each of the R rallies of a table, and the number of its rows."""
+    numbers = [strokes[name].combine_chunks().dictionary_encode().indices.to_numpy() for name in ("match", "game", "rally")]
+    return np.unique(np.r_[0, 1 + np.flatnonzero(np.any(np.diff(numbers, axis=1) != 0, axis=0)), len(strokes)])
 
 
 def stroke_table(columns: Mapping[str, Any], points: Mapping[str, Floats]) -> pa.Table:
@@ -193,20 +183,11 @@ def stroke_table(columns: Mapping[str, Any], points: Mapping[str, Floats]) -> pa
     Args:
         columns: ``[n]`` values by column; null where they are NaN or masked, and in columns that are not there.
         points: ``[n, 2]`` coordinates, ``NAME`` of the columns ``NAME_x`` and ``NAME_y``.
-
-    Raises:
-        pyarrow.ArrowInvalid: a value is outside of the type of its column.
     """
     columns = {**columns, **{f"{name}_{axis}": xy[:, i] for name, xy in points.items() for i, axis in enumerate("xy")}}
-    arrays = []
-    for field in STROKES:
-        values = columns.get(field.name)
-        if values is None:
-            arrays.append(pa.nulls(len(columns["match"]), field.type))
-        else:
-            arrays.append(
-                values.cast(field.type) if isinstance(values, pa.Array) else pa.array(values, field.type, from_pandas=True)
-            )
+    missing = pa.nulls(len(columns["match"]))
+    given = [(columns.get(field.name, missing), field.type) for field in STROKES]
+    arrays = [v.cast(kind) if isinstance(v, pa.Array) else pa.array(v, kind, from_pandas=True) for v, kind in given]
     return pa.table(arrays, schema=STROKES)
 
 
@@ -237,8 +218,7 @@ class Account:
     Attributes:
         rallies, strokes: numbers before dropping.
         dropped: dropped rows by reason, keys of :data:`DROP_REASONS`; reasons without rows are omitted.
-        area_agreement: fraction of the kept strokes with an in-court label whose label equals the area computed from the
-            coordinates; None without labels.
+        area_agreement: fraction of the labels of kept strokes in court that equal the computed area; None without labels.
     """
 
     matches: StoredCount
@@ -250,60 +230,35 @@ class Account:
     area_agreement: Fraction | None
 
     @classmethod
-    def of(
-        cls,
-        strokes: pa.Table,
-        *,
-        matches: int | None = None,
-        total: int | None = None,
-        rallies: int | None = None,
-        dropped: Mapping[str, int] | None = None,
-        area_agreement: float | None = None,
-    ) -> "Account":
-        """Account of a table; ``matches``, ``rallies`` and ``total``: numbers before dropping; None: nothing was dropped."""
-        kept = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
-        return cls(
-            matches=len(strokes["match"].unique()) if matches is None else matches,
-            rallies=kept if rallies is None else rallies,
-            rallies_kept=kept,
-            strokes=strokes.num_rows if total is None else total,
-            strokes_kept=strokes.num_rows,
-            dropped={reason: count for reason, count in (dropped or {}).items() if count},
-            area_agreement=area_agreement,
-        )
+    def of(cls, table: pa.Table, **before: Any) -> "Account":
+        """Account of a table; ``before``: fields that are not the counts of the table, because rows were dropped."""
+        rallies, n = table.group_by(["match", "game", "rally"]).aggregate([]).num_rows, table.num_rows
+        counts = {"matches": len(table["match"].unique()), "rallies": rallies, "strokes": n}
+        fields: dict[str, Any] = {**counts, "rallies_kept": rallies, "strokes_kept": n, "area_agreement": None, **before}
+        fields["dropped"] = {reason: count for reason, count in fields.get("dropped", {}).items() if count}
+        return cls(**fields)
 
     def as_json(self) -> dict[str, Any]:
         """The account as plain values."""
-        return {
-            "matches": self.matches,
-            "rallies": {"total": self.rallies, "kept": self.rallies_kept},
-            "strokes": {"total": self.strokes, "kept": self.strokes_kept},
-            "dropped": self.dropped,
-            "area_agreement": self.area_agreement,
-        }
+        both = {name: {"total": getattr(self, name), "kept": getattr(self, f"{name}_kept")} for name in ("rallies", "strokes")}
+        return {"matches": self.matches, **both, "dropped": self.dropped, "area_agreement": self.area_agreement}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Account":
-        """Inverse of :meth:`as_json`.
-
-        Raises:
-            KeyError, TypeError, ValueError: invalid values.
-        """
-        fields = dict(values)
-        for name in ("rallies", "strokes"):
-            fields |= {name: values[name]["total"], f"{name}_kept": values[name]["kept"]}
-        return msgspec.convert(fields, cls)
+        """Inverse of :meth:`as_json`; a KeyError, TypeError or ValueError for invalid values."""
+        both = {name: values[name]["total"] for name in ("rallies", "strokes")}
+        kept = {f"{name}_kept": values[name]["kept"] for name in both}
+        return msgspec.convert({**values, **both, **kept}, cls)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cleaned:
-    """Clean strokes with their account.
+    """Clean strokes in playing order, with their account.
 
     Attributes:
-        strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, in playing order.
+        strokes: table of schema :data:`STROKES`.
         warnings: what is strange and not wrong, with file and line.
-        provenance: of imported strokes, a JSON object: ``format`` of the file, sentences on what was ``inferred`` and on what the
-            file does not have (``lost``), and others.
+        provenance: JSON object with sentences on what was ``inferred``, and what the files do not have (``lost``), and others.
     """
 
     strokes: pa.Table
@@ -315,12 +270,7 @@ class Cleaned:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Violation:
-    """A broken rule.
-
-    Attributes:
-        rows: indices of the rows that break it, at least one.
-        example: the first such row, with its position and the values concerned.
-    """
+    """A broken rule, the rows that break it, and the first of them with the values concerned."""
 
     rule: str
     rows: I64
@@ -331,7 +281,7 @@ class Violation:
 
 
 def violations(strokes: pa.Table) -> Iterator[Violation]:
-    """Yield every broken rule of a stroke table, which must have the schema of strokes."""
+    """Every broken rule of a table of schema :data:`STROKES`."""
     for rule, columns, bad in _rules(strokes):
         rows = np.flatnonzero(bad)
         if len(rows):
@@ -374,10 +324,7 @@ def _rules(strokes: pa.Table) -> Iterator[_Rule]:
 
 
 def _other_hand(t: Mapping[str, Array], simulated: Bools) -> Bools:
-    """``[n]`` rows whose hand is not that of the first row of the player with a known one.
-
-    Simulated players may be agents, which have a hand in each match.
-    """
+    """``[n]`` rows with another hand than the first known one of the player; simulated players have one in each match."""
     hand, player = t["hand"], t["player"] + np.where(simulated, (1 + t["match"]) * 2.0**32, 0)
     known = np.flatnonzero(~np.isnan(hand))
     _, first, number = np.unique(player[known], return_index=True, return_inverse=True)
@@ -461,3 +408,56 @@ def _points(t: Mapping[str, Array]) -> Iterator[_Rule]:
     yield "area is the area of the landing", ("area", "landing_x", "landing_y"), ~unknown & (area != court.area_of(x, y))
     inside = np.where(np.isnan(t["in_court"]), unknown, t["in_court"] == court.in_court(x, y))
     yield "in_court tells whether the landing lies in court", ("in_court", "landing_x", "landing_y"), ~inside
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A problem of a file, or of a line of it, from 1; ``unit`` is what is counted where lines tell nothing."""
+
+    path: Path
+    message: str
+    line: int | None = None
+    unit: str = "line"
+
+    def __str__(self) -> str:
+        where = f"{self.path}" if self.line is None else f"{self.path}, {self.unit} {self.line}"
+        return f"{where}: {self.message}"
+
+
+class DataError(ShuttleError):
+    """Match data that cannot be read; the message is the first of its ``problems``, with file, line and value.
+
+    Attributes:
+        rows: number of rows of the file, as far as they could be read.
+    """
+
+    rows = 0
+
+    def __init__(self, path: Path, message: str, *, line: int | None = None) -> None:
+        self.problems: tuple[Problem, ...] = (Problem(path, message, line),)
+        super().__init__(str(self.problems[0]))
+
+    @classmethod
+    def of(cls, problems: Iterable[Problem], advice: tuple[str, ...] = ()) -> "DataError":
+        """One error for several problems; ``advice``: arguments with which ``validate`` lists them."""
+        first, *others = grouped(problems)
+        error = cls(first.path, first.message)
+        listed = f" (and {len(others)} more; `{command('data', 'validate', *advice)}` lists them all)" if others else ""
+        error.problems, error.args = (first, *others), (f"{first}{listed}",)
+        return error
+
+
+def grouped(problems: Iterable[Problem]) -> list[Problem]:
+    """Problems with equal messages as one, with their number, at the line of the first."""
+    groups: dict[tuple[Path, str], list[Problem]] = {}
+    for found in problems:
+        groups.setdefault((found.path, found.message), []).append(found)
+    return [
+        first if not others else dataclasses.replace(first, message=f"{first.message} ({len(others) + 1:,} times, first here)")
+        for first, *others in groups.values()
+    ]
+
+
+def shown(value: str) -> str:
+    """A value in a message, quoted and cut."""
+    return repr(value if len(value) <= 100 else f"{value[:100]}…")

@@ -1,4 +1,8 @@
-"""Tables of text, which all readers give, and CSV files: every problem of a value is recorded with file, line and value."""
+"""Tables of text, which all readers give, and parsers of CSV, XML and JSON in bounded time and memory.
+
+Every problem of a value is recorded with file, line and value. XML has no document type, so no entities and nothing from
+elsewhere.
+"""
 
 import csv
 import dataclasses
@@ -7,18 +11,18 @@ import io
 import itertools
 import re
 import unicodedata
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
+from xml.parsers import expat
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
-from shuttle_marl.base.files import MAX_LINES, problem, read_file
-from shuttle_marl.data.column_map import WORDS, ColumnMap, plain, whole
-from shuttle_marl.data.problems import DataError, Problem, shown
-from shuttle_marl.data.schema import RANGES
-from shuttle_marl.data.words import Words
+from shuttle_marl.base.files import MAX_LINES, parsed, problem, read_file
+from shuttle_marl.data.schema import DataError, Problem, shown
+from shuttle_marl.data.words import WORDS, ColumnMap, Words, plain, whole
 
 _LARGEST: Final = 1e15
 """Bound of numbers; float32 takes them and their squares."""
@@ -27,11 +31,9 @@ _MOST_PROBLEMS: Final = 10_000
 _LONGEST: Final = 1000
 """Most characters of a value in a file of another program."""
 DELIMITERS: Final = (",", ";", "\t", "|")
-"""Delimiters that are recognised, the usual one first."""
 _SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')
 """First line with which spreadsheets state the delimiter."""
 _MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand")
-"""Columns whose words may be missing."""
 _MOST_HINTS: Final = 50
 """Unknown words of a column for which a similar one is looked up."""
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -45,22 +47,16 @@ class Sheet:
     are fatal.
 
     Attributes:
-        format: of the file.
         source: of the matches, unless the map of the user names one.
         strict: whether a problem stops the import; otherwise its rally is dropped, because users cannot correct the file.
         lost: sentences on what the format, or this file, does not have.
-        inferred: sentences on what is inferred from other values.
-        unit: what ``line`` counts (:class:`Problem`).
-        header: headers as they stand there.
+        inferred, notes: sentences on what the reader, and what the import so far inferred from other values.
         columns: ``[n]`` values by header.
         map: of the columns that are read, with whose names the methods are called.
-        notes: sentences on what was inferred so far.
-        line: ``[n]`` (last) line of each row in the file, from 1.
+        line: ``[n]`` (last) line of each row in the file, from 1, or what ``unit`` names.
         unreadable: ``[n]`` rows with an invalid value.
-        empty: number of further rows, without any value.
-        others: number of further rows that cannot be read, or entries that are no strokes.
-        problems: problems so far, each once.
-        warnings: what is strange and not wrong.
+        empty, others: numbers of further rows without any value, and of rows that cannot be read or are no strokes.
+        problems: so far, each once; ``warnings``: what is strange and not wrong.
     """
 
     path: Path
@@ -85,15 +81,7 @@ class Sheet:
 
     @classmethod
     def of(cls, path: Path, content: bytes, entries: Sequence[Mapping[str, str]], lines: Sequence[int], **about: Any) -> "Sheet":
-        """The table of the strokes of a file of another program.
-
-        Args:
-            entries: values by header; a missing key is an empty value.
-            lines: where each stands.
-
-        Raises:
-            DataError: there are none, or too many, or a value is too long.
-        """
+        """The table of strokes from values by header, where a missing key is an empty value, and the line of each."""
         sheet = cls(path=path, content=content, **about)
         for entry, line in zip(entries, lines, strict=True):
             if any(len(value) > _LONGEST for value in entry.values()):
@@ -103,11 +91,7 @@ class Sheet:
         return sheet
 
     def fill(self, header: tuple[str, ...], rows: Sequence[Sequence[str]], lines: Sequence[int]) -> None:
-        """Set the rows.
-
-        Raises:
-            DataError: there are none, or too many.
-        """
+        """Set the rows."""
         if not rows:
             raise DataError(self.path, "no strokes")
         self.check_size(len(rows))
@@ -120,11 +104,7 @@ class Sheet:
             raise DataError(self.path, f"more than {_MOST_ROWS:,} rows; divide the file")
 
     def require(self, names: Collection[str], line: int | None = None) -> None:
-        """Check that columns stand there once, in a header on that line.
-
-        Raises:
-            DataError: one does not.
-        """
+        """Check that columns stand there once, in a header on that line."""
         if twice := sorted({name for name in names if self.header.count(name) > 1}):
             raise DataError(self.path, f"several columns {', '.join(twice)}; rename or remove all but one", line=line)
         if missing := [name for name in names if name not in self.header]:
@@ -153,11 +133,7 @@ class Sheet:
         return len(self) + self.empty + self.others
 
     def add(self, message: str, line: int | None = None) -> None:
-        """Record a problem of the file or of a line, once.
-
-        Raises:
-            DataError: there are too many to continue.
-        """
+        """Record a problem of the file or of a line, once."""
         self.problems[Problem(self.path, message, line, self.unit)] = None
         if len(self.problems) == _MOST_PROBLEMS:
             raise DataError.of([*self.problems, Problem(self.path, "too many problems; the rest is not listed")])
@@ -195,20 +171,23 @@ class Sheet:
                 values[row] = np.nan
         return values
 
-    def integers(self, name: str, low: int, high: int, *, missing: int, empty: bool = False) -> I64:
-        """``[n]`` integers from low to high; any other value is a problem and becomes ``missing``, as all without the column.
+    def bounded(self, name: str, low: int, high: int, *, whole: bool = True, needed: bool = False) -> F64:
+        """``[n]`` numbers from low to high, ``whole`` ones or any, NaN for empty values and without the column.
 
-        Args:
-            empty: whether an empty value is no problem.
+        Any other value is a problem and becomes NaN, and so is an empty one that is ``needed``.
         """
         values = self.numbers(name)
-        fine = (values >= low) & (values <= high) & (values == np.floor(values))
-        expected = f"; expected nothing or {low} to {high}" if empty else f" is not an integer from {low} to {high}"
-        for row in np.flatnonzero(~fine) if name in self else ():
-            text = self.text(name)[row]
-            if np.isfinite(values[row]) or not (text or empty):
-                self.mark(row, f"{self.named(name)} {shown(text)}{expected}")
-        return np.where(fine, np.nan_to_num(values), missing).astype(np.int64)
+        fine = (values >= low) & (values <= high) & ((values == np.floor(values)) | (not whole))
+        for row in np.flatnonzero(~fine & ~np.isnan(values)).tolist():
+            expected = f"{'a whole number from ' if whole else ''}{low} to {high}"
+            self.mark(row, f"{self.named(name)} {values[row]:g}; expected {expected}")
+        if needed and name in self:
+            self.mark(np.flatnonzero([not text for text in self.text(name)]), f"{self.named(name)} is empty")
+        return np.where(fine, values, np.nan)
+
+    def integers(self, name: str, low: int, high: int, *, missing: int, needed: bool = True) -> I64:
+        """``[n]`` whole numbers as :meth:`bounded`, ``missing`` where there is none."""
+        return np.nan_to_num(self.bounded(name, low, high, needed=needed), nan=missing).astype(np.int64)
 
     def codes(self, name: str, codes: Mapping[str, int], missing: int, hint: Callable[[str], str]) -> I64:
         """``[n]`` codes of the texts; any other text is a problem with a hint and becomes ``missing``."""
@@ -236,24 +215,6 @@ class Sheet:
         usual = f"map it in [values.{name}] to one of {', '.join(WORDS[name])}"
         return self.codes(name, known, missing, lambda text: hints.get(text, usual))
 
-    def whole(self, name: str, field: str = "") -> F64:
-        """``[n]`` whole numbers for a field of the schema, NaN where there is none."""
-        values, (low, high) = self.numbers(name), RANGES[field or name]
-        # Times may have fractions, which the table does not keep.
-        fine = (values >= low) & (values <= high) & ((name == "seconds") | (values == np.floor(values)))
-        self._unexpected(name, values, fine, f"a whole number from {low} to {high}")
-        return np.where(fine, np.floor(values), np.nan)
-
-    def probabilities(self, name: str) -> F64:
-        """``[n]`` probabilities, NaN where there is none."""
-        values = self.numbers(name)
-        self._unexpected(name, values, (values >= 0) & (values <= 1), "0 to 1")
-        return values
-
-    def _unexpected(self, name: str, values: F64, fine: Bools, expected: str) -> None:
-        for row in np.flatnonzero(~fine & ~np.isnan(values)):
-            self.mark(row, f"{self.named(name)} {values[row]:g}; expected {expected}")
-
 
 def read_csv(path: Path, required: Collection[str] = (), *, delimiter: str | None = ",", decimal: str = ".") -> Sheet:
     """Read a CSV file in UTF-8 with a header.
@@ -261,10 +222,6 @@ def read_csv(path: Path, required: Collection[str] = (), *, delimiter: str | Non
     Args:
         required: headers of the columns to read.
         delimiter: of values; None: the most frequent one of the header.
-
-    Raises:
-        DataError: the file cannot be opened or decoded, or is too large; a required column is missing or there twice; there
-            are no rows.
     """
     content = read_content(path)
     text = io.StringIO(unicodedata.normalize("NFC", _decode(path, content)), newline="")
@@ -313,11 +270,7 @@ def read_csv(path: Path, required: Collection[str] = (), *, delimiter: str | Non
 
 
 def read_content(path: Path) -> bytes:
-    """The bytes of a file.
-
-    Raises:
-        DataError: it cannot be opened, or is too large.
-    """
+    """The bytes of a file."""
     try:
         return read_file(path, MAX_LINES)
     except (OSError, ValueError) as error:
@@ -336,3 +289,85 @@ def _decode(path: Path, content: bytes) -> str:
 def _float(text: str) -> float:
     # `float` also accepts 1_000, Arabic digits and infinity.
     return float(text) if _NUMBER.fullmatch(text) else np.nan
+
+
+_LINE: Final = "\N{NUMBER SIGN}line"
+"""Attribute of each element: its line in the file, a name that no XML attribute has."""
+_DEEPEST: Final = 50
+_MOST_ELEMENTS: Final = 1_000_000
+
+
+def parse_xml(path: Path, content: bytes) -> ET.Element:
+    """The root of an XML file."""
+    builder, parser = ET.TreeBuilder(), expat.ParserCreate()
+    depth = elements = 0
+
+    def refuse(*_: object) -> None:
+        told = "the XML has a document type declaration, which is not read; delete it"
+        raise DataError(path, told, line=parser.CurrentLineNumber)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, elements
+        depth, elements = depth + 1, elements + 1
+        if depth > _DEEPEST or elements > _MOST_ELEMENTS:
+            raise DataError(path, "the XML is too deep or too large", line=parser.CurrentLineNumber)
+        builder.start(tag, {**attributes, _LINE: str(parser.CurrentLineNumber)})
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, builder.data
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise DataError(path, f"no readable XML ({error})") from error
+    return builder.close()
+
+
+def text_of(element: ET.Element, tag: str) -> str:
+    """Text of the first child of that name, empty without one."""
+    return (element.findtext(tag) or "").strip()
+
+
+def line_of(element: ET.Element) -> int:
+    """Its line in the file."""
+    return int(element.attrib[_LINE])
+
+
+def parse_json(path: Path, content: bytes) -> Any:
+    """The value of a JSON file."""
+    try:
+        return parsed(content.decode("utf-8-sig"), finite=True)
+    except ValueError as error:
+        raise DataError(path, f"no readable JSON ({error})") from error
+
+
+def scalar(value: object) -> str:
+    """A scalar of JSON as text; empty for null and for what is no scalar."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.10g}" if isinstance(value, float) else str(value).strip() if isinstance(value, int | str) else ""
+
+
+def listed(why: str, names: Sequence[str]) -> list[str]:
+    """A sentence that lists some names; none without any."""
+    return [f"{why}: {', '.join(map(repr, names[:20]))}"] if names else []
+
+
+def spans_around(spans: Sequence[tuple[float, float]], moments: Sequence[float]) -> list[int]:
+    """Number, from 1, of the last span that each moment lies in, 0 for none.
+
+    Args:
+        spans: start and end of each, in order of time.
+        moments: in any order.
+    """
+    order, number = np.argsort(moments), np.zeros(len(moments), dtype=np.int64)
+    times = np.asarray(moments)[order]
+    begins, ends = np.asarray(spans, dtype=np.float64).reshape(-1, 2).T
+    within = zip(np.searchsorted(times, begins), np.searchsorted(times, ends, "right"), strict=True)
+    for k, (first, end) in enumerate(within, 1):
+        number[order[first:end]] = k
+    return number.tolist()

@@ -21,16 +21,16 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I8, I64, Array, Ints
 from shuttle_marl.base.errors import command
 from shuttle_marl.data import upstream
-from shuttle_marl.data.problems import DataError, Problem, shown
-from shuttle_marl.data.schema import FAR_OFF, REASONS
+from shuttle_marl.data.schema import FAR_OFF, RANGES, REASONS, DataError, Problem
 from shuttle_marl.data.sheet import Sheet, read_csv
 from shuttle_marl.data.upstream import discipline, player_id
 from shuttle_marl.data.words import table
+from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import SHOTS
 
 POINTS: Final = ("landing", "hit", "player_location", "opponent_location")
 """Points with pixel coordinates in every row."""
-BAD_HOMOGRAPHY: Final = 0.2
+_BAD_HOMOGRAPHY: Final = 0.2
 """Maximum fraction of the rows of a game with both players in one half; above, its homography is broken."""
 
 _NUMBERS: Final = tuple(f"{point}_{axis}" for point in POINTS for axis in "xy")
@@ -42,9 +42,6 @@ _MATCH_COLUMNS: Final = ("id", "video", "winner", "loser", "set")
 _HOMOGRAPHY_COLUMNS: Final = ("video", "homography_matrix")
 _MAX_NUMBER: Final = 9999
 """Maximum number of rallies, strokes of a rally, and matches of a list."""
-_MAX_FRAMES: Final = 10_000_000
-_LISTED: Final = 20
-"""Words that a message lists."""
 _CLOCK: Final = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)", re.ASCII)
 
 AREA_OF_LABEL: Final = (0, 2, 6, 8, 3, 5, 1, 4, 7)
@@ -61,12 +58,9 @@ class ListedMatch:
     """A match listed in ``match.csv``.
 
     Attributes:
-        name: folder name, the same in both data sets.
-        source: ``ShuttleSet`` or ``ShuttleSet22``.
-        number: ``id`` in that data set.
+        name: folder name, the same in both data sets; ``number``: its ``id`` in one.
         players: identifiers of players A (the winner) and B of the files.
-        folder: folder of the files of its games; it may be missing.
-        n_games: number of games, as listed.
+        folder: of the files of its games; it may be missing.
         homography: ``[3, 3]`` pixels to court units.
     """
 
@@ -85,11 +79,7 @@ class ListedMatch:
         return self.folder.is_dir()
 
     def games(self) -> list[Path]:
-        """The files of its games, in order.
-
-        Raises:
-            DataError: their number differs from ``match.csv``.
-        """
+        """The files of its games, in order."""
         found = sorted(path for path in self.folder.glob("set*.csv") if re.fullmatch(r"set\d\.csv", path.name))
         if [path.name for path in found] != [f"set{i + 1}.csv" for i in range(self.n_games)]:
             present = ", ".join(path.name for path in found) or "none"
@@ -118,7 +108,7 @@ class RawGame:
         game: number of the game, from 1.
         problems: invalid values.
         published: whether these are of a published file, in which their rows are dropped.
-        broken_homography: whether the points are invalid (:data:`BAD_HOMOGRAPHY`).
+        broken_homography: whether the points are invalid, with too many rows with both players in one half.
         empty: number of further rows, without any value.
     """
 
@@ -204,15 +194,11 @@ def _list_source(folder: Path, source: str, problems: list[Problem]) -> dict[str
 
 
 def read_game(match: ListedMatch, path: Path) -> RawGame:
-    """Read the file of one game, one of ``match.games()``.
-
-    Raises:
-        DataError: the file cannot be decoded, or lacks a column or rows.
-    """
+    """Read the file of one game, one of ``match.games()``."""
     sheet = read_csv(path, _COLUMNS)
     point = {name: _project(sheet, name, match.homography) for name in POINTS}
     striker, receiver = point["player_location"][:, 1], point["opponent_location"][:, 1]
-    broken = bool((striker * receiver > 0).mean() > BAD_HOMOGRAPHY)
+    broken = bool((striker * receiver > 0).mean() > _BAD_HOMOGRAPHY)
     if not broken:
         _check_points(sheet, point)
     columns = {
@@ -232,7 +218,7 @@ def read_game(match: ListedMatch, path: Path) -> RawGame:
         "winner": _choices(sheet, "getpoint_player", {"A": 0, "B": 1, "": -1}),
         "score": np.stack([sheet.integers(f"roundscore_{who}", 0, 30, missing=-1) for who in "AB"], axis=1),
         "clock": _seconds(sheet, "time"),
-        "frame": sheet.integers("frame_num", 0, _MAX_FRAMES, missing=-1),
+        "frame": sheet.integers("frame_num", *RANGES["frame"], missing=-1),
         "unreadable": sheet.unreadable,
     }
     return RawGame(
@@ -249,7 +235,7 @@ def read_game(match: ListedMatch, path: Path) -> RawGame:
 
 def _choices(sheet: Sheet, name: str, codes: dict[str, int]) -> I8:
     """``[n]`` codes of values; unknown ones are a problem and become -1."""
-    known = ", ".join([key or "nothing" for key in codes][:_LISTED]) + (", …" if len(codes) > _LISTED else "")
+    known = ", ".join([key or "nothing" for key in codes][:20]) + (", …" if len(codes) > 20 else "")
     return sheet.codes(name, codes, -1, lambda _: f"expected one of {known}").astype(np.int8)
 
 
@@ -262,7 +248,7 @@ def _chinese(kind: str, names: Sequence[str]) -> dict[str, int]:
 
 def _optional(sheet: Sheet, name: str, high: int) -> I8:
     """``[n]`` integers from 1 to high, 0 for empty values."""
-    return sheet.integers(name, 1, high, missing=0, empty=True).astype(np.int8)
+    return sheet.integers(name, 1, high, missing=0, needed=False).astype(np.int8)
 
 
 def _height(sheet: Sheet, name: str) -> I8:
@@ -271,7 +257,7 @@ def _height(sheet: Sheet, name: str) -> I8:
     return np.where(codes == 0, -1, 2 - codes).astype(np.int8)
 
 
-def seconds_of(text: str) -> int | None:
+def _seconds_of(text: str) -> int | None:
     """Time of ``h:mm:ss`` [s]; None for other text."""
     clock = _CLOCK.fullmatch(text)
     return None if clock is None else 3600 * int(clock[1]) + 60 * int(clock[2]) + int(clock[3])
@@ -279,11 +265,8 @@ def seconds_of(text: str) -> int | None:
 
 def _seconds(sheet: Sheet, name: str) -> I64:
     """``[n]`` times [s]; other values are a problem and become -1."""
-    values = [seconds_of(text) for text in sheet.text(name)]
-    for row, text in enumerate(sheet.text(name)):
-        if values[row] is None:
-            sheet.mark(row, f"{name} {shown(text)}; expected h:mm:ss")
-    return np.array([-1 if value is None else value for value in values])
+    known = {text: seconds for text in set(sheet.text(name)) if (seconds := _seconds_of(text)) is not None}
+    return sheet.codes(name, known, -1, lambda _: "expected h:mm:ss")
 
 
 def _project(sheet: Sheet, name: str, homography: F64) -> F64:
@@ -300,10 +283,67 @@ def _check_points(sheet: Sheet, point: dict[str, F64]) -> None:
     limits = np.array([3.05, 6.70]) + FAR_OFF
     for name, metres in point.items():
         for row in np.flatnonzero((np.abs(metres) > limits).any(axis=1)):
-            pixel = f"{sheet.text(f'{name}_x')[row]}, {sheet.text(f'{name}_y')[row]}"
-            sheet.mark(
-                row,
-                f"{name} at pixel ({pixel}) is {metres[row, 0]:.1f} m, {metres[row, 1]:.1f} m from the middle of the net, "
-                "far off the court: a wrong value or a wrong homography",
-            )
+            pixel, (x, y) = ", ".join(sheet.text(f"{name}_{axis}")[row] for axis in "xy"), metres[row]
+            where = f"{x:.1f} m, {y:.1f} m from the middle of the net, far off the court"
+            sheet.mark(row, f"{name} at pixel ({pixel}) is {where}: a wrong value or a wrong homography")
             metres[row] = np.nan
+
+
+SINGLE_GAME: Final = frozenset({"ball_round", "rally", "player", "type", "landing_area"})
+"""Headers that show a single game, without the lists of its matches and their homographies."""
+_AREAS: Final = ("", *(AREAS[i] for i in (*AREA_OF_LABEL, *NEAREST_OF_LABEL)))
+"""Area by label; those outside of the court are the nearest ones."""
+_AS_THEY_ARE: Final = {
+    "match": "match_id", "game": "set", "rally": "rally", "stroke": "ball_round", "player": "player", "ending": "lose_reason",
+    "winner": "getpoint_player", "frame": "frame_num",
+}  # fmt: skip
+_READ: Final = (
+    *_AS_THEY_ARE.values(), "type", "aroundhead", "backhand", "hit_height", "hit_area", "landing_area", "roundscore_A",
+    "roundscore_B", "time", "server",
+)  # fmt: skip
+_LOST: Final = (
+    "points on the court: pixels need the homography of the match, which `data convert` reads with the folder of the data set",
+    "names of the players: A won the match",
+)
+
+
+def read_single_game(path: Path, sheet: Sheet) -> Sheet:
+    """The strokes of a single game (``set1.csv``) for the import; what cannot be read stays as it is, and the import names it."""
+    of_file = re.fullmatch(r"set(\d)", path.stem)
+    absent = {"match_id": path.absolute().parent.name, "set": of_file[1]} if of_file else {"match_id": path.stem, "set": "1"}
+    rows: list[dict[str, str]] = [{} for _ in range(len(sheet))]
+    for name in _READ:
+        for row, value in zip(rows, sheet.columns.get(name, (absent.get(name, ""),) * len(sheet)), strict=True):
+            row[name] = value.strip() if name == "match_id" else re.sub(r"(?<=\d)\.0*$", "", value.strip())
+    entries = [_entry(row) for row in rows]
+    columns = {name: tuple(entry[name] for entry in entries) for name in entries[0]}
+    about: dict[str, Any] = {"format": "ShuttleSet", "source": "ShuttleSet", "lost": _LOST, "strict": False, "decimal": "."}
+    found = dataclasses.replace(sheet, header=tuple(columns), columns=columns, **about)
+    before: dict[str, str] = {}
+    for number, row in enumerate(rows):
+        first = any(before.get(name) != row[name] for name in ("match_id", "set", "rally"))
+        if row["server"] and (row["server"] == "1") != first:
+            found.warn([number], f"server {row['server']!r:.50}; expected 1 for the first stroke of a rally, and for no other")
+        if not first and row["hit_area"] and before["landing_area"] and row["hit_area"] != before["landing_area"]:
+            found.warn([number], "hit_area is not the landing_area of the stroke before, which is used")
+        before = row
+    return found
+
+
+def _entry(row: Mapping[str, str]) -> dict[str, str]:
+    ending, label = row["lose_reason"], row["landing_area"] or "0"
+    area = _AREAS[int(label)] if label.isdecimal() and int(label) < len(_AREAS) else label
+    around, back = row["aroundhead"], row["backhand"]
+    strange = [mark for mark in (around, back) if mark not in ("", "0", "1")]
+    technique = "around-the-head" if around == "1" else "backhand" if back == "1" else "forehand"
+    seconds = _seconds_of(row["time"])
+    own, other = {"A": ("A", "B"), "B": ("B", "A")}.get(row["player"], ("", ""))
+    return {name: row[header] for name, header in _AS_THEY_ARE.items()} | {
+        "shot": row["type"] or "unknown",
+        "technique": strange[0] if strange else technique,
+        "height": {"1": "above", "2": "below"}.get(row["hit_height"], row["hit_height"]),
+        "area": "" if ending in ("掛網", "未過網") else area,  # did not cross the net: the landing tells no target
+        "seconds": row["time"] if seconds is None else str(seconds),
+        "points": row.get(f"roundscore_{own}", ""),
+        "points_opponent": row.get(f"roundscore_{other}", ""),
+    }

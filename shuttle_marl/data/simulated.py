@@ -14,15 +14,15 @@ import pyarrow as pa
 from shuttle_marl.base.arrays import F64, I64, Bools, Floats
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import schema
-from shuttle_marl.data.schema import REASONS, Outcome, outcome_of
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks, looks_of
-from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.policy import SUM_TOLERANCE, Policy, TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.rally import Rallies
+from shuttle_marl.game.rules import FAULT
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import SUM_TOLERANCE, TabulatedPolicy, from_pair_probabilities
 
 FLIGHT: Final = np.array([0.73, 1.90, 1.17, 1.27, 0.80, 0.47, 0.53, 0.53, 1.00, 0.37, 0.87, 0.90, 0.92])
 """Median time from a stroke to the next [s], by shot type."""
@@ -38,10 +38,8 @@ BREAK: Final = 23.0
 INTERVAL: Final = 120.0
 """Time between two games [s]."""
 
-_BASE: Final = np.array([0.0, -3.7])
-"""Mean base position of a player between strokes, in the own frame [m]."""
-_BASE_SPREAD: Final = 0.35
-"""Standard deviation of the base position [m]."""
+_BASE, _BASE_SPREAD = np.array([0.0, -3.7]), 0.35
+"""Mean and standard deviation of the base position of a player between strokes, in the own frame [m]."""
 _RECOVERY: Final = 1.5
 """Speed of recovery to the base position [m/s]."""
 _NEAR_NET: Final = 0.3
@@ -51,14 +49,14 @@ _OUT, _NET, _SHORT, _LANDED = (REASONS.index(name) for name in ("out", "net", "s
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatedStrokes:
-    """n strokes of simulated rallies, in playing order, without coordinates and times.
+    """n strokes of simulated rallies, in playing order, without coordinates and times; all fields are ``[n]``.
 
     Attributes:
-        shot, area: ``[n]`` shot type, and target area as the receiver sees it.
-        outcome: ``[n]`` index into ``schema.OUTCOMES``.
-        stroke: ``[n]`` number of the stroke in its rally; the strokes of a rally are consecutive.
-        new_game: ``[n]`` whether the stroke is the first of a game.
-        right: ``[n]`` whether the server of the rally serves from the right service court (an even score).
+        area: target as the receiver sees it.
+        outcome: index into ``schema.OUTCOMES``.
+        stroke: number of the stroke in its rally; the strokes of a rally are consecutive.
+        new_game: whether the stroke is the first of a game.
+        right: whether the server of the rally serves from the right service court (an even score).
     """
 
     shot: I64
@@ -168,9 +166,6 @@ def _towards(points: F64, goal: F64, distance: F64) -> F64:
     return points + offset * np.minimum(1.0, distance / np.maximum(length, 1e-9))[:, None]
 
 
-_NO_DISCIPLINE: Final = "MS"
-
-
 def stroke_table(
     rallies: Rallies,
     catalogue: Catalogue,
@@ -182,21 +177,15 @@ def stroke_table(
 ) -> pa.Table:
     """Strokes of rallies in the schema of the annotated matches.
 
-    Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn
-    (:func:`sample_positions`): a good stroke lands in its target area, and flight times are medians of the
-    annotated matches. A match is filed under the discipline of its first player who has one
-    (:mod:`shuttle_marl.data.upstream`), or under men's singles; its time begins with the first of its rallies that is there.
+    Decisions, outcomes and scores are those of the rallies. Points on the court and times are drawn (:func:`sample_positions`).
+    A match is filed under the discipline of its first player who has one (:mod:`shuttle_marl.data.upstream`), or under men's
+    singles; its time begins with the first of its rallies that is there.
 
     Args:
         rallies: R rallies, those of a match one after the other.
         players: names by index, as ``rallies.policy`` counts them.
         matches: ``[R]`` name of each rally's match.
-        rng: draws points and times.
         looks: hands of the players at seats 0 and 1, by their numbers.
-
-    Returns:
-        A table of schema :data:`shuttle_marl.data.schema.STROKES`, source ``simulated``. ``area`` of a fault is that of its
-        landing, as in the annotated data.
 
     Raises:
         ShuttleError: numbers of games, points or strokes are outside the schema.
@@ -204,7 +193,7 @@ def stroke_table(
     row, position, seat = rallies.row_of_stroke, rallies.position, rallies.striker
     stroke = rallies.stroke.astype(np.int64)
     outcome = np.full(len(stroke), Outcome.RETURNED)
-    outcome[rallies.first_stroke[1:] - 1] = outcome_of(rallies.reason)
+    outcome[rallies.first_stroke[1:] - 1] = np.where(rallies.reason == FAULT, Outcome.FAULT, Outcome.WINNER)
     number = np.arange(len(rallies))
     points = rallies.score[:, :2].astype(np.int64)
     game = rallies.score[:, 2:].sum(axis=1, dtype=np.int64)
@@ -228,7 +217,7 @@ def stroke_table(
     after = points.copy()
     after[number, rallies.winner] += 1
     names, kinds = pa.array(players, pa.string()), [discipline(name) for name in players]
-    filed = pa.array([kinds[a] or kinds[b] or _NO_DISCIPLINE for a, b in rallies.policy.tolist()], pa.string())
+    filed = pa.array([kinds[a] or kinds[b] or "MS" for a, b in rallies.policy.tolist()], pa.string())
     landing_x, landing_y = places["landing"].astype(np.float32).T
     columns = {
         "match": pa.array(matches, pa.string()).take(row),
@@ -240,9 +229,7 @@ def stroke_table(
         "player": names.take(rallies.policy[row, seat]),
         "opponent": names.take(rallies.policy[row, 1 - seat]),
         "hand": left[np.arange(len(stroke)), seat],
-        "shot": catalogue.shot[stroke],
-        "height": catalogue.height[stroke],
-        "technique": catalogue.technique[stroke],
+        **{name: getattr(catalogue, name)[stroke] for name in ("shot", "height", "technique")},
         "hurried": rallies.hurried.astype(np.bool_),
         "area": court.area_of(landing_x, landing_y),
         "in_court": court.in_court(landing_x, landing_y),
@@ -286,8 +273,7 @@ def simulate(
         looks: hands of two players by name.
 
     Returns:
-        A table of schema :data:`shuttle_marl.data.schema.STROKES`, see :func:`stroke_table`; matches
-        are called ``simulated-1-PLAYER-PLAYER`` and so on.
+        A table as of :func:`stroke_table`; matches are called ``simulated-1-PLAYER-PLAYER`` and so on.
 
     Raises:
         SimulationError: no two players of one discipline, or probabilities that do not fit the game.
@@ -308,9 +294,6 @@ def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: 
     """The rallies of :func:`simulate`, as a log has them.
 
     Match m of a pair has the draws that a league with ``matches_per_draw=1`` would give it.
-
-    Raises:
-        SimulationError, PolicyError: see :func:`simulate`.
     """
     from shuttle_marl.kernel.matches import Matches, asking, play, play_matches  # noqa: PLC0415  numba is slow to import
 

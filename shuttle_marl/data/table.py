@@ -9,26 +9,23 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from shuttle_marl import __version__
 from shuttle_marl.base import table_files
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import content_hash, hash_of, problem
-from shuttle_marl.data import upstream
+from shuttle_marl.data import schema, upstream
 from shuttle_marl.data.cleaning import clean_matches
-from shuttle_marl.data.copies import copies
 from shuttle_marl.data.hands import unknown_hands, with_hands
+from shuttle_marl.data.matches import copies
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.data.problems import DataError, Problem
-from shuttle_marl.data.schema import NAMES, OPTIONAL, STROKES, Account, Cleaned, named, unnamed, violations
+from shuttle_marl.data.schema import NAMES, OPTIONAL, STROKES, Account, Cleaned, DataError, Problem, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
 _QUOTED: Final = re.compile(r"(?<!\w)'.*'|(?<!\w)\".*\"")
 _OF_PANDAS: Final = "__index_level_"
-_STORED: Final = named(STROKES.empty_table()).schema
-"""Schema of a file."""
+_STORED: Final = schema.named(STROKES.empty_table()).schema
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
@@ -47,44 +44,42 @@ def read_matches(path: Path | str, columns: Path | str | None = None) -> pa.Tabl
         DataError: missing or unreadable file or folder, or another schema.
     """
     path = Path(path)
-    if columns is not None or _is_no_table(path):
-        return import_matches(path, None if columns is None else Path(columns)).strokes
-    return clean_matches(path).strokes if path.is_dir() else _conforming(path, _content(path))
-
-
-def load_account(path: Path | str) -> Account:
-    """The account of strokes that :func:`read_matches` loads; see :func:`load_counted`."""
-    return load_counted(path)[1]
+    cleaned = _cleaned(path, None if columns is None else Path(columns))
+    return _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
 
 
 def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
-    """Strokes as :func:`read_matches` loads them, and their account.
-
-    Raises:
-        DataError: as :func:`read_matches`; or the file has no account.
-    """
+    """Strokes as :func:`read_matches` loads them, and their account; a DataError too if a file of this package has none."""
     path = Path(path)
-    if path.is_dir() or _is_no_table(path):
-        cleaned = clean_matches(path) if path.is_dir() else import_matches(path)
+    if (cleaned := _cleaned(path)) is not None:
         return cleaned.strokes, cleaned.account
     strokes, account = _read(path)
     return strokes, account or Account.of(strokes)
 
 
+def _cleaned(path: Path, columns: Path | None = None) -> Cleaned | None:
+    """The strokes of a folder, or of a file to import: one with a map, or by its name and its first bytes no Parquet file."""
+    if columns is not None:
+        return import_matches(path, columns)
+    if path.is_dir():
+        return clean_matches(path)
+    if path.suffix.lower() == ".parquet" or not path.is_file():
+        return None
+    with path.open("rb") as file:
+        return None if file.read(4) == b"PAR1" else import_matches(path)
+
+
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any], new: bool = False) -> None:
-    """Write a stroke table (zstd, with checksums) atomically. Equal arguments give equal bytes.
+    """Write a stroke table (zstd, with checksums) atomically, or raise a FileWriteError. Equal arguments give equal bytes.
 
     Args:
         new: replace no file.
-
-    Raises:
-        FileWriteError: the file cannot be written.
     """
     extra = {
         _ACCOUNT: json.dumps(account.as_json()).encode(),
         _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode(),
     }
-    table = named(strokes.cast(STROKES).combine_chunks()).replace_schema_metadata({**STROKES.metadata, **extra})
+    table = schema.named(strokes.cast(STROKES).combine_chunks()).replace_schema_metadata({**STROKES.metadata, **extra})
     table_files.write_parquet(path, table, new=new, compression_level=9)
 
 
@@ -148,7 +143,7 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
             if told not in (wanted, codes):
                 raise DataError(path, f"column {field.name!r} is {told}, expected {wanted}; {advice}")
         try:
-            columns.append(unnamed(field.name, column) if field.name in NAMES else column.cast(field.type))
+            columns.append(schema.unnamed(field.name, column) if field.name in NAMES else column.cast(field.type))
         except pa.ArrowException as error:
             raise DataError(path, f"column {field.name!r} is no {field.type} ({error}); {advice}") from error
         if column.null_count and not field.nullable:
@@ -180,14 +175,11 @@ def anonymised(strokes: pa.Table) -> pa.Table:
     The numbers follow the SHA-256 of the names, so they reveal no order; the same names give the same pseudonyms.
     """
     for columns, form in ((("player", "opponent"), "player-{:02d}"), (("match",), "match-{:03d}")):
-        names = sorted(
-            {name for column in columns for name in pc.unique(strokes[column]).to_pylist() if name is not None},
-            key=lambda name: content_hash(name.encode()),
-        )
-        pseudonym = {name: form.format(number) for number, name in enumerate(names, 1)}
+        names = set[str]().union(*(strokes[column].unique().to_pylist() for column in columns))
+        ranked = enumerate(sorted(names, key=lambda name: content_hash(name.encode())), 1)
+        pseudonym = {name: form.format(number) for number, name in ranked}
         for column in columns:
-            named = pa.array([pseudonym.get(name) for name in strokes[column].to_pylist()], strokes[column].type)
-            strokes = strokes.set_column(strokes.schema.get_field_index(column), strokes.schema.field(column), named)
+            strokes = schema.changed(strokes, column, pa.array(map(pseudonym.get, strokes[column].to_pylist()), pa.string()))
     told = strokes.schema.metadata or {}
     return strokes.replace_schema_metadata({key: value for key, value in told.items() if key != _PROVENANCE})
 
@@ -204,12 +196,11 @@ def pseudonymous(cleaned: Cleaned) -> Cleaned:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Report:
-    """Result of a validation.
+    """Result of a validation: problems, and notes that are none.
 
     Attributes:
-        notes: remarks that are not problems.
         splits: by split, number of unaltered files present and number of published files; empty for a table.
-        account: account of the strokes, None if they cannot be read.
+        account: of the strokes, None if they cannot be read.
     """
 
     problems: Sequence[Problem] = ()
@@ -221,24 +212,13 @@ class Report:
 def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None = None) -> Report:
     """Validate a folder with the raw files, a Parquet file, or a file to import."""
     try:
-        if columns is not None or _is_no_table(path):
-            cleaned = import_matches(path, columns)
+        if columns is None and path.is_dir():
+            return _validate_folder(path, splits)
+        if (cleaned := _cleaned(path, columns)) is not None:
             return Report(notes=cleaned.warnings, account=cleaned.account)
-        if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
-            advice = f"`{command('data', 'download')}` downloads them; import your own with `{command('data', 'import')}`"
-            nothing = Problem(path, f"contains none of the published data sets ({', '.join(upstream.SOURCES)}); {advice}")
-            return Report(problems=(nothing,), splits=_compare(path, ())[0])
-        return _validate_folder(path, splits) if path.is_dir() else _validate_table(path)
+        return _validate_table(path)
     except DataError as error:
         return Report(problems=error.problems)
-
-
-def _is_no_table(path: Path) -> bool:
-    """Whether a file is one to import: by its name and its first bytes no Parquet file."""
-    if path.suffix.lower() == ".parquet" or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(4) != b"PAR1"
 
 
 def _validate_table(path: Path) -> Report:
@@ -261,6 +241,10 @@ def _validate_table(path: Path) -> Report:
 
 def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:
     """Compare the files with the manifest, and read every game strictly; problems of published files are notes."""
+    if not any((root / source).is_dir() for source in upstream.SOURCES.values()):
+        advice = f"`{command('data', 'download')}` downloads them; import your own with `{command('data', 'import')}`"
+        nothing = Problem(root, f"contains none of the published data sets ({', '.join(upstream.SOURCES)}); {advice}")
+        return Report(problems=(nothing,), splits=_compare(root, ())[0])
     counts, problems = _compare(root, splits)
     compared, notes = len(problems), list[str]()
     try:

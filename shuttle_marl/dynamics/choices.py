@@ -7,7 +7,7 @@ validation matches.
 (shot type, area, technique), by the number of the stroke, and by the score, which add up. The strokes one and two before are
 inputs of the average player's networks, whose out-of-fold predictions are shifted. Small networks over all four strokes predict
 unseen matches no better.
-:mod:`shuttle_marl.policy.history` plays with the shifts.
+:mod:`shuttle_marl.policy.baselines` plays with the shifts.
 """
 
 import dataclasses
@@ -22,15 +22,14 @@ import torch
 from shuttle_marl.base.arrays import F64, I64, Ints
 from shuttle_marl.dynamics.features import SLOTS, Rows
 from shuttle_marl.dynamics.fitted import ModelError, PlayerChoices, tilted
-from shuttle_marl.dynamics.models import labelled, labels_of, softmax
-from shuttle_marl.dynamics.network import Ensemble, unseen
+from shuttle_marl.dynamics.models import labelled, labels_of, softmax, unseen
+from shuttle_marl.dynamics.modules import Ensemble
 from shuttle_marl.game.court import N_AREAS, mirrored
 from shuttle_marl.game.policy import STAGES, stages_of
 from shuttle_marl.game.shipped import HISTORY, read_model
 from shuttle_marl.game.stroke import N_SHOTS
 
 MIN_STROKES: Final = 1000
-"""Training strokes from which a player gets a model."""
 CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 _TYPICAL_PRECISION: Final = {"style": 30.0, "area": 3.0}
 """Precisions that were chosen for the shipped model."""
@@ -136,7 +135,7 @@ def player_choices(
     Returns:
         The shifts of players with enough strokes, and the precision with its score.
     """
-    others = train.none() if validation is None else validation
+    others = train.take(np.zeros(len(train), np.bool_)) if validation is None else validation
     strikers, counts = np.unique(train.striker, return_counts=True)
     names = tuple(str(strikers[i]) for i in np.lexsort((strikers, -counts)) if counts[i] >= MIN_STROKES)
     empty = PlayerChoices(
@@ -187,8 +186,8 @@ def fit_history(
         folds: folds of the training matches left out by members of the networks.
 
     Returns:
-        Arrays of :class:`shuttle_marl.policy.history.HistoryPolicy`; and for ``choice`` and ``target`` the mean ``cross_entropy``
-        on the validation matches and that ``of_average``, in nats.
+        Arrays of :class:`shuttle_marl.policy.baselines.HistoryPolicy`; and for ``choice`` and ``target`` the mean
+        ``cross_entropy`` on the validation matches and that ``of_average``, in nats.
     """
     parts, scores = [], dict[str, dict[str, float]]()
     for name in ("choice", "target"):

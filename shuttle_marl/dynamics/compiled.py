@@ -37,23 +37,22 @@ import numpy as np
 from scipy.stats import beta
 
 from shuttle_marl.base.arrays import F32, F64, I16, I64, U8, U16, Bools, Ints
-from shuttle_marl.base.errors import OptionError
+from shuttle_marl.base.errors import OptionError, ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
+from shuttle_marl.dynamics.features import SLOTS, STATE, Rows, mirrored_where
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.models import log_odds, sigmoid
-from shuttle_marl.dynamics.situations import LONG_DUEL
+from shuttle_marl.dynamics.modules import LONG_DUEL
 from shuttle_marl.game import shipped
 from shuttle_marl.game.court import BACK, FOREHAND, N_AREAS, N_SIDES, N_THIRDS, mirrored, third_of
-from shuttle_marl.game.layout import ALL
-from shuttle_marl.game.rally.stepper import Stepper
+from shuttle_marl.game.draws import ONE, with_fault_odds
+from shuttle_marl.game.layout import ALL, GameError, base_pairs, layout
+from shuttle_marl.game.rally import Stepper
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresholds
-from shuttle_marl.game.thresholds import ONE, with_fault_odds
+from shuttle_marl.game.tables import Game, hurry_units, thresholds
 
 THREADS: Final = 1
 """Threads of PyTorch; fixed, because another order of summation gives other numbers. More would not be faster."""
@@ -62,7 +61,6 @@ SHOT_SHARE: Final = 0.02
 """Minimum share of a legal shot type in the choices of the fitted average player, of those to supported targets. Chosen with the
 other numbers of the rule by the health of the solved game and the illegal strokes of people (``docs/truth_record.md``)."""
 TECHNIQUE_SHARE: Final = 0.01
-"""The same for a technique among the choices of a shot type."""
 _FALLBACK_SHARE: Final = 0.05
 CONTEXT_STROKES: Final = 20.0
 """Weight of the contexts of a shot type in those of an incoming stroke, in strokes."""
@@ -258,7 +256,6 @@ def is_long_duel_pair(game: Game, pair: Ints | slice = ALL) -> Bools:
 
 
 def _key(parts: Sequence[Ints]) -> I64:
-    """Combined key of integers below 32."""
     return np.asarray(np.ravel_multi_index(tuple(parts), (32,) * len(parts)))
 
 
@@ -311,7 +308,10 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, calm:
         calm: numbers of base pairs whose strikers are not hurried: those are evaluated and, in the second half of the result,
             those of hurried strikers that are equal otherwise; None: all base pairs, in their order.
     """
-    pairs = _both(game, np.flatnonzero(game.hurried(game.base_pair_state) == 0) if calm is None else calm)
+    first = np.flatnonzero(game.hurried(game.base_pair_state) == 0) if calm is None else calm
+    # Pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise.
+    late = game.base_pair_start[game.base_pair_state[first] + _HURRIED] + game.base_pair_rank[first]
+    pairs = np.stack([first, late], axis=1)
     those = np.arange(game.n_base_pairs) if calm is None else pairs.T.ravel()
     at = pairs if calm is None else np.arange(len(those)).reshape(2, -1).T
     codes = _read(models, codes_of_pairs(game, those, opposite=models.opposite))
@@ -320,8 +320,8 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, calm:
     situations, codes_of = models.situations, {name: code[at[:, 0]] for name, code in codes.items()}
     edge = game.base_pair_edge[pairs[:, 0]]
     is_serve, long, duel = (test(game, pairs[:, 0]) for test in (is_serve_pair, is_long_duel_pair, is_duel_pair))
-    late = situations.hurried_share[codes_of["incoming_shot"], codes_of["shot"]]
-    share = np.stack([1 - late, late], axis=1)
+    hurried = situations.hurried_share[codes_of["incoming_shot"], codes_of["shot"]]
+    share = np.stack([1 - hurried, hurried], axis=1)
     # The supported ranges are those of the mean over the situations.
     weights = situations.spread(codes_of["own_shot"], np.full(len(pairs), -1), np.where(duel, -1, 0))
     fault = situations.mixed(logit, weights)
@@ -352,12 +352,6 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, calm:
         hurry=models.averaged(models.hurried, codes),
         fault_odds=np.exp(situations.effort),
     )
-
-
-def _both(game: Game, calm: Ints) -> I64:
-    """``[N, 2]`` base pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise."""
-    late = game.base_pair_start[game.base_pair_state[calm] + _HURRIED] + game.base_pair_rank[calm]
-    return np.stack([calm, late], axis=1)
 
 
 def _read(models: FittedModels, codes: dict[str, I16]) -> dict[str, I16]:
@@ -462,7 +456,6 @@ class ModelStepper(Stepper):
         return with_fault_odds(self._row(row)[0], odds)
 
     def _evaluated(self, row: int) -> tuple[U16, U8]:
-        """Thresholds ``[3]`` at effort 0 and chances of a hurried receiver ``[2]`` of a base pair."""
         state = int(self.game.base_pair_state[row])
         late = self.is_hurried(state)
         calm = row - (int(self.game.base_pair_start[state] - self.game.base_pair_start[state - 2]) if late else 0)
@@ -497,3 +490,53 @@ def model_stepper(game: Game) -> ModelStepper:
             "game with recovery are tables made from these"
         )
     return ModelStepper(game, FittedModels.load(origin.folder), load_support(origin.folder))
+
+
+def codes_of_states(game: Game, state: Ints, *, opposite: bool) -> dict[str, I16]:
+    """``[N]`` codes of the context of states, without discipline.
+
+    Args:
+        opposite: whether striker and receiver have different hands.
+    """
+    catalogue = game.catalogue
+    codes: dict[str, I16] = {}
+    for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
+        for attribute in ("shot", "area", "height", "technique"):
+            code = f"{name}_{attribute}"
+            # The last two codes of a previous stroke are "none" and "unknown".
+            codes[code] = np.append(getattr(catalogue, attribute), SLOTS[code] - 2)[stroke].astype(np.int16)
+    codes["contact"] = game.contact(state).astype(np.int16)
+    codes["hurried"] = game.hurried(state).astype(np.int16)
+    codes["hands"] = np.full_like(codes["contact"], opposite)
+    codes["own_area"] = mirrored_where(codes["hands"] == 1, codes["own_area"])
+    return codes
+
+
+def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
+    """``[N]`` codes of base pairs of a game, without discipline; ``opposite`` as for :func:`codes_of_states`."""
+    codes = codes_of_states(game, game.base_pair_state[pair], opposite=opposite)
+    for attribute in ("shot", "technique", "area"):
+        codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke[pair]].astype(np.int16)
+    codes["area"] = mirrored_where(codes["hands"] == 1, codes["area"])
+    return codes
+
+
+def layouts_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> tuple[Game, Game]:
+    """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
+
+    Args:
+        models: what the average player chooses.
+        share: minimum share of a legal shot type (:mod:`shuttle_marl.dynamics.compiled`).
+
+    Raises:
+        ShuttleError: too few kinds of stroke occur often enough.
+    """
+    catalogue = catalogue_of(rows)
+    try:
+        replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue), share)
+        return empty_game(catalogue, replies), empty_game(catalogue, between_hands(replies, catalogue))
+    except GameError as error:
+        raise ShuttleError(
+            f"these strokes make no game ({error}): every stroke of a game occurs at least {MIN_STROKES} times in the data; "
+            "add matches, or use --prior default, which takes the strokes of the shipped model"
+        ) from error

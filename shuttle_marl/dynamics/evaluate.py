@@ -1,33 +1,39 @@
-"""Evaluation: scores of the models on unseen matches, and health checks of the solved game.
+"""Evaluation and model cards: scores on unseen matches, health checks of the solved game, and what people play.
 
 The baseline of the scores is gradient-boosted trees with the same rows and features (LightGBM, Ke et al., NIPS 2017).
 
 Models that predict well can still make a bad game: a single wrong entry of the tables can make perfect play a stall or a single
-winning stroke. So every fit is solved exactly. Its card reports perfect play, the best response to the behaviour-cloned player,
-and their statistics, with warnings for values outside of their limits. No fit is selected by these values: that would let
-opinions on optimal play determine the game.
+winning stroke. So every fit is solved exactly, and its card reports perfect play and the best response to the behaviour-cloned
+player, with warnings for values outside of their limits. No fit is selected by these values: that would let opinions on optimal
+play determine the game.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from scipy.stats import rankdata
 
 from shuttle_marl.base.arrays import F64, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import content_hash, replace_sealed, with_hashes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.boosting import PARAMETERS, lightgbm
-from shuttle_marl.dynamics.compiled import Support, is_serve_pair
+from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, is_serve_pair
 from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.models import judged
-from shuttle_marl.dynamics.network import fold_of_match
+from shuttle_marl.dynamics.models import fold_of_match, judged
 from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import best_response, solve
-from shuttle_marl.exact.play import OFTEN, impossible, play, unusual
+from shuttle_marl.exact.play import OFTEN, impossible, in_cross_court_runs, mix, play, unusual
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.shipped import CARD, FILES, NETWORKS, OPTIONAL_FILES, read_model_card
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game
 
@@ -230,18 +236,12 @@ def tree_predictions(
 
 
 def play_statistics(policy: StatePolicy) -> dict[str, Any]:
-    """Exact length, endings and shot mix of rallies in self-play."""
+    """Exact mean length and shot mix of rallies in self-play."""
     seen = visits(policy, policy, server=0)
-    endings = seen.endings()
-    faults = endings["fault of player 0"] + endings["fault of player 1"]
-    strokes = seen.rally_length
-    played = np.stack([seen.shot_mix(player) * seen.states[player].sum() for player in (0, 1)]).sum(axis=0) / strokes
+    played = sum(seen.shot_mix(player) * seen.states[player].sum() for player in (0, 1)) / seen.rally_length
     return {
-        "mean_rally": strokes,
-        "rallies_ending_on_fault": faults,
-        "fault_share": faults / strokes,
-        "winner_share": (1 - faults) / strokes,
-        "shot_mix": {name: float(share) for name, share in zip(SHOTS, played, strict=True)},
+        "mean_rally": seen.rally_length,
+        "shot_mix": {name: float(share) for name, share in zip(SHOTS, np.asarray(played), strict=True)},
     }
 
 
@@ -309,7 +309,6 @@ def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
 
 
 def _variety(perfect: dict[str, Any]) -> dict[str, float]:
-    """Largest share of a shot type, and number of shot types above 2 %, of :func:`play_statistics`."""
     shots = list(perfect["shot_mix"].values())
     return {"largest_shot_share": max(shots), "shot_types_above_2_percent": sum(share > OFTEN for share in shots)}
 
@@ -360,3 +359,101 @@ def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[di
             })  # fmt: skip
         out[f"{'highest' if sign > 0 else 'lowest'} {kind} probability"] = listed
     return out
+
+
+def play_of_people(rows: Rows) -> dict[str, Any]:
+    """The play of people.
+
+    Args:
+        rows: strokes of whole matches in playing order. A dropped stroke ends a run of net shots.
+
+    Returns:
+        The figures of :func:`shuttle_marl.exact.play.mix`, targets without those of faults, and ``length``: mean number of
+        strokes of the rallies whose end is known, 0 without any.
+    """
+    code = {name: rows.codes[name].astype(np.int64) for name in ("shot", "area", "incoming_shot")}
+    follows = (np.diff(rows.stroke, prepend=0) == 1) & (np.diff(rows.match, prepend=-1) == 0)
+    fault = rows.outcome == Outcome.FAULT
+    ends = rows.stroke[fault | (rows.outcome == Outcome.WINNER)]
+    figures = mix(
+        code["shot"],
+        np.where(fault, -1, code["area"]),
+        code["incoming_shot"],
+        rows.codes["contact"] == 1,
+        np.ones(len(rows)),
+        float(in_cross_court_runs(code["shot"], follows).sum()),
+    )
+    return {**figures, "length": float(ends.mean()) if len(ends) else 0.0}
+
+
+_SCORED: Final = ("success", "return", "contact", "hurried")
+_TEMPLATES: Final = Path(__file__).with_name("templates")
+
+
+def strokes_hash(strokes: pa.Table) -> str:
+    """SHA-256 of the columns of a stroke table without metadata, equal for the raw files and for Parquet."""
+    sink = pa.BufferOutputStream()
+    table = strokes.cast(pa.schema([field.remove_metadata() for field in strokes.schema])).combine_chunks()
+    with pa.ipc.new_stream(sink, table.schema) as writer:
+        writer.write_table(table)
+    return content_hash(sink.getvalue())
+
+
+def write_card(folder: Path, card: dict[str, Any]) -> None:
+    """Write the card of a model with the hashes of its files.
+
+    Raises:
+        FileWriteError: it cannot be written.
+    """
+    files = [*FILES, *(name for name in OPTIONAL_FILES if (folder / name).is_file())]
+    replace_sealed(folder / CARD, with_hashes(card, {name: (folder / name).read_bytes() for name in files}))
+
+
+def add_truth(folder: Path, truth: dict[str, Any]) -> None:
+    """Store the result of ``experiments.truth --json`` in the card of a model.
+
+    Raises:
+        ShuttleError: the result lacks a field.
+        GameError: the model card cannot be read.
+        FileWriteError: it cannot be written.
+    """
+    wanted = ("split", "cross", "train_only", "matches", "strokes", "decision_slope", "promised_realised")
+    if missing := [name for name in wanted if name not in truth]:
+        raise ShuttleError(f"not a result of experiments.truth: {', '.join(missing)} missing; create one with --json")
+    write_card(folder, {**read_model_card(folder), "truth": {name: truth[name] for name in wanted}})
+
+
+def as_markdown(card: dict[str, Any]) -> str:
+    """The card as Markdown."""
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"as": format, "percent": lambda share: f"{100 * share:.1f} %"}
+    return environment.get_template("card.md").render(
+        card=card,
+        scored={name: card["validation"][name] for name in _SCORED if name in card["validation"]},
+        criteria=criteria(card["health"]).values(),
+        networks=NETWORKS,
+        prior_strokes=PRIOR_STROKES,
+        credible=CREDIBLE,
+        min_end=MIN_END,
+        shots=SHOTS,
+        exp=math.exp,
+    )
+
+
+def plot_reliability(card: dict[str, Any], path: Path) -> None:
+    """Plot the three reliability diagrams."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
+
+    figure = Figure(figsize=(10, 3.4), layout="constrained")
+    for axes, name in zip(figure.subplots(1, 3), ("success", "return", "contact"), strict=True):
+        bins = card["validation"][name]["reliability"]
+        predicted, observed = (np.array([b[key] for b in bins]) for key in ("predicted", "observed"))
+        spread = 1.96 * np.sqrt(np.maximum(observed * (1 - observed), 1e-6) / np.array([b["rows"] for b in bins]))
+        low = min(predicted.min(), observed.min()) - 0.02
+        axes.plot([low, 1], [low, 1], color="0.7", linewidth=1)
+        axes.errorbar(predicted, observed, yerr=spread, fmt="o", markersize=4, color="#0b6e4f", linewidth=1)
+        axes.set(title=f"{name} (ECE {card['validation'][name]['ece']:.4f})", xlabel="predicted", ylabel="observed")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)

@@ -2,44 +2,39 @@
 
 A stroke has attributes (shot type, area, contact height, technique). Its context consists of the attributes of the striker's
 previous stroke and of the incoming stroke, the contact height, whether the striker is hurried, and the discipline. Simulated
-strokes record who was hurried; of annotated ones, the index of :mod:`shuttle_marl.dynamics.hurried` decides. A longer history
-improves no model on unseen matches.
+strokes record who was hurried; of annotated ones, an index decides (:class:`Hurry`). A longer history improves no model on unseen
+matches.
 
 **Hands.** The strokes of a left-handed striker are mirrored, so the models know one frame, that of a right-handed striker, and
 read whether the receiver has the other hand. A game names areas as a right-handed receiver sees them (:attr:`Rows.game_codes`).
 
-Counts over the rally, attacks of each player and consecutive net shots, affect the
-probability of a fault only.
-
-**Target areas** have the same meaning for every outcome. The landing of a returned stroke is the receiver's contact point, that
-of a winner or an out stroke is a point on the floor, farther along the flight: unchanged, its depth would reveal the outcome.
-So these landings are moved along the line of flight to a depth at which a receiver could have met the shuttle:
-
-- **Winners** to the same quantile among the returned strokes of their shot type and contact height as the landing has among the
-  winners of these. (Expectation maximisation over three depths, with the returned strokes as prior, predicts unseen matches no
-  better: the data have no other information on where a winner would have been met.)
-- **Out strokes** to at most the 90 % quantile of the depth of returned strokes of the same shot type and height. Otherwise the
-  areas of most drives and net kills that went out would be areas where hardly any is met, which no player of the game can
-  target.
-
-Simulated strokes record the target itself and are not moved.
+**Target areas** have the same meaning for every outcome. Returned strokes were met before the floor, so the depth of other
+landings would reveal the outcome. They are moved along the line of flight: winners to the same quantile among the returned
+strokes of their shot type and contact height as among the winners of these, out strokes to at most the 90 % quantile
+(``docs/models.md``). Simulated strokes record the target itself and are not moved.
 """
 
 import dataclasses
 import functools
+import json
 import math
 from collections.abc import Sequence
-from typing import Final
+from pathlib import Path
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.base.arrays import F32, F64, I8, I16, I32, I64, Bools, Ints
+from shuttle_marl.base.compiling import compiled
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import parsed, replace_file
+from shuttle_marl.base.tensor_files import Tensors, checked, tensor_bytes
 from shuttle_marl.data.hands import receiver_hands
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game.court import N_AREAS, area_of, mirrored
-from shuttle_marl.game.layout import LONGEST_DUEL
+from shuttle_marl.game.shipped import HURRY, folder_of, read_model
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
 
@@ -49,8 +44,11 @@ _RATES: Final = (10.0, 130.0)
 _SHORTEST: Final = 0.2
 """Minimum time between two strokes in a speed [s]."""
 
+
 # Two more codes of a previous stroke: "none" (before the serve) and "unknown" (the row was dropped).
 _BEFORE: Final = {"shot": N_SHOTS + 2, "area": N_AREAS + 2, "height": 4, "technique": N_TECHNIQUES + 2}
+
+
 SLOTS: Final[dict[str, int]] = {
     **{f"{stroke}_{attribute}": size for stroke in ("own", "incoming") for attribute, size in _BEFORE.items()},
     "contact": 2,
@@ -62,14 +60,10 @@ SLOTS: Final[dict[str, int]] = {
     "area": N_AREAS,
 }
 """Number of values of each attribute."""
-
 STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
 """Attributes of the context, which the striker knows before choosing."""
-
 ATTACK: Final = np.isin(SHOTS, ATTACKS)
-"""``[13]`` whether a shot type is an attack."""
 NET_SHOT: Final = np.isin(SHOTS, NET_SHOTS)
-"""``[13]`` whether a shot type is a net shot."""
 MIN_LANDINGS: Final = 20
 """With fewer winners or returned strokes of a shot type and height, both heights count; with still fewer none are moved."""
 MOVEMENT: Final = (
@@ -78,19 +72,13 @@ MOVEMENT: Final = (
 )  # fmt: skip
 """Positions and times before a stroke, in the striker's frame [m, s].
 
-- ``contact_x``, ``contact_y``: where the striker meets the shuttle.
-- ``striker_x``, ``striker_y``: where they stand.
-- ``reach``: distance of the two.
-- ``moved``, ``forward``, ``sideways``: how far they moved since the opponent's hit, of it forwards, and to the right.
-- ``speed``: how fast they moved.
-- ``since``: time since the opponent's hit.
-- ``before``: time between that hit and the one before it; 0 without one.
-- ``own_x``, ``own_y``, ``opponent_x``, ``opponent_y``: where striker and opponent were at the opponent's hit.
+Where they meet the shuttle and where they stand, distance of the two, how far they moved since the opponent's hit (of it
+forwards, and to the right) and how fast, time since that hit, time between it and the one before it (0 without one), and where
+striker and opponent were at it.
 """
 MAX_DEPTH_QUANTILE: Final = 0.9
 """Quantile of the depth of returned strokes that bounds the target of an out stroke."""
 _ACROSS: Final = [MOVEMENT.index(name) for name in MOVEMENT if name.endswith("_x") or name == "sideways"]
-"""Columns of :data:`MOVEMENT` that are mirrored for a left-handed striker."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,6 +89,7 @@ class Rows:
         codes: ``[N]`` code of each of :data:`SLOTS` in the frame of a right-handed striker; ``area`` is the target area (see the
             module), -1 where no landing was recorded; ``hands`` is 1 where the receiver has the other hand.
         outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS.
+        landed: ``[N]`` recorded area as a right-handed receiver sees it, -1 where none was recorded.
         next_contact: ``[N]`` contact height of the next stroke, -1 without one.
         match: ``[N]`` index into ``matches``.
         matches: names of the matches.
@@ -123,6 +112,7 @@ class Rows:
     codes: dict[str, I16]
     outcome: I8
     reason: I8
+    landed: I16
     next_contact: I8
     match: I32
     matches: tuple[str, ...]
@@ -149,10 +139,6 @@ class Rows:
         arrays = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("codes", "matches")}
         return Rows(codes={name: code[which] for name, code in self.codes.items()}, matches=self.matches, **arrays)
 
-    def none(self) -> "Rows":
-        """No rows, of the same matches."""
-        return self.take(np.zeros(len(self), dtype=bool))
-
     @classmethod
     def joined(cls, parts: Sequence["Rows"]) -> "Rows":
         """Concatenation of several tables, whose matches are different even if their names are equal."""
@@ -173,9 +159,8 @@ class Rows:
     def count(self, *names: str) -> I64:
         """Number of rows with each combination of codes, a dimension for each name."""
         sizes = [SLOTS[name] for name in names]
-        return np.bincount(np.ravel_multi_index([self.codes[name] for name in names], sizes), minlength=math.prod(sizes)).reshape(
-            sizes
-        )
+        cell = np.ravel_multi_index([self.codes[name] for name in names], sizes)
+        return np.bincount(cell, minlength=math.prod(sizes)).reshape(sizes)
 
     def with_area(self, area: int | Ints) -> dict[str, I16]:
         """The codes with another target area."""
@@ -192,14 +177,16 @@ class Rows:
         codes = {**self.codes, "hurried": np.maximum(hurried, 0).astype(np.int16)}
         return dataclasses.replace(self, codes=codes, hurried=hurried, next_hurried=following)
 
+    @property
+    def tracked(self) -> Bools:
+        """``[N]`` whether positions and times are known."""
+        return np.asarray(np.isfinite(self.movement).all(axis=1))
+
     @functools.cached_property
     def game_codes(self) -> dict[str, I16]:
         """The codes with areas as a game names them: as a right-handed receiver sees them."""
-        return {**self.codes, **{name: mirrored_where(self.codes["hands"] == 1, self.codes[name]) for name in _OF_RECEIVER}}
-
-
-_OF_RECEIVER: Final = ("own_area", "area")
-"""Areas that the receiver of the striker's strokes sees."""
+        of_receiver = {name: mirrored_where(self.codes["hands"] == 1, self.codes[name]) for name in ("own_area", "area")}
+        return {**self.codes, **of_receiver}
 
 
 def mirrored_where(left: Bools, area: I16) -> I16:
@@ -211,7 +198,7 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
     """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`).
 
     The target areas of annotated winners and out strokes depend on the other strokes of the table. Whether strikers were hurried
-    stays unknown where the table does not know it; see :func:`shuttle_marl.dynamics.hurried.marked_rows`.
+    stays unknown where the table does not know it; see :func:`shuttle_marl.dynamics.features.marked_rows`.
     """
     column = {
         name: strokes[name].to_numpy(zero_copy_only=False)
@@ -253,6 +240,7 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
         codes=codes,
         outcome=column["outcome"].astype(np.int8),
         reason=column["reason"].astype(np.int8),
+        landed=mirrored_where(receiver_hand == 1, strokes["area"].fill_null(-1).to_numpy().astype(np.int16)),
         next_contact=np.where(follows & returned, column["height"][after], -1).astype(np.int8),
         match=match,
         matches=tuple(encoded.dictionary.to_pylist()),
@@ -422,65 +410,6 @@ def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
     return own, other, run
 
 
-def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
-    """``[N]`` catalogue index of a previous stroke: n before the serve, -1 where unknown or not in the catalogue.
-
-    Args:
-        name: ``own`` or ``incoming``.
-        strokes: ``[13, 9, 2, 3]`` catalogue index by shot type, area, height and technique.
-        n_strokes: n, the number of strokes in the catalogue.
-    """
-    shot, area, height, technique = (
-        rows.game_codes[f"{name}_{part}"].astype(np.int64) for part in ("shot", "area", "height", "technique")
-    )
-    known = (shot < N_SHOTS) & (area < N_AREAS) & (height < 2) & (technique < N_TECHNIQUES)
-    index = np.where(shot == N_SHOTS, n_strokes, -1)
-    index[known] = strokes[shot[known], area[known], height[known], technique[known]]
-    return index
-
-
-def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
-    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is unknown.
-
-    Args:
-        own, incoming: ``[N]`` catalogue indices of the previous strokes (:func:`strokes_before`).
-    """
-    duel = np.minimum(rows.net_run, LONGEST_DUEL) if game.counts_duels else 0
-    effort, opponent_effort = (
-        np.minimum(count, game.levels - 1) if game.levels > 1 else 0 for count in (rows.attacks, rows.opponent_attacks)
-    )
-    parts = (own, incoming, rows.codes["contact"], duel, effort, opponent_effort, rows.codes["hurried"])
-    return game.state_of(*parts).astype(np.int64)
-
-
-def codes_of_states(game: Game, state: Ints, *, opposite: bool) -> dict[str, I16]:
-    """``[N]`` codes of the context of states, without discipline.
-
-    Args:
-        opposite: whether striker and receiver have different hands.
-    """
-    catalogue = game.catalogue
-    codes: dict[str, I16] = {}
-    for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
-        for attribute, size in _BEFORE.items():
-            values = np.append(getattr(catalogue, attribute), size - 2)
-            codes[f"{name}_{attribute}"] = values[stroke].astype(np.int16)
-    codes["contact"] = game.contact(state).astype(np.int16)
-    codes["hurried"] = game.hurried(state).astype(np.int16)
-    codes["hands"] = np.full_like(codes["contact"], opposite)
-    codes["own_area"] = mirrored_where(codes["hands"] == 1, codes["own_area"])
-    return codes
-
-
-def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
-    """``[N]`` codes of base pairs of a game, without discipline; ``opposite`` as for :func:`codes_of_states`."""
-    codes = codes_of_states(game, game.base_pair_state[pair], opposite=opposite)
-    for attribute in ("shot", "technique", "area"):
-        codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke[pair]].astype(np.int16)
-    codes["area"] = mirrored_where(codes["hands"] == 1, codes["area"])
-    return codes
-
-
 def _lagged(key: Ints, number: I16, lag: int) -> tuple[I64, Bools]:
     """``[N]`` row ``lag`` rows before each row, -1 outside the table, and whether it is the stroke so much earlier in the rally.
 
@@ -492,3 +421,141 @@ def _lagged(key: Ints, number: I16, lag: int) -> tuple[I64, Bools]:
     row = np.arange(len(number)) - lag
     row = np.where((row >= 0) & (row < len(number)), row, -1)
     return row, np.asarray((row >= 0) & (key[:, row] == key).all(axis=0) & (number - number[row] == lag))
+
+
+_CODES: Final = ("incoming_shot", "incoming_technique", "contact")
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Hurry:
+    """Index of hurried strikers: K forests of T trees with M nodes each, and the thresholds.
+
+    Node m of a tree tests one input of a row (:meth:`inputs`), and sends the row to its first child where that is at most the
+    cut: to a later node, or to leaf -1 - child.
+
+    Attributes:
+        matches: names of the matches of the fit; the k-th belongs to fold ``fold[k]``.
+        fold: ``[matches]`` forest that was not fitted to each match; the last forest was fitted to all.
+        attribute: ``[K, T, M]`` input that a node tests; ``cut``: ``[K, T, M]`` its threshold.
+        child: ``[K, T, M, 2]`` children; ``value``: ``[K, T, M + 1]`` leaves.
+        threshold: ``[15, 2]`` index below which a striker is hurried, by code of the incoming shot type and contact height.
+    """
+
+    matches: tuple[str, ...]
+    fold: I32
+    attribute: I32
+    cut: F64
+    child: I32
+    value: F64
+    threshold: F64
+
+    def index(self, rows: Rows) -> F64:
+        """``[N]`` index of each stroke, the lower the more hurried; NaN where a position or time is unknown."""
+        known, inputs, index = rows.tracked, self.inputs(rows), np.full(len(rows), np.nan)
+        of_name = dict(zip(self.matches, self.fold.tolist(), strict=True))
+        forest = np.array([of_name.get(name, len(self.value) - 1) for name in rows.matches], dtype=np.int64)[rows.match]
+        for k in np.unique(forest[known]).tolist():
+            those = known & (forest == k)
+            index[those] = _sums(inputs[those], self.attribute[k], self.cut[k], self.child[k], self.value[k])
+        return index
+
+    @staticmethod
+    def inputs(rows: Rows) -> F64:
+        """``[N, 18]`` inputs of the trees: incoming shot type and technique, contact, :data:`MOVEMENT`."""
+        codes = [rows.codes[name][:, None] for name in _CODES]
+        return np.concatenate([*codes, rows.movement], axis=1).astype(np.float64)
+
+    def bits(self, rows: Rows) -> I8:
+        """``[N]`` 1 where the striker is hurried, 0 where not, -1 where a position or time is unknown."""
+        index = self.index(rows)
+        late = index < self.threshold[rows.codes["incoming_shot"], rows.codes["contact"]]
+        return np.where(np.isnan(index), -1, late).astype(np.int8)
+
+    def marked(self, rows: Rows) -> Rows:
+        """Rows in playing order, with whether the striker was hurried where the table does not know it."""
+        return rows.marked(self.bits(rows))
+
+    def save(self, path: Path) -> None:
+        """Write the index to a file, in a model folder :data:`~shuttle_marl.game.shipped.HURRY`."""
+        arrays = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "matches"}
+        replace_file(path, tensor_bytes(arrays, {"matches": json.dumps(self.matches)}, pack=True))
+
+    @classmethod
+    def checked(cls, tensors: Tensors) -> Self:
+        """An index from the content of a file.
+
+        Raises:
+            KeyError, TypeError, ValueError: a part is missing or invalid.
+        """
+        header, arrays = tensors
+        forests, trees, nodes = arrays["attribute"].shape
+        matches = tuple(map(str, parsed(header["matches"])))
+        found = cls(
+            matches=matches,
+            fold=checked(arrays["fold"], np.int32, (len(matches),)),
+            attribute=checked(arrays["attribute"], np.int32, (forests, trees, nodes)),
+            cut=checked(arrays["cut"], np.float64, (forests, trees, nodes)),
+            child=checked(arrays["child"], np.int32, (forests, trees, nodes, 2)),
+            value=checked(arrays["value"], np.float64, (forests, trees, nodes + 1)),
+            threshold=checked(arrays["threshold"], np.float64, (SLOTS["incoming_shot"], SLOTS["contact"])),
+        )
+        check_nodes(found.attribute, found.child, len(_CODES) + len(MOVEMENT))
+        if not ((found.fold >= 0) & (found.fold < forests)).all():
+            raise ValueError("an unknown fold")
+        return found
+
+
+def load_hurry(folder: Path) -> Hurry | None:
+    """Read the index of a model folder; None if the model has none.
+
+    Raises:
+        ShuttleError: the file differs from the model card, or is invalid.
+        GameError: the model card cannot be read.
+    """
+    path = folder / HURRY
+    if not path.is_file():
+        return None
+    try:
+        return Hurry.checked(read_model(folder, HURRY))
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise ShuttleError(f"{path}: no readable index of hurried strikers ({error}); fit or install the model again") from error
+
+
+def hurry_of(game: Game) -> Hurry | None:
+    """The index of the model that a game belongs to, read by :func:`load_hurry`; None if there is none."""
+    folder = folder_of(game)
+    return None if folder is None else load_hurry(folder)
+
+
+def marked_rows(strokes: pa.Table, hurry: Hurry | None) -> Rows:
+    """As :func:`rows_from_strokes`; the index decides who was hurried where the table does not know it (None: nothing does)."""
+    rows = rows_from_strokes(strokes)
+    return rows if hurry is None else hurry.marked(rows)
+
+
+@compiled
+def _sums(inputs: F64, attribute: I32, cut: F64, child: I32, value: F64) -> F64:
+    """``[N]`` sums of the leaves that each row reaches."""
+    out = np.zeros(len(inputs))
+    for row in range(len(inputs)):
+        for tree in range(len(attribute)):
+            node = 0
+            while node >= 0:
+                first = inputs[row, attribute[tree, node]] <= cut[tree, node]
+                node = child[tree, node, 0 if first else 1]
+            out[row] += value[tree, -1 - node]
+    return out
+
+
+def check_nodes(attribute: I32, child: I32, inputs: int) -> None:
+    """Check that nodes ``[..., M]`` test one of the inputs, and have later nodes or leaves as children.
+
+    Raises:
+        ValueError: one does not.
+    """
+    nodes = attribute.shape[-1]
+    if not attribute.size:
+        raise ValueError("trees without a node")
+    later, leaf = (child > np.arange(nodes)[:, None]) & (child < nodes), (child < 0) & (child >= -1 - nodes)
+    if not (((attribute >= 0) & (attribute < inputs)).all() and (later | leaf).all()):
+        raise ValueError("a node of a tree has an unknown attribute, or an unknown or earlier child")

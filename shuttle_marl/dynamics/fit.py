@@ -1,65 +1,64 @@
-"""Fit of all models from a table of strokes: networks, calibration, single players, catalogue and support."""
+"""Fit of all models from a table of strokes, and the correction of a model and its refits by a few matches."""
 
+import copy
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from scipy.optimize import minimize
+import torch
+from scipy.optimize import minimize, minimize_scalar
 
-from shuttle_marl.base.arrays import F64, I16, Bools
+from shuttle_marl.base.arrays import F64, I16, I64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.pytorch import own_settings
-from shuttle_marl.dynamics.choices import player_choices
+from shuttle_marl.dynamics.choices import Choices, best_shifts, player_choices
 from shuttle_marl.dynamics.compiled import (
-    MIN_STROKES,
-    SHOT_SHARE,
     THREADS,
     PairProbabilities,
     Support,
-    average_choices,
-    between_hands,
-    catalogue_of,
     compile_game,
-    empty_game,
+    layouts_of,
     pair_probabilities,
-    replies_of,
     support_of,
 )
-from shuttle_marl.dynamics.features import DISCIPLINES, Rows
+from shuttle_marl.dynamics.features import DISCIPLINES, Hurry, Rows
 from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.models import (
-    GOOD,
-    HURRIED,
-    Ridge,
+    QUICK,
+    EnsembleConfig,
     all_targets,
-    fault_class,
     fit_binary,
     fit_choice,
     fit_ridge,
+    fit_situations,
     fit_success,
     fit_target,
+    fit_trees,
+    fold_of_match,
+    intended_targets,
     judged,
-    known_outcome,
-    latent_target,
+    known_targets,
+    labelled,
+    labels_of,
     log_loss,
     log_odds,
     mean_probabilities,
     sigmoid,
     softmax,
+    unseen,
 )
-from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc
-from shuttle_marl.dynamics.network import QUICK, Ensemble, EnsembleConfig, fold_of_match, unseen
-from shuttle_marl.dynamics.situations import fit_situations
+from shuttle_marl.dynamics.modules import GOOD, HURRIED, Ensemble, MContact, MHurried, MRet, MSucc, Ridge
 from shuttle_marl.dynamics.skill import Predicted
-from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.pairs import COMPONENTS
+from shuttle_marl.game.shipped import MOST_STEPS, STEP, moved, steps_between
+from shuttle_marl.game.tables import Game
 
 Report = Callable[[str], None]
 """Called with a line before each stage."""
-
 _FOLDS: Final = 5
 _SUCCESS_EPOCHS: Final = 2 / 3
 """Fraction of the epochs of the success networks, which overfit with all of them."""
@@ -140,7 +139,7 @@ def fit(
     (known, fault), (good, returned), (met, met_above), _ = parts.values()
 
     report("targets")
-    soft = _known_targets(train)
+    soft = known_targets(train)
     target = fit_target(train, soft, first_round, seed)
     report("success, marginalising unknown targets")
     success = fit_success(known, mean_probabilities(target, known.codes), first_round, seed + 1)
@@ -155,7 +154,8 @@ def fit(
     report("contact heights")
     contact = fit_binary("contact", met, met_above, config, seed + 5)
     report("hurried receivers")
-    hurried = _fit_hurried(*parts["hurried"])
+    heights = list(_heights(*parts["hurried"]))
+    hurried = {HURRIED[height]: fit_trees(those.codes, late, rounds=_HURRIED_ROUNDS) for height, _, those, late in heights}
     report("choices of strokes")
     choice = fit_choice(train, config, seed + 6)
 
@@ -172,6 +172,9 @@ def fit(
         known.with_area(0), fault, rounds=_CORRECTION_ROUNDS, rate=_CORRECTION_RATE, offset=log_odds(marginal)
     )  # fmt: skip
     return_line, contact_line = _calibrate(logits["return"], returned), _calibrate(logits["contact"], met_above)
+    hurried_lines = np.tile([1.0, 0.0], (len(HURRIED), 1))
+    for height, here, _, late in heights:
+        hurried_lines[height] = _calibrate(logits["hurried"][here], late)
     counts = np.bincount(train.codes["discipline"], minlength=len(DISCIPLINES))
     average = FittedModels(
         m_choice=choice,
@@ -179,7 +182,7 @@ def fit(
         m_succ=MSucc(success, correction, fault_line),
         m_ret=MRet(return_network, fit_trees(good.codes, returned), ridge, return_line),
         m_contact=MContact(contact, fit_trees(met.codes, met_above), contact_line),
-        m_hurried=MHurried(hurried, _hurried_lines(logits["hurried"], *parts["hurried"])),
+        m_hurried=MHurried(hurried, hurried_lines),
         situations=situations,
         share=counts / counts.sum(),
         choices=PlayerChoices(players=(), style=np.zeros((0, 15, 2, 39)), area=np.zeros((0, 13, 3, 9))),
@@ -213,66 +216,19 @@ def supports(models: FittedModels, known: Rows, game: Game, *, opposite: bool = 
     return support, tuple(count(known.take(mask), intended[mask]) if mask.any() else support for mask in masks)
 
 
-def layouts_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> tuple[Game, Game]:
-    """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
-
-    Args:
-        models: what the average player chooses.
-        share: minimum share of a legal shot type (:mod:`shuttle_marl.dynamics.compiled`).
-
-    Raises:
-        ShuttleError: too few kinds of stroke occur often enough.
-    """
-    catalogue = catalogue_of(rows)
-    try:
-        replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue), share)
-        return empty_game(catalogue, replies), empty_game(catalogue, between_hands(replies, catalogue))
-    except GameError as error:
-        raise ShuttleError(
-            f"these strokes make no game ({error}): every stroke of a game occurs at least {MIN_STROKES} times in the data; "
-            "add matches, or use --prior default, which takes the strokes of the shipped model"
-        ) from error
-
-
-def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> F64:
-    """``[N, 9]`` probability of each target given the outcome; rows of unknown outcome are zero."""
-    soft = _known_targets(rows)
-    latent = np.flatnonzero(latent_target(rows) & known_outcome(rows))
-    hidden = rows.take(latent)
-    probability = all_targets(success, hidden).mean(axis=0)
-    label = fault_class(hidden)
-    joint = mean_probabilities(target, hidden.codes) * probability[np.arange(len(hidden)), :, label]
-    soft[latent] = joint / joint.sum(axis=1, keepdims=True)
-    return soft
-
-
-def _known_targets(rows: Rows) -> F64:
-    soft = np.zeros((len(rows), N_AREAS))
-    seen = np.flatnonzero(~latent_target(rows))
-    soft[seen, rows.codes["area"][seen]] = 1.0
-    return soft
-
-
-def unseen_predictions(models: FittedModels, train: Rows, folds: int) -> dict[str, Predicted]:
-    """Predictions of returns, contacts and hurried receivers as in :attr:`Fit.predicted`, from the models of an earlier fit.
-
-    Args:
-        train: strokes of that fit.
-        folds: its number of folds of matches.
-    """
-    parts = judged(train)
-    logits = _unseen_logits(models.m_ret.network, models.m_contact.network, models.m_ret.ridge, parts, folds)
-    return _predicted(parts, logits, models.calibration)
-
-
 def _unseen_logits(
     returns: Ensemble, contacts: Ensemble, ridge: Ridge, parts: dict[str, tuple[Rows, Bools]], folds: int
 ) -> dict[str, F64]:
-    """``[N]`` out-of-fold logits of returns, contacts and hurried receivers, not calibrated."""
+    """``[N]`` out-of-fold logits of returns, contacts and hurried receivers (NaN without trees), not calibrated."""
+    timed, late = parts["hurried"]
+    hurried = np.full(len(timed), np.nan)
+    for _, here, those, label in _heights(timed, late):
+        for inside, outside, held_out in _folds(those):
+            hurried[here[inside]] = fit_trees(outside, label[~inside], rounds=_HURRIED_ROUNDS).logits(held_out)
     return {
         "return": _out_of_fold_blend(returns, *parts["return"], folds, ridge),
         "contact": _out_of_fold_blend(contacts, *parts["contact"], folds),
-        "hurried": _out_of_fold_hurried(*parts["hurried"]),
+        "hurried": hurried,
     }
 
 
@@ -287,41 +243,12 @@ def _predicted(parts: dict[str, tuple[Rows, Bools]], logits: dict[str, F64], cal
     return {name: Predicted(*parts[name], lines[name][0] * logit + lines[name][1]) for name, logit in logits.items()}
 
 
-def _fit_hurried(rows: Rows, late: Bools) -> dict[str, Trees]:
-    """Trees of hurried receivers, by their contact height.
-
-    Args:
-        rows: returned strokes of which that is known; with too few hurried receivers there are no trees.
-    """
-    those = {name: rows.next_contact == contact for contact, name in enumerate(HURRIED)}
-    return {
-        name: fit_trees(rows.take(which).codes, late[which], rounds=_HURRIED_ROUNDS)
-        for name, which in those.items()
-        if late[which].sum() >= _LEAST_HURRIED
-    }
-
-
-def _out_of_fold_hurried(rows: Rows, late: Bools) -> F64:
-    """``[N]`` out-of-fold logits of hurried receivers; NaN where there are no trees."""
-    logits = np.full(len(rows), np.nan)
+def _heights(rows: Rows, late: Bools) -> Iterator[tuple[int, I64, Rows, Bools]]:
+    """Height of the receiver's contact, numbers of its rows, rows and labels; not a height with too few hurried receivers."""
     for contact in range(len(HURRIED)):
         here = np.flatnonzero(rows.next_contact == contact)
-        those, label = rows.take(here), late[here]
-        if label.sum() < _LEAST_HURRIED:
-            continue
-        for inside, outside, held_out in _folds(those):
-            logits[here[inside]] = fit_trees(outside, label[~inside], rounds=_HURRIED_ROUNDS).logits(held_out)
-    return logits
-
-
-def _hurried_lines(logits: F64, rows: Rows, late: Bools) -> F64:
-    """Calibration ``[2, 2]`` of out-of-fold logits of hurried receivers, by their contact height."""
-    lines = np.tile([1.0, 0.0], (len(HURRIED), 1))
-    for contact in range(len(HURRIED)):
-        those = (rows.next_contact == contact) & np.isfinite(logits)
-        if those.any():
-            lines[contact] = _calibrate(logits[those], late[those])
-    return lines
+        if late[here].sum() >= _LEAST_HURRIED:
+            yield contact, here, rows.take(here), late[here]
 
 
 def _folds(rows: Rows) -> Iterator[tuple[Bools, dict[str, I16], dict[str, I16]]]:
@@ -350,3 +277,170 @@ def _calibrate(logit: F64, label: Bools) -> F64:
         return log_loss(label, sigmoid(line[0] * logit + line[1]))
 
     return np.asarray(minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead", options={"xatol": 1e-4}).x)
+
+
+PRECISION: Final = 4.0
+"""Precision of the normal prior of a shift of log-odds; its standard deviation is 0.5."""
+_MAX_SHIFT: Final = 4.0
+_SMALL: Final = 0.01
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Prior:
+    """A model to be corrected.
+
+    Attributes:
+        game: the game, whose layout the fit shares.
+        support: support in its data.
+        opposite: its game of players with different hands, and the support in that.
+        hurry: its index of hurried strikers, if it has one.
+        skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
+    """
+
+    models: FittedModels
+    game: Game
+    support: Support
+    opposite: tuple[Game, Support]
+    hurry: Hurry | None
+    skill: F64 | None
+    refits: Sequence[Game]
+
+
+def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Report) -> Fit:
+    """Correct a model by a few matches.
+
+    Args:
+        train: strokes of matches to which the prior was not fitted.
+        validation: strokes of other matches, on which the shrinkage of choices is chosen; None: the weakest.
+    """
+    parts = judged(train)
+    known, good, met = (parts[name][0] for name in COMPONENTS)
+    shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
+    report("choices of strokes, as a correction")
+    choosers, chosen = _with_choices(prior.models.choosers, train, validation)
+    models = dataclasses.replace(prior.models, m_choice=choosers["choice"], m_target=choosers["target"], share=shares)
+    report("faults, returns and contacts, as corrections")
+    by_target = (dataclasses.replace(known, codes=known.with_area(area)) for area in range(N_AREAS))
+    fault = np.stack([log_odds(_over_bit(models.fault, models, rows)) for rows in by_target], axis=1)
+    share = models.targets(known.codes)
+    weights = models.situations.weights(known)
+
+    def marginal(shift: float) -> F64:
+        return np.asarray((share * models.situations.mixed(fault + shift, weights)).sum(axis=1))
+
+    returned, above = (log_odds(_over_bit(p, models, part)) for p, part in ((models.returned, good), (models.above, met)))
+    chances: dict[str, Callable[[float], F64]] = {
+        "success": marginal,
+        "return": lambda b: sigmoid(returned + b),
+        "contact": lambda b: sigmoid(above + b),
+    }
+    estimates = {name: shift_of(chance, parts[name][1]) for name, chance in chances.items()}
+    shifts, deviations = ({name: estimate[i] for name, estimate in estimates.items()} for i in (0, 1))
+    models = dataclasses.replace(
+        models,
+        m_succ=models.m_succ.shifted(shifts["success"]),
+        m_ret=models.m_ret.shifted(shifts["return"]),
+        m_contact=models.m_contact.shifted(shifts["contact"]),
+    )
+    logits = (log_odds(marginal(shifts["success"])), returned + shifts["return"], above + shifts["contact"])
+    predicted = {name: Predicted(*parts[name], logit) for name, logit in zip(COMPONENTS, logits, strict=True)}
+    if validation is not None:
+        report("choices of players")
+        choices, chosen["choices"] = player_choices(choosers, train, validation, None)
+        models = dataclasses.replace(models, choices=choices)
+    intended = intended_targets(models.m_target, models.m_succ.network, known)
+    support = _moved(prior.support, shifts, support_of(known, intended, prior.game))
+    between, theirs = prior.opposite
+    opposite = between, _moved(theirs, shifts, support_of(known, intended, between, opposite=True))
+    chosen |= {
+        "calibration": models.calibration.tolist(),
+        "situations": {"effort": models.situations.effort.tolist(), "duel": models.situations.duel},
+        "prior": {"game": prior.game.hash, "shifts": shifts, "deviations": deviations},
+    }
+    return Fit(
+        models=models,
+        game=prior.game,
+        support=support,
+        profiles=(support, support),
+        opposite=opposite,
+        predicted=predicted,
+        chosen=chosen,
+    )
+
+
+def _over_bit(probability: Callable[[dict[str, I16]], F64], models: FittedModels, rows: Rows) -> F64:
+    """``[N]`` probabilities; the mean over hurried strikers and others where it is not known who was hurried."""
+    found = probability(rows.codes)
+    if not (rows.hurried < 0).any() or not models.knows_hurried:
+        return found
+    share = models.situations.hurried_share[rows.codes["incoming_shot"], rows.codes["shot"]]
+    late = probability({**rows.codes, "hurried": np.ones(len(rows), np.int16)})
+    return np.where(rows.hurried < 0, (1 - share) * found + share * late, found)
+
+
+def shift_of(probability: Callable[[float], F64], label: Bools) -> tuple[float, float]:
+    """Maximum a posteriori shift of log-odds, 0 without rows, and its standard deviation (Laplace's approximation)."""
+
+    def loss(shift: float) -> float:
+        p = np.clip(probability(shift), 1e-9, 1 - 1e-9)
+        return float(-np.where(label, np.log(p), np.log1p(-p)).sum() + 0.5 * PRECISION * shift * shift)
+
+    shift = float(minimize_scalar(loss, bounds=(-_MAX_SHIFT, _MAX_SHIFT), method="bounded", options={"xatol": 1e-6}).x)
+    curvature = (loss(shift + _SMALL) + loss(shift - _SMALL) - 2 * loss(shift)) / _SMALL**2
+    return shift, 1 / math.sqrt(max(curvature, PRECISION))
+
+
+def _with_choices(
+    networks: dict[str, Ensemble], train: Rows, validation: Rows | None
+) -> tuple[dict[str, Ensemble], dict[str, Any]]:
+    """The choice and target networks with corrected frequencies of shot types and techniques, and of areas."""
+    corrected, chosen, none = dict(networks), {}, train.take(np.zeros(len(train), np.bool_))
+    for name in ("choice", "target"):
+        network = networks[name]
+        ours, others = (
+            Choices(mean_probabilities(network, rows.codes), *2 * (np.zeros(len(rows), np.int64),), labels_of(name, rows))
+            for rows in (part.take(labelled(name, part)) for part in (train, none if validation is None else validation))
+        )
+        loss, precision, shifts = best_shifts(ours, others, 1, 1)
+        shift = shifts[0, 0]
+        uncorrected = others.cross_entropy(np.zeros_like(shifts)) if len(others.label) else np.inf
+        if uncorrected <= loss:
+            precision, shift = np.inf, np.zeros_like(shift)
+        chosen[f"average_{name}"] = {"precision": str(precision), "shift": shift.tolist()}
+        corrected[name] = copy.deepcopy(network)
+        corrected[name].last_bias.add_(torch.from_numpy(shift))
+    return corrected, chosen
+
+
+def _moved(support: Support, shifts: dict[str, float], own: Support) -> Support:
+    """Support of the prior: ranges shifted like the models, counts plus those of the new strokes."""
+
+    def moved(bounds: F64, shift: float) -> F64:
+        inside = (bounds > 0) & (bounds < 1)
+        return np.where(inside, sigmoid(log_odds(bounds) + shift), bounds)
+
+    return Support(
+        strokes=support.strokes + own.strokes,
+        faults=support.faults + own.faults,
+        winners=support.winners + own.winners,
+        fault_range=moved(support.fault_range, shifts["success"]),
+        # Fewer returns mean more winners.
+        winner_range=moved(support.winner_range, -shifts["return"]),
+    )
+
+
+def refits_from(prior: Prior, game: Game, deviations: Mapping[str, float], seed: int, number: int) -> dict[str, Game]:
+    """Refits of a corrected model: those of the prior, moved like the model, each by other draws of the shifts.
+
+    Args:
+        deviations: standard deviation of the shift of each component.
+        number: of refits, at most as many as the prior has.
+    """
+    found = {}
+    for k, refit in enumerate(prior.refits[:number], 1):
+        # A shift of the returns moves the winners by as much, and one of the contacts above those below.
+        drawn = np.random.default_rng([seed, k]).normal(0, [deviations[name] for name in COMPONENTS]) / STEP
+        steps = steps_between(prior.game, refit).astype(np.int64)
+        steps[: len(COMPONENTS)] += np.rint(drawn).astype(np.int64)[:, None]  # the chance of a hurried receiver stays
+        found[str(k)] = moved(game, np.clip(steps, -MOST_STEPS, MOST_STEPS).astype(np.int8), refit.fault_odds)
+    return found

@@ -12,14 +12,24 @@ import torch
 
 from shuttle_marl.base.arrays import F64, I16, I64, Ints
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import content_hash, replace_file
-from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
+from shuttle_marl.base.files import content_hash, parsed, replace_file
+from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
-from shuttle_marl.dynamics.models import HURRIED, RIDGE_COLUMNS, SPECS, Ridge, log_odds, mean_probabilities
-from shuttle_marl.dynamics.modules import MContact, MHurried, MRet, MSucc
-from shuttle_marl.dynamics.network import Ensemble, in_chunks
-from shuttle_marl.dynamics.situations import Situations
-from shuttle_marl.dynamics.trees import Trees
+from shuttle_marl.dynamics.models import log_odds, mean_probabilities
+from shuttle_marl.dynamics.modules import (
+    HURRIED,
+    RIDGE_SIZES,
+    SPECS,
+    Ensemble,
+    MContact,
+    MHurried,
+    MRet,
+    MSucc,
+    Ridge,
+    Situations,
+    Trees,
+    in_chunks,
+)
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import NETWORKS, model_folder, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
@@ -72,7 +82,7 @@ class FittedModels:
     """The fitted models.
 
     Attributes:
-        m_choice, m_target: what strikers choose (``choice`` and ``target`` of :data:`shuttle_marl.dynamics.models.SPECS`).
+        m_choice, m_target: what strikers choose (``choice`` and ``target`` of :data:`shuttle_marl.dynamics.modules.SPECS`).
         m_succ, m_ret, m_contact, m_hurried: the outcome models (:mod:`shuttle_marl.dynamics.modules`).
         situations: effect of effort and long duels on the log-odds of a fault.
         share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
@@ -194,7 +204,7 @@ class FittedModels:
             m = len(players)
             styles = (m, SLOTS["incoming_shot"], SLOTS["contact"], N_SHOTS * N_TECHNIQUES)
             trees = {name: Trees.checked(part) for name in (*SPECS, *HURRIED) if (part := _part(f"trees.{name}", arrays))}
-            ridge = Ridge(checked(arrays["ridge"], np.float64, (1 + RIDGE_COLUMNS,)))
+            ridge = Ridge(checked(arrays["ridge"], np.float64, (1 + sum(RIDGE_SIZES),)))
             lines = checked(arrays["calibration"], np.float64, (5, 2))
             return cls(
                 m_choice=networks["choice"],
@@ -226,7 +236,6 @@ def load_models(name: str = "default") -> FittedModels:
 
 
 def _part(name: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """Arrays of a part of the models, without the prefix of their names."""
     return {key.removeprefix(f"{name}."): array for key, array in arrays.items() if key.startswith(f"{name}.")}
 
 

@@ -20,15 +20,15 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.base.arrays import F32, F64, I16, I64, Bools, Ints
-from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
+from shuttle_marl.base.arrays import F32, F64, I64, Bools, Ints
+from shuttle_marl.base.files import parsed, replace_file
+from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data.schema import DISCIPLINES, Outcome
-from shuttle_marl.dynamics.features import mirrored_where, rows_from_strokes
-from shuttle_marl.game.court import AREAS, HANDS, N_AREAS, N_SIDES
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
+from shuttle_marl.game.court import AREAS, N_AREAS, N_SIDES
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import HABITS, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS
-from shuttle_marl.game.tables import GameError
 
 NONE: Final = N_SHOTS
 """Code of a previous stroke that does not exist; larger codes are unknown."""
@@ -40,15 +40,14 @@ _LEAST_DEGREES: Final = 10
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Plays:
-    """N strokes, or N kinds of strokes with their expected numbers.
+    """N strokes.
 
     Attributes:
         own, incoming: ``[N]`` shot type of the striker's own last and of the incoming stroke; :data:`NONE`, or larger if unknown.
         met: ``[N]`` area in which the striker strikes; -1 if unknown or serving.
         contact, shot, technique, area: ``[N]`` of the stroke; area -1 if unknown.
         opposite: ``[N]`` whether the receiver has the other hand.
-        weight: ``[N]`` number of strokes.
-        fault, winner: ``[N]`` number of them that were faults and winners.
+        fault, winner: ``[N]`` whether they ended the rally so.
         group: ``[N]`` cluster of alike strokes: number of the match.
     """
 
@@ -60,9 +59,8 @@ class Plays:
     technique: I64
     area: I64
     opposite: Bools
-    weight: F64
-    fault: F64
-    winner: F64
+    fault: Bools
+    winner: Bools
     group: I64
 
     def __len__(self) -> int:
@@ -75,27 +73,25 @@ class Plays:
 
 def plays_of_strokes(strokes: pa.Table) -> Plays:
     """Strokes of a table of schema :data:`shuttle_marl.data.schema.STROKES`, in its order."""
-    rows = rows_from_strokes(strokes)
-    code = {
-        name: rows.codes[name].astype(np.int64)
-        for name in ("own_shot", "incoming_shot", "incoming_area", "contact", "shot", "technique")
-    }
-    # Where the shuttle came down, not the target as the models estimate it: what a coach sees.
-    area: I16 = strokes["area"].fill_null(-1).to_numpy().astype(np.int16)
-    area = mirrored_where(rows.receiver_hand == HANDS.index("left"), area)
-    met = code["incoming_area"]
+    return plays_of(rows_from_strokes(strokes))
+
+
+def plays_of(rows: Rows) -> Plays:
+    """Strokes in context as answers to the questions."""
+    code = {name: code.astype(np.int64) for name, code in rows.codes.items()}
+    fault = rows.outcome == Outcome.FAULT
     return Plays(
         own=code["own_shot"],
         incoming=code["incoming_shot"],
-        met=np.where(met < N_AREAS, met, -1),
+        met=np.where(code["incoming_area"] < N_AREAS, code["incoming_area"], -1),
         contact=code["contact"],
         shot=code["shot"],
         technique=code["technique"],
-        area=np.where(rows.outcome == Outcome.FAULT, -1, area).astype(np.int64),
-        opposite=rows.codes["hands"] == 1,
-        weight=np.ones(len(rows)),
-        fault=(rows.outcome == Outcome.FAULT).astype(np.float64),
-        winner=(rows.outcome == Outcome.WINNER).astype(np.float64),
+        # Where the shuttle came down, not the target as the models estimate it: what a coach sees.
+        area=np.where(fault, -1, rows.landed).astype(np.int64),
+        opposite=code["hands"] == 1,
+        fault=fault,
+        winner=rows.outcome == Outcome.WINNER,
         group=rows.match.astype(np.int64),
     )
 
@@ -190,11 +186,11 @@ def tally(plays: Plays) -> Tally:
     counts, dispersion = [], []
     for question, answer in questions(plays):
         asked, size = answer >= 0, len(question.answers)
-        counts.append(np.bincount(answer[asked], plays.weight[asked], size))
+        counts.append(np.bincount(answer[asked], minlength=size))
         dispersion.append(max(1.0, _dispersion(answer, plays, size)))
     shape = (N_SHOTS, N_TECHNIQUES + 1)
     kind = np.ravel_multi_index((plays.shot, np.minimum(plays.technique, N_TECHNIQUES)), shape)
-    ends = [np.bincount(kind, weight, math.prod(shape)) for weight in (plays.weight, plays.fault, plays.winner)]
+    ends = [np.bincount(kind[which], minlength=math.prod(shape)) for which in (plays.shot >= 0, plays.fault, plays.winner)]
     return Tally(
         counts=np.concatenate(counts).astype(np.float32),
         dispersion=np.array(dispersion, np.float32),
@@ -206,7 +202,7 @@ def _dispersion(answer: I64, plays: Plays, size: int) -> float:
     """Pearson's chi-squared of the shares in each group, by its degrees of freedom; 1 for too few groups."""
     asked = answer >= 0
     groups, group = np.unique(plays.group[asked], return_inverse=True)
-    count = np.bincount(group * size + answer[asked], plays.weight[asked], len(groups) * size).reshape(-1, size)
+    count = np.bincount(group * size + answer[asked], minlength=len(groups) * size).reshape(-1, size)
     count = count[:, count.sum(axis=0) >= 5]
     expected = count.sum(axis=1, keepdims=True) * count.sum(axis=0) / max(1.0, count.sum())
     degrees = (count.shape[0] - 1) * (count.shape[1] - 1)

@@ -4,7 +4,8 @@ import contextlib
 import dataclasses
 import functools
 import json
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,57 +17,137 @@ from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F32, F64, I16
 from shuttle_marl.base.cluster import WorkerPool, check_processes
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.data import read_matches
-from shuttle_marl.data.copies import copies
-from shuttle_marl.data.upstream import Split
-from shuttle_marl.dynamics.card import strokes_hash, write_card
+from shuttle_marl.data.matches import copies
+from shuttle_marl.data.upstream import Split, matches_of, split_of
+from shuttle_marl.dynamics.boosting import fit_hurry
 from shuttle_marl.dynamics.choices import fit_history, load_history
 from shuttle_marl.dynamics.compiled import (
-    CREDIBLE,
-    MIN_END,
-    PRIOR_STROKES,
     THREADS,
     load_support,
     pair_log_choices,
     save_support,
 )
-from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, extremes, health, variety_of
-from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.fit import Fit, Report, fit
+from shuttle_marl.dynamics.evaluate import (
+    REQUIRED,
+    criteria,
+    evaluate,
+    extremes,
+    health,
+    play_of_people,
+    strokes_hash,
+    variety_of,
+    write_card,
+)
+from shuttle_marl.dynamics.features import Hurry, Rows, load_hurry, marked_rows, rows_from_strokes
+from shuttle_marl.dynamics.fit import Fit, Prior, Report, fit, fit_from, refits_from
 from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
-from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry, marked_rows
-from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
-from shuttle_marl.dynamics.play import play_of_people
-from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
+from shuttle_marl.dynamics.models import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.recovery import copied_recovery, save_recovery
 from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
-from shuttle_marl.dynamics.splits import MIN_MATCHES_FOR_REFITS, require_enough, resampled, rows_of, train_and_validation
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game import shipped
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.shipped import packed
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.variants import packed
+
+MIN_MATCHES_FOR_REFITS: Final = 6
+"""Training matches of refits: most resamples of fewer contain only half of them."""
+MIN_STROKES: Final = 1000
+"""Training strokes of a fit without prior: some nine for each shot type and area."""
+MIN_STROKES_WITH_PRIOR: Final = 300
+"""Training strokes of a fit with prior: some twenty faults."""
+MIN_MATCHES: Final = 2
+"""Training matches: members of an ensemble leave one out."""
+
+
+def rows_of(rows: Rows, split: Split) -> Rows:
+    """Strokes of a split of the published matches.
+
+    Raises:
+        ShuttleError: the data contain none of its matches.
+    """
+    chosen = rows.in_matches(matches_of(split))
+    if not len(chosen):
+        raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
+    return chosen
+
+
+def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
+    """Split rows by match into training and validation.
+
+    Args:
+        share: fraction of the unpublished matches for validation, at least one and not all, in the order of the SHA-256 of their
+            names; None: all matches are published ones, whose split is fixed.
+
+    Raises:
+        ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split.
+    """
+    names = [rows.matches[i] for i in np.unique(rows.match)]
+    own = sorted((name for name in names if split_of(name) is None), key=lambda name: content_hash(name.encode()))
+    if share is None:
+        if own:
+            raise ShuttleError(
+                f"{own[0]!r} is no published match, so it has no fixed split: "
+                "--validation-share 0.2 takes a fifth of your matches to check the fit"
+            )
+        return rows_of(rows, "train"), rows_of(rows, "validation")
+    if not 0 < share < 1:
+        raise ShuttleError(f"--validation-share {share:g}: expected a number between 0 and 1, such as 0.2")
+    if not own:
+        raise ShuttleError("--validation-share: all matches are published ones, whose split is fixed; omit it")
+    aside = min(max(1, math.ceil(round(share * len(own), 9))), len(own) - 1)
+    validation = rows.in_matches([*own[:aside], *matches_of("validation")])
+    train = rows.in_matches([*own[aside:], *matches_of("train")])
+    return train, validation
+
+
+def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
+    """Refuse too little data.
+
+    Args:
+        prior: whether the fit corrects a model.
+
+    Raises:
+        ShuttleError: too few matches or strokes; with the required number and the reason.
+    """
+    matches, needed = len(np.unique(train.match)), 1 if prior else MIN_MATCHES
+    if matches < needed or not len(validation):
+        raise ShuttleError(
+            f"number of matches: {matches + len(np.unique(validation.match))}; a model needs {needed + 1} or more, one of them "
+            f"to check the fit{'' if prior else ' and one that parts of the models leave out'}; reports need one, and no model"
+        )
+    least = MIN_STROKES_WITH_PRIOR if prior else MIN_STROKES
+    if len(train) < least:
+        kinds = N_SHOTS * N_AREAS
+        reason = (
+            "fewer contain less than twenty faults to correct the model by"
+            if prior
+            else f"fewer are less than nine for each of the {kinds} kinds of stroke (shot type and area), too few to "
+            f"estimate rates; --prior default needs {MIN_STROKES_WITH_PRIOR}, because it corrects the shipped models instead"
+        )
+        raise ShuttleError(f"{len(train)} strokes in {matches} train matches, at least {least} needed: {reason}")
+
+
+def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
+    """Bootstrap resample of the matches, by discipline.
+
+    Copies of a match have the same number, so networks that leave it out leave out all copies.
+    """
+    rng = np.random.default_rng(seed)
+    matches, first = np.unique(rows.match, return_index=True)
+    discipline = rows.codes["discipline"][first]
+    names = [rng.choice(matches[discipline == kind], (discipline == kind).sum()) for kind in np.unique(discipline)]
+    return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(names))]))
+
 
 ENOUGH_STROKES: Final = 20_000
 """Strokes that fill most cells, and show what people play in 1 % of cases; with fewer, both are a warning."""
-_RULE: Final = (
-    f"Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot type; "
-    f"against one incoming shot type and area. Each cell's rate is shrunk to that of the cell around it with the weight of "
-    f"{PRIOR_STROKES:g} strokes. The mean probabilities of a legal pair over efforts, duels and hurried strikers lie inside the "
-    f"central {100 * CREDIBLE:g} % of the Beta posterior of its innermost cell. At least {100 * MIN_END:g} % of every stroke but "
-    f"the serve end the rally. Strokes and events are those of the innermost cell; faults of unknown target are distributed over "
-    f"the cells."
-)
-
-_CITATIONS: Final = {"ShuttleSet": "arXiv:2306.04948 (ShuttleSet)", "ShuttleSet22": "arXiv:2306.15664 (ShuttleSet22)"}
-
-
-def _silent(line: str) -> None:
-    """Report nothing."""
 
 
 @own_settings(THREADS)
@@ -80,7 +161,7 @@ def fit_model(
     prior: str | None = None,
     config: EnsembleConfig | None = None,
     jobs: int = 1,
-    report: Report = _silent,
+    report: Report = lambda _: None,
 ) -> dict[str, Any]:
     """Fit and compile models, and write them with their card.
 
@@ -110,27 +191,25 @@ def fit_model(
     rows = rows_from_strokes(strokes)
     train, validation = train_and_validation(rows, validation_share)
     require_enough(train, validation, prior=prior is not None)
-    start = None if prior is None else _prior(prior)
+    model = None if prior is None else shipped.model_folder(prior)
+    start = None if model is None else _prior(model)
     report("hurried strikers")
     hurry = fit_hurry(train, seed=seed) if start is None else start.hurry
     if hurry is not None:
         train, validation = hurry.marked(train), hurry.marked(validation)
     refits = _checked_refits(refits, len(np.unique(train.match)), start)
-    fitted = (
-        fit(train, validation, seed=seed, config=config, report=report)
-        if start is None
-        else fit_from(start, train, validation, report=report)
-    )
     sources = dict(zip(strokes["match"].to_pylist(), strokes["source"].to_pylist(), strict=True))
-    skill_prior = None if start is None else start.skill
-    written = save_fit(out, fitted, sources, skill_prior, report=report)
+    if start is None:
+        fitted = fit(train, validation, seed=seed, config=config, report=report)
+    else:
+        fitted = fit_from(start, train, validation, report=report)
+    written = save_fit(out, fitted, sources, None if start is None else start.skill, report=report)
     fitted_on = pa.array([train.matches[i] for i in np.unique(train.match).tolist()])
     if hurry is None:
         (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
     else:
         hurry.save(out / shipped.HURRY)
     report("positions of receivers")
-    model = None if prior is None else shipped.model_folder(prior)
     recovery = save_recovery(out, train, fitted.predicted) if model is None else copied_recovery(out, model)
     report("choices by the rally so far")
     history: dict[str, dict[str, float]] = {}
@@ -141,8 +220,6 @@ def fit_model(
     replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
     game, variants = written.game, written.variants
-    checked = check(fitted.predicted, sources, written.skill.sd)
-    scores = evaluate(fitted.models, train, validation, report=report)
     card = {
         "name": out.name,
         "version": __version__,
@@ -171,14 +248,10 @@ def fit_model(
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
         "history": history,
-        "skill": summary(written.skill, checked),
-        "validation": scores,
+        "skill": summary(written.skill, check(fitted.predicted, sources, written.skill.sd)),
+        "validation": evaluate(fitted.models, train, validation, report=report),
         "health": written.health,
-        "support_rule": _RULE,
         "extremes": extremes(game, fitted.support),
-        "citations": [
-            citation for source, citation in _CITATIONS.items() if prior or source in set(strokes["source"].to_pylist())
-        ],
     }
     if start is not None:
         variants |= refits_from(start, game, fitted.chosen["prior"]["deviations"], seed, refits)
@@ -212,8 +285,12 @@ def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, A
     rally = train.stroke > 1
     known = train.hurried[rally] >= 0
     by = None if not known.any() else "table" if hurry is None else "index" if prior is None else "prior"
-    positions = bool(np.isfinite(train.movement).all(axis=1).any())
-    return {"share": float((train.hurried == 1).mean()), "known": float(known.mean()), "positions": positions, "by": by}
+    return {
+        "share": float((train.hurried == 1).mean()),
+        "known": float(known.mean()),
+        "positions": bool(train.tracked.any()),
+        "by": by,
+    }
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -280,11 +357,7 @@ def save_fit(
 
 
 def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> int:
-    """Number of refits for a number of training matches.
-
-    Raises:
-        ShuttleError: too few matches for the requested refits, or more than the prior has.
-    """
+    """Number of refits; refused where there are too few matches for them, or more than the prior has."""
     if prior is not None:
         if refits is not None and refits > len(prior.refits):
             raise ShuttleError(f"--refits {refits}: the model of --prior has {len(prior.refits)}, which are corrected too")
@@ -299,8 +372,7 @@ def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> in
     return refits
 
 
-def _prior(name: str) -> Prior:
-    folder = shipped.model_folder(name)
+def _prior(folder: Path) -> Prior:
     game = shipped.load_game(str(folder))
     return Prior(
         models=FittedModels.load(folder),

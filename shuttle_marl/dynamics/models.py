@@ -1,4 +1,4 @@
-"""The five networks of the game, the trees and the ridge regression: inputs, labels and fits.
+"""Fits of the models from strokes in context, and of what corrects them.
 
 ========  =======================================  ==================================================
 network   inputs                                   prediction
@@ -11,111 +11,87 @@ contact   the state and the whole stroke           the opponent meets it above t
 (hurried) the state and the whole stroke           who meets it is hurried: trees, one model for each contact height
 ========  =======================================  ==================================================
 
-**Targets of faults are latent.** The data record where a fault landed, not where it was aimed. The target of a stroke that did
-not cross the net is unknown, so its likelihood is the sum over the nine areas of (probability of the target) x (probability of
-falling short at this target), and target and success networks are fitted by expectation maximisation.
+**Targets of faults are latent**: target and success networks are fitted by expectation maximisation over the nine areas
+(``docs/models.md``).
 
 **Return and contact are blends**, means of logits: of the network, of small boosted trees, and, for the return, of a ridge
 logistic regression on products of attributes. Adaptive optimisers overfit rare products, because they move them as fast as common
-ones; the ridge shrinks products the more, the rarer they are (products of two and three attributes are scaled down, which
-strengthens their ridge), and trees group codes of an attribute with similar effects. In cross-validation over the training
-matches, the log-loss of the return relative to that of the evaluation's trees is 1.002 with the network alone, .999 with the
-ridge, .997 with both; that of the contact is 1.003 alone and .998 with trees.
+ones; the ridge shrinks products the more, the rarer they are, and trees group codes of an attribute with similar effects.
 
-**Trees correct the success model.** They do not read the target, so they add the same to the logit of a fault at every target.
-They are fitted to out-of-fold predictions. The relative out-of-fold log-loss is 1.001 without and .9999 with them (ensembles of
-five).
+**Trees correct the success model.** They do not read the target, so they add the same to the logit of a fault at every target,
+and are fitted to out-of-fold predictions.
 """
 
-import itertools
-import math
+import dataclasses
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 import torch
 from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
-from torch import Tensor, nn
+from scipy.special import expit
+from torch import Tensor
 from torch.nn import functional
 
-from shuttle_marl.base.arrays import F64, I16, I64, Bools
+from shuttle_marl.base.arrays import F64, I16, I64, Bools, Floats, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
-from shuttle_marl.dynamics.network import Ensemble, EnsembleConfig, NetworkSpec, attributes, encode, fit_ensemble, in_chunks
+from shuttle_marl.dynamics.boosting import PARAMETERS, lightgbm, stored_trees
+from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, Rows
+from shuttle_marl.dynamics.modules import (
+    GOOD,
+    INPUTS,
+    LEVELS,
+    LONG_DUEL,
+    OUT,
+    RIDGE,
+    RIDGE_SCALES,
+    RIDGE_SIZES,
+    SHORT,
+    SPECS,
+    Ensemble,
+    NetworkSpec,
+    Ridge,
+    Situations,
+    Trees,
+    attributes,
+    encode,
+)
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.stroke import N_TECHNIQUES
 
-GOOD, OUT, SHORT = range(3)
-_STROKE: Final = (*STATE, "shot", "technique", "area")
-_CONTEXT_CROSSES: Final = (
-    ("shot", "contact", "technique"),
-    ("incoming_shot", "incoming_area"),
-    ("incoming_shot", "shot"),
-    ("incoming_area", "shot"),
-    ("own_shot", "incoming_shot"),
-    ("shot", "area"),
-    ("hurried", "shot"),
-    ("hurried", "incoming_shot"),
-)
-_FLIGHT_CROSSES: Final = (
-    *_CONTEXT_CROSSES,
-    ("shot", "area", "technique"),
-    ("incoming_area", "area"),
-    ("own_area", "area"),
-    ("hands", "area"),
-)
-SPECS: Final = {
-    "choice": NetworkSpec(
-        inputs=STATE,
-        crosses=(
-            ("incoming_shot", "incoming_area", "contact"),
-            ("own_shot", "incoming_shot"),
-            ("own_area", "incoming_shot"),
-            ("hurried", "incoming_shot"),
-        ),
-        outputs=N_SHOTS * N_TECHNIQUES,
-    ),
-    "target": NetworkSpec(
-        inputs=(*STATE, "shot", "technique"),
-        crosses=(
-            ("shot", "technique", "contact"),
-            ("incoming_area", "shot"),
-            ("incoming_shot", "shot"),
-            ("own_area", "shot"),
-            ("incoming_area", "technique"),
-            ("hurried", "shot"),
-            ("hands", "shot"),
-            ("hands", "incoming_area"),
-        ),
-        outputs=N_AREAS,
-    ),
-    "success": NetworkSpec(inputs=_STROKE, crosses=_CONTEXT_CROSSES, outputs=3),
-    "return": NetworkSpec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
-    "contact": NetworkSpec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
-}
-HURRIED: Final = ("hurried_below", "hurried_above")
-"""Trees of hurried receivers, by the height at which they meet the shuttle."""
-_PAIRS: Final = tuple(itertools.combinations(SLOTS, 2))
-_TRIPLES: Final = (
-    ("incoming_shot", "shot", "area"),
-    ("contact", "shot", "area"),
-    ("own_area", "incoming_area", "area"),
-    ("shot", "area", "technique"),
-    ("own_area", "shot", "area"),
-    ("incoming_area", "shot", "area"),
-    ("own_shot", "incoming_shot", "shot"),
-    ("discipline", "shot", "area"),
-    ("incoming_shot", "incoming_area", "shot"),
-)
-_RIDGE: Final = NetworkSpec(inputs=tuple(SLOTS), crosses=(*_PAIRS, *_TRIPLES), outputs=1)
-"""Inputs of the ridge regression."""
-_SCALE: Final = np.array([1.0] * len(SLOTS) + [0.25] * len(_PAIRS) + [0.3] * len(_TRIPLES))
+Loss = Callable[[Tensor, Tensor], Tensor]
+"""From the logits ``[K, B', outputs]`` of a batch and its row numbers ``[B]`` to losses ``[K, B]``."""
 _PENALTY: Final = 2.0
 _GRADIENT: Final = 0.5
 """Norm of the gradient at convergence of the ridge regression; its logits are then accurate to some thousandths."""
-_SIZES: Final = (*SLOTS.values(), *(math.prod(SLOTS[name] for name in cross) for cross in _RIDGE.crosses))
-RIDGE_COLUMNS: Final = sum(_SIZES)
-"""Inputs of the ridge regression: attributes and products of attributes."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EnsembleConfig:
+    """Settings of the fit of an ensemble, chosen on the validation matches.
+
+    Attributes:
+        learning_rate: peak of the one-cycle schedule of AdamW.
+        decay: weight decay of the perceptron.
+        decay_linear: weight decay of the linear part.
+        dropout: dropout probability of hidden units.
+        folds: number of folds of matches; member k leaves out fold k modulo this number.
+        members: size of the ensemble; None: that of its :class:`NetworkSpec`.
+    """
+
+    epochs: int = 12
+    batch: int = 1024
+    learning_rate: float = 3e-3
+    decay: float = 0.2
+    decay_linear: float = 1e-3
+    dropout: float = 0.2
+    folds: int = 10
+    members: int | None = None
+
+
+QUICK: Final = EnsembleConfig(folds=5, members=5)
+"""Half the cost, for refits and cross-validation; the out-of-fold log-loss is at most .2 % higher."""
 
 
 def fault_class(rows: Rows) -> I64:
@@ -172,11 +148,7 @@ def fit_choice(rows: Rows, config: EnsembleConfig, seed: int) -> Ensemble:
 
 
 def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> Ensemble:
-    """Fit the target areas to soft labels.
-
-    Args:
-        weights: ``[N, 9]`` probability of each target; rows of zeros are left out.
-    """
+    """Fit the target areas to soft labels; ``weights``: ``[N, 9]`` probability of each target; rows of zeros are left out."""
     used = weights.sum(axis=1) > 0
     rows = rows.take(used)
     soft = torch.from_numpy(weights[used].astype(np.float32))
@@ -283,40 +255,14 @@ def all_targets(success: Ensemble, rows: Rows) -> F64:
     return np.stack([softmax(success.logits(rows.with_area(a))) for a in range(N_AREAS)], axis=2)
 
 
-class Ridge(nn.Module):
-    """Logistic regression on attributes and products of attributes.
-
-    Args:
-        weight: ``[1 + columns]`` coefficients, the intercept first.
-    """
-
-    weight: Tensor
-
-    def __init__(self, weight: F64) -> None:
-        super().__init__()
-        self.register_buffer("weight", torch.from_numpy(weight))
-
-    def forward(self, codes: Tensor) -> Tensor:
-        """``[N]`` logits, from ``[N, 15]`` codes of :data:`~shuttle_marl.dynamics.features.SLOTS`."""
-        return self.weight[0] + self.weight[1:][encode(_RIDGE, codes)].sum(dim=1)
-
-    def logits(self, codes: dict[str, I16]) -> F64:
-        """``[N]`` logits."""
-        return in_chunks(self, codes)
-
-
 def fit_ridge(codes: dict[str, I16], label: Bools, start: Ridge | None = None) -> Ridge:
-    """Fit the ridge logistic regression.
-
-    Args:
-        start: a similar fit, from which the search starts.
-    """
-    active = encode(_RIDGE, attributes(codes)).numpy()
-    n, width = len(active), RIDGE_COLUMNS
+    """Fit the ridge logistic regression; ``start``: a similar fit, from which the search starts."""
+    active = encode(RIDGE, attributes(codes)).numpy()
+    n, width = len(active), sum(RIDGE_SIZES)
     indptr = np.arange(0, active.size + 1, active.shape[1])
-    x = csr_matrix((np.tile(_SCALE, n), active.ravel(), indptr), shape=(n, width))
+    x = csr_matrix((np.tile(RIDGE_SCALES, n), active.ravel(), indptr), shape=(n, width))
     y = label.astype(np.float64)
-    scale = np.r_[1.0, np.repeat(_SCALE, _SIZES)]
+    scale = np.r_[1.0, np.repeat(RIDGE_SCALES, RIDGE_SIZES)]
     penalty = np.r_[0.0, np.full(width, _PENALTY)]
 
     def gradient_of(error: F64) -> F64:
@@ -341,3 +287,179 @@ def fit_ridge(codes: dict[str, I16], label: Bools, start: Ridge | None = None) -
     first = np.r_[log_odds(y.mean()), np.zeros(width)] if start is None else start.weight.numpy() / scale
     solution = minimize(objective, first, jac=True, hessp=hessian_product, method="trust-ncg", options={"gtol": _GRADIENT})
     return Ridge(solution.x * scale)
+
+
+def fold_of_match(matches: Ints, folds: int) -> I64:
+    """``[N]`` fold of each row; matches are assigned to folds in turn, in the order of their first rows."""
+    _, first, inverse = np.unique(matches, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return rank[inverse] % folds
+
+
+def fit_ensemble(
+    spec: NetworkSpec,
+    codes: dict[str, I16],
+    loss: Loss,
+    matches: Ints,
+    prior: Floats,
+    config: EnsembleConfig,
+    seed: int,
+    expand: Callable[[Tensor], Tensor] | None = None,
+) -> Ensemble:
+    """Fit all members at once; weights are rounded to half precision, in which they are stored, and computed with in double.
+
+    Args:
+        codes: ``[M]`` codes of the inputs.
+        matches: ``[N]`` match of each row; the rows of a member's fold have weight zero.
+        prior: ``[outputs]`` logits of an untrained network.
+        expand: maps row numbers to the rows of ``codes`` that the loss needs; None: the same rows.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    spec = dataclasses.replace(spec, members=config.members or spec.members)
+    model = Ensemble(spec)
+    model.initialise(generator, torch.as_tensor(prior, dtype=torch.float32))
+    inputs = attributes(codes)
+    n = len(matches)
+    fold = torch.from_numpy(fold_of_match(matches, config.folds))
+    member_fold = torch.arange(spec.members) % config.folds
+    weight = (fold[None, :] != member_fold[:, None]).float()
+    weight /= weight.mean(dim=1, keepdim=True)
+    groups = [
+        {"params": [model.first, model.second, model.last], "weight_decay": config.decay},
+        {"params": [model.linear], "weight_decay": config.decay_linear},
+        {"params": [model.first_bias, model.second_bias, model.last_bias], "weight_decay": 0.0},
+    ]
+    optimiser = torch.optim.AdamW(groups, lr=config.learning_rate, fused=True)
+    steps_per_epoch = max(1, n // config.batch)
+    steps = config.epochs * steps_per_epoch
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, max_lr=config.learning_rate, total_steps=steps + 1, pct_start=0.15)
+    for step in range(steps):
+        if step % steps_per_epoch == 0:
+            order = torch.randperm(n, generator=generator)
+        start = step % steps_per_epoch * config.batch
+        rows = order[start : start + config.batch]
+        logits = model(inputs[rows if expand is None else expand(rows)], config.dropout, generator)
+        total = (loss(logits, rows) * weight[:, rows]).mean(dim=1).sum()
+        optimiser.zero_grad()
+        torch.autograd.backward(total)
+        optimiser.step()
+        schedule.step()
+    model.requires_grad_(False)
+    # Half of the space in a file, which holds the model as it predicts.
+    for weight in model.parameters():
+        weight.copy_(weight.half())
+    return model.double().eval()
+
+
+def unseen(values: F64, matches: Ints, folds: int) -> F64:
+    """Out-of-fold mean ``[N, ...]`` of ``[K, N, ...]`` values: over the members that were not fitted to a row's match."""
+    fold = fold_of_match(matches, folds)
+    left_out = (np.arange(len(values)) % folds)[:, None] == fold[None, :]
+    extra = (1,) * (values.ndim - 2)
+    return (values * left_out.reshape(*left_out.shape, *extra)).sum(axis=0) / left_out.sum(axis=0).reshape(-1, *extra)
+
+
+_LEAVES: Final = 8
+_ROUNDS: Final = 300
+"""Chosen by cross-validation over the training matches: 4 leaves with 200, 400 or 600 rounds, 8 with 100, 200 or 300."""
+
+
+def fit_trees(
+    codes: dict[str, I16],
+    label: Bools,
+    *,
+    leaves: int = _LEAVES,
+    rounds: int = _ROUNDS,
+    rate: float = PARAMETERS["learning_rate"],
+    offset: F64 | None = None,
+) -> Trees:
+    """Fit trees that predict a binary label.
+
+    Args:
+        offset: ``[N]`` logits to which those of the trees are added; None: no offset.
+    """
+    lgb = lightgbm()
+    x = attributes(codes).numpy()
+    data = lgb.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(INPUTS))))
+    parameters = {**PARAMETERS, "num_leaves": leaves, "learning_rate": rate}
+    arrays, nodes = stored_trees(lgb.train(parameters, data, num_boost_round=rounds), leaves)
+    left = np.zeros(arrays["attribute"].shape, dtype=np.int32)
+    for t, m, threshold in nodes:
+        left[t, m] = sum(1 << int(code) for code in threshold.split("||"))
+    return Trees(left=left, **arrays)
+
+
+_PRIOR_STROKES: Final = 20.0
+_PRECISION: Final = 4.0
+"""Precision of the normal prior of an offset of the log-odds; its standard deviation is 0.5."""
+
+
+def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) -> tuple[F64, Situations]:
+    """Fit the calibration of the log-odds of faults together with the offsets of the situations.
+
+    Args:
+        logit: ``[N, M]`` out-of-fold logit of a fault for each of M targets.
+        share: ``[N, M]`` probability of each target.
+        rows: N strokes of known outcome.
+        levels: L, levels of effort.
+
+    Returns:
+        ``[2]`` slope and intercept of the logit, and the situations.
+    """
+    known = (rows.attacks >= 0) & (rows.net_run >= 0)
+    effort = np.minimum(rows.attacks, levels - 1)
+    net = NET_SHOT[rows.codes["shot"]]
+    columns = np.stack([effort, net & (rows.net_run >= LONG_DUEL)], axis=1)[known].astype(np.float64)
+    z, part, fault = logit[known], share[known], (rows.outcome == Outcome.FAULT)[known]
+
+    def loss(x: F64) -> tuple[float, F64]:
+        q = expit(x[0] * z + (x[1] + columns @ x[2:])[:, None])
+        p = np.clip((part * q).sum(axis=1), 1e-9, 1 - 1e-9)
+        value = -np.where(fault, np.log(p), np.log1p(-p)).sum() + 0.5 * _PRECISION * (x[2:] @ x[2:])
+        slope = part * q * (1 - q)
+        outer = np.where(fault, -1 / p, 1 / (1 - p))
+        moved = outer * slope.sum(axis=1)
+        gradient = np.r_[(outer * (slope * z).sum(axis=1)).sum(), moved.sum(), columns.T @ moved + _PRECISION * x[2:]]
+        return value / len(z), gradient / len(z)
+
+    found = minimize(loss, np.array([1.0, 0.0, 0.0, 0.0]), jac=True, method="BFGS", options={"gtol": 1e-8}).x
+    count = np.zeros((SLOTS["own_shot"], levels))
+    np.add.at(count, (rows.codes["own_shot"][known], effort[known]), 1)
+    count[count.sum(axis=1) == 0] = count.sum(axis=0)  # that of all strokes for shot types without strokes
+    third = known & net & (rows.net_run >= LONG_DUEL - 1)
+    situations = Situations(
+        effort=found[2] * np.arange(levels),
+        duel=float(found[3]),
+        effort_share=count / count.sum(axis=1, keepdims=True),
+        duel_share=float((rows.net_run[third] >= LONG_DUEL).sum() / max(1, third.sum())),
+        hurried_share=_hurried_shares(rows),
+    )
+    return found[:2], situations
+
+
+def _hurried_shares(rows: Rows) -> F64:
+    """``[15, 13]`` frequency of hurried strikers by incoming and own shot type, shrunk to that of the incoming one."""
+    count = rows.take(rows.hurried >= 0).count("hurried", "incoming_shot", "shot")
+    total = count.sum(axis=(0, 2))
+    usual = (count[1].sum(axis=1) / np.maximum(total, 1))[:, None]
+    return np.asarray((count[1] + _PRIOR_STROKES * usual) / (count.sum(axis=0) + _PRIOR_STROKES))
+
+
+def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> F64:
+    """``[N, 9]`` probability of each target given the outcome; rows of unknown outcome are zero."""
+    soft = known_targets(rows)
+    latent = np.flatnonzero(latent_target(rows) & known_outcome(rows))
+    hidden = rows.take(latent)
+    probability = all_targets(success, hidden).mean(axis=0)
+    label = fault_class(hidden)
+    joint = mean_probabilities(target, hidden.codes) * probability[np.arange(len(hidden)), :, label]
+    soft[latent] = joint / joint.sum(axis=1, keepdims=True)
+    return soft
+
+
+def known_targets(rows: Rows) -> F64:
+    """``[N, 9]`` one-hot target; zero where it is unknown."""
+    soft = np.zeros((len(rows), N_AREAS))
+    seen = np.flatnonzero(~latent_target(rows))
+    soft[seen, rows.codes["area"][seen]] = 1.0
+    return soft

@@ -3,16 +3,11 @@
 **People's positions** are counted in nested cells: incoming shot type; own area; incoming area; contact and hurried. Each share
 is shrunk to that of the cell around it. A position is feasible where it has a least share after incoming shot type and own area.
 
-**Effects** follow from where a position lies relative to where strokes of the shot type and area are met: how far to a side, how
-far behind it, how far in front of it. Their coefficients by group of shot types are those of ridge-penalised logistic regressions
-on top of what models that were not fitted to the match predict. The features of a stroke are centred on those of people who had
-played to the same area against the same shot type, so the coefficients say what a position changes beyond what people do there,
-and not how strokes differ that people await elsewhere.
-
-Regressions read the place in which a receiver stood. A position of the game is a place too: the mean of the places in its cell.
-People of one cell stand in different places of it in different states, so a comparison of cells of real strokes shows only a part
-of the difference between two positions: .77 of it for winners, .88 for contacts and .68 for hurried receivers, in four cross fits
-over the training matches.
+**Effects** follow from where a position lies relative to where strokes of the shot type and area are met. Their coefficients by
+group of shot types are those of ridge-penalised logistic regressions on top of what models that were not fitted to the match
+predict. The features of a stroke are centred on those of people who had played to the same area against the same shot type, so
+the coefficients say what a position changes beyond what people do there. Regressions read the place in which a receiver stood; a
+position of the game is the mean of the places in its cell.
 """
 
 import dataclasses
@@ -31,10 +26,10 @@ from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recovery, position_of
 from shuttle_marl.game.shipped import POSITIONS, read_model, read_model_card
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
-from shuttle_marl.game.tables import GameError
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "smash": ("smash", "half-smash"),

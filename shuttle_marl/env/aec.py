@@ -1,11 +1,11 @@
-"""Base class of ``rally_v0`` and ``match_v0``: a PettingZoo AEC environment of two players, and PettingZoo's checks around it."""
+"""Base class of ``rally_v0`` and ``match_v0``: a PettingZoo AEC environment of two players."""
 
 import copy
 import operator
 import secrets
 import warnings
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, Self, get_args
+from typing import Any, Final, Literal, NamedTuple, Protocol, Self, get_args
 
 import gymnasium
 import numpy as np
@@ -13,23 +13,18 @@ import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv
-from pettingzoo.utils.env_logger import EnvLogger
-from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.base.arrays import F32, I8, U8
 from shuttle_marl.base.errors import ActionError, OptionError, seed_number, whole_number
 from shuttle_marl.base.extras import hinted
-from shuttle_marl.env.snapshot import Snapshot, as_text
+from shuttle_marl.env.render import CourtRenderer, Snapshot, as_text
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import RallyDraws, Stepper, Stroke, choose, stepper_of
+from shuttle_marl.game.rally import RallyDraws, Stepper, Stroke, choose, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
-
-if TYPE_CHECKING:
-    from shuttle_marl.env.picture import CourtRenderer
 
 AGENTS: Final = ("player_0", "player_1")
 RENDER_MODES: Final = ("human", "rgb_array", "ansi")
@@ -37,8 +32,6 @@ RenderMode = Literal["human", "rgb_array", "ansi"]
 OutcomesFrom = Literal["tables", "models"]
 """Source of the outcomes: the tables of the game, or the PyTorch modules from which they were compiled."""
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
-"""Metadata of the PettingZoo environments, without their names."""
-
 Observation = dict[str, npt.NDArray[Any]]
 """Observation of an agent: ``observation`` and ``action_mask``."""
 
@@ -315,8 +308,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             self.agent_selection = AGENTS[1 - striker]
             self._reason = OUTCOMES[outcome]
             self._winner = striker if outcome != FAULT else 1 - striker
-            if self.recorder is not None:
-                self.recorder.add(self._played())
+            if self.recorder is not None and self.last_seed is not None:
+                where, score = (self.last_seed, self.episode, self._number), self.score_of(0)
+                self.recorder.add(PlayedRally(*where, score, tuple(self._strokes), tuple(self._positions)))
             self._end_rally(self._winner)
         else:
             self._select()
@@ -326,7 +320,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._show(striker, stroke, hurried, played)
 
     def forfeit(self, stroke: int | None = None) -> None:
-        """End the episode as a loss of the agent to move, who tried an illegal action; -1 for it, +1 for the other.
+        """End the episode as a loss of the agent to move, who tried an illegal action: -1 for it, +1 for the other.
 
         Args:
             stroke: number of the illegal stroke or position, if it has one.
@@ -353,19 +347,11 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if self.render_mode == "ansi":
             return as_text(self.snapshot())
         if self._renderer is None:
-            from shuttle_marl.env.picture import CourtRenderer  # noqa: PLC0415  pygame is optional
-
             self._renderer = CourtRenderer(self.metadata["name"], fps=self.metadata["render_fps"])
         if self.render_mode == "rgb_array":
             return self._renderer.frame(self.snapshot())
         self._renderer.show(self.snapshot())
         return None
-
-    def _played(self) -> "PlayedRally":
-        assert self.last_seed is not None
-        return PlayedRally(
-            self.last_seed, self.episode, self._number, self.score_of(0), tuple(self._strokes), tuple(self._positions)
-        )
 
     @property
     def _number(self) -> int:
@@ -512,8 +498,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         )
 
 
-_OF_API_TEST: Final = {"options": 1}
-"""Options that PettingZoo's conformance test passes to ``reset``."""
+_OF_API_TEST: Final = {"options": 1}  # options that PettingZoo's conformance test passes to reset
 
 
 def _stepper(game: Game, outcomes: OutcomesFrom) -> Stepper:
@@ -547,54 +532,3 @@ class _Believed(UniformPolicy):
 
     def positions(self, states: States) -> npt.NDArray[np.float64]:
         return np.broadcast_to(self._belief, (len(states), self._belief.size))
-
-
-class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
-    """PettingZoo's checks in one wrapper: the order of calls, actions out of bounds, illegal strokes.
-
-    An illegal stroke ends the episode: -1 for the striker, +1 for the other agent, and ``info["reason"]`` is ``illegal stroke``;
-    an illegal position likewise. PettingZoo's ``TerminateIllegalWrapper`` gives the other agent no reward, so the game would not
-    be zero-sum; and three nested wrappers take three times as long as the environment.
-    """
-
-    def __init__(self, env: ShuttleEnv) -> None:
-        super().__init__(env)
-        self._raw = env
-
-    def fork(self, seed: int | None = None, belief: Belief = None) -> Self:
-        """Copy with fresh luck; see :meth:`ShuttleEnv.fork`."""
-        twin = copy.copy(self)
-        twin.env = twin._raw = self._raw.fork(seed, belief)
-        return twin
-
-    def last(self, observe: bool = True) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Observation, reward, terminated, truncated and info of the agent to move."""
-        if not self._has_reset:
-            EnvLogger.error_observe_before_reset()
-        raw = self._raw
-        agent = raw.agent_selection
-        return (
-            self.observe(agent) if observe else None,
-            raw._cumulative_rewards[agent],
-            raw.terminations[agent],
-            raw.truncations[agent],
-            raw.infos[agent],
-        )
-
-    def step(self, action: Any) -> None:
-        """Play a stroke; an illegal one loses the episode.
-
-        Raises:
-            ActionError: the action is not in the action space.
-        """
-        try:
-            super().step(action)
-        except IllegalStrokeError as illegal:
-            self._lose(illegal.stroke)
-
-    def _lose(self, stroke: int | None) -> None:
-        EnvLogger.warn_on_illegal_move()
-        self._raw.forfeit(stroke)
-
-    def __str__(self) -> str:
-        return str(self.env)

@@ -95,11 +95,8 @@ class _BatchedEnv(EnvBase):
             self.full_action_spec["position"] = _Choices(N_POSITIONS, shape=(size,), dtype=torch.int64)
         self._choices: list[_Choices] = list(self.full_action_spec.values())
         self.reward_spec = Unbounded((size, 1))
-        self.full_done_spec = Composite(
-            done=Categorical(2, shape=(size, 1), dtype=torch.bool),
-            terminated=Categorical(2, shape=(size, 1), dtype=torch.bool),
-            shape=(size,),
-        )
+        over = Categorical(2, shape=(size, 1), dtype=torch.bool)
+        self.full_done_spec = Composite(done=over, terminated=over.clone(), shape=(size,))
 
     @property
     def states(self) -> I32:
@@ -142,9 +139,7 @@ class _BatchedEnv(EnvBase):
         entries, done = self._play(tensordict, reset=True)
         tensordict.set("next", _unchecked({**entries, "terminated": done.clone()}, self.batch_size))
         none = torch.zeros_like(done)
-        begun: dict[str, torch.Tensor] = {
-            name: entries[name] for name in ("observation", "action_mask", "position_mask") if name in entries
-        }
+        begun = {name: entry for name, entry in entries.items() if name not in ("reward", "done")}
         return tensordict, _unchecked({**begun, "done": none, "terminated": none.clone()}, self.batch_size)
 
     def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
@@ -233,15 +228,8 @@ class VersusEnv(_BatchedEnv):
         threads: int = 1,
     ) -> None:
         resolved = resolve_game(game)
-        versus = RallyBatch(
-            resolved,
-            batch,
-            opponents=tabulated(opponents, opponent_tables(resolved, seat)),
-            seed=seed,
-            seat=seat,
-            server=server,
-            threads=threads,
-        )
+        others = tabulated(opponents, opponent_tables(resolved, seat))
+        versus = RallyBatch(resolved, batch, opponents=others, seed=seed, seat=seat, server=server, threads=threads)
         super().__init__(resolved, versus, seed)
 
     @property

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shuttle_marl.base.errors import OptionError
-from shuttle_marl.game.observation import SWAP_TOKENS
+from shuttle_marl.game.layout import SWAP_TOKENS
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import default_game

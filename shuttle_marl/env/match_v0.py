@@ -6,10 +6,10 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32
 from shuttle_marl.base.errors import OptionError, suggesting
-from shuttle_marl.env.aec import AGENTS, METADATA, CheckedEnv, OutcomesFrom, RenderMode, ShuttleEnv
-from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
-from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
-from shuttle_marl.game.rally.stepper import RallyDraws
+from shuttle_marl.env.aec import AGENTS, METADATA, OutcomesFrom, RenderMode, ShuttleEnv
+from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, without_parallel, wrapped
+from shuttle_marl.game.layout import RALLY_WIDTH, SCORE_WIDTH
+from shuttle_marl.game.rally import RallyDraws
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
 from shuttle_marl.game.tables import Game
 

@@ -25,14 +25,13 @@ from open_spiel.python import policy as spiel_policy
 
 from shuttle_marl.base.arrays import F32
 from shuttle_marl.base.errors import OptionError
-from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.layout import RALLY_WIDTH
+from shuttle_marl.game.policy import Policy, position_shares, tabulate
+from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
-from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tables import RECOVERY, ROOT, Game
-from shuttle_marl.game.tabulated import position_shares, tabulate
+from shuttle_marl.game.shipped import RECOVERY, resolve_game
+from shuttle_marl.game.tables import ROOT, Game
 
 __all__ = ["NAME", "RECOVERY_NAME", "RallyGame", "RallyState", "open_spiel_policy"]
 
@@ -41,8 +40,7 @@ RECOVERY_NAME: Final = f"{NAME}_recovery"
 _DEFAULTS: Final[dict[str, Any]] = {"model": "default", "profile": "", "server": -1, "max_strokes": 0}
 _LONGEST: Final = 100_000
 """Limit that OpenSpiel is told of rallies without one; the probability of longer ones is not worth a number."""
-_STROKE: Final = -1
-"""Value of ``pair`` where a stroke is due and not its outcome."""
+_STROKE: Final = -1  # value of pair where a stroke is due and not its outcome
 
 
 def _type(name: str, long_name: str, information: Any, defaults: dict[str, Any]) -> Any:

@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from shuttle_marl.base.errors import OptionError, suggesting
-from shuttle_marl.env.aec import METADATA, CheckedEnv, OutcomesFrom, RenderMode, ShuttleEnv
-from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
-from shuttle_marl.game.rally.stepper import RallyDraws
+from shuttle_marl.env.aec import METADATA, OutcomesFrom, RenderMode, ShuttleEnv
+from shuttle_marl.env.wrappers import ActionView, CheckedEnv, InfoView, MaskView, PlainEnv, without_parallel, wrapped
+from shuttle_marl.game.rally import RallyDraws
 from shuttle_marl.game.tables import Game
 
 __all__ = ["env", "raw_env"]

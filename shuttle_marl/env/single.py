@@ -6,7 +6,6 @@ and random numbers are those of the wrapped environment. ``RallyRecovery-v0`` an
 """
 
 import copy
-from collections.abc import Sequence
 from typing import Any, Literal, Self, cast
 
 import gymnasium
@@ -20,19 +19,18 @@ from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Belief, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.pairs import opponent_tables
-from shuttle_marl.game.policy import Policy, called, reads_history, reads_score
-from shuttle_marl.game.rally.stepper import choose
+from shuttle_marl.game.policy import Policy, called, reads_history, reads_score, tabulate
+from shuttle_marl.game.rally import choose
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 
 Seat = Literal[0, 1]
 
 
 class Opponent:
-    """Chooses strokes from a table, or by calling a policy that reads the score or the rally so far.
+    """A policy at the other seat: a table of it, or the policy itself if it reads the score or the rally so far.
 
     Raises:
         PolicyError: the policy does not exist, or does not return a distribution over the legal strokes.
@@ -40,32 +38,15 @@ class Opponent:
 
     def __init__(self, opponent: str | Policy, game: Game) -> None:
         self.policy = resolve(opponent, game) if isinstance(opponent, str) else opponent
-        self.reads_score = reads_score(self.policy)
-        self._given, self._game = opponent, game
-        self.reads_history = reads_history(self.policy)
-        self._chooser = self.policy if self.reads_score or self.reads_history else tabulate(self.policy, game)
+        self.reads_score, self.reads_history = reads_score(self.policy), reads_history(self.policy)
+        self._given, self.game = opponent, game
+        self.chooser = self.policy if self.reads_score or self.reads_history else tabulate(self.policy, game)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Opponent, (self._given, self._game)  # by name if possible, because a table has megabytes
+        return Opponent, (self._given, self.game)  # by name if possible, because a table has megabytes
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Opponent":
         return self  # read-only, and a table takes longer than a rally
-
-    def choose(
-        self,
-        state: int,
-        draw: int,
-        score: tuple[int, int, int, int] | None,
-        strokes: Sequence[int] | None = None,
-        *,
-        waits: bool = False,
-    ) -> int:
-        """The opponent's action in a state; see :func:`shuttle_marl.game.rally.stepper.choose`.
-
-        Raises:
-            PolicyError: a policy that has no table raised, or returned an invalid distribution.
-        """
-        return choose(self._chooser, self._game, state, draw, score, strokes, waits=waits)
 
 
 class SingleEnv(gymnasium.Env[Observation, np.int64]):
@@ -132,10 +113,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
             self._unseen[0 if self.raw.rewards[self._agent] > 0 else 1] += 1
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Play a stroke or choose a position, and let the opponent act.
-
-        Args:
-            action: catalogue index of the stroke, or n + position.
+        """Play a stroke, its catalogue index, or choose a position, n + position, and let the opponent act.
 
         Returns:
             Observation, reward since the last step, whether the episode is over, False, and info.
@@ -177,13 +155,12 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
     def _await_turn(self) -> float:
         """Play the opponent's strokes until the learner's turn or the end of the episode; returns the learner's reward."""
-        raw, reward = self.raw, 0.0
+        raw, other, reward = self.raw, self.opponent, 0.0
         self._over = True  # if the opponent fails or is interrupted, the next stroke would be played for it
         while raw.agent_selection != self._agent and not raw.terminations[self._agent]:
-            draw, strokes = raw.choice_draw(), raw.strokes if self.opponent.reads_history else None
-            waits = raw.chooses_position
+            draw, strokes, waits = raw.choice_draw(), raw.strokes if other.reads_history else None, raw.chooses_position
             score = raw.score_of(self.seat if waits else 1 - self.seat)
-            raw.step(self.opponent.choose(raw.state_number, draw, score, strokes, waits=waits))
+            raw.step(choose(other.chooser, other.game, raw.state_number, draw, score, strokes, waits=waits))
             reward += raw.rewards[self._agent]
         return reward
 
@@ -209,10 +186,7 @@ class SingleRallyEnv(SingleEnv):
         seat: the learner's seat; with a random server it only decides for which draws the learner serves.
         server: seat that serves, 0 or 1; None: random.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
-        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
-            ``none``. Observations are plain vectors with the last two.
-        info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
-            ``mask="observation"``, else none.
+        mask, info: as of :func:`shuttle_marl.env.rally_v0.env`.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
@@ -270,11 +244,5 @@ class SingleMatchEnv(SingleEnv):
         info: InfoView | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        raw = match_v0.raw_env(
-            first_server=first_server,
-            reward=reward,
-            rules=rules,
-            game=game,
-            render_mode=render_mode,
-        )
+        raw = match_v0.raw_env(first_server=first_server, reward=reward, rules=rules, game=game, render_mode=render_mode)
         super().__init__(raw, Opponent(opponent, opponent_tables(raw.game, seat)), seat, mask, info)

@@ -17,9 +17,9 @@ from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
 from shuttle_marl.base.errors import ActionError, OptionError, suggesting
 from shuttle_marl.env.aec import ILLEGAL, ILLEGAL_POSITION, refuse_options
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP_TOKENS, with_efforts
+from shuttle_marl.game.layout import RALLY_WIDTH, SCORE_WIDTH, SWAP_TOKENS, with_efforts
 from shuttle_marl.game.pairs import opponent_tables
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
 from shuttle_marl.game.shipped import resolve_game
@@ -46,19 +46,11 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
     _features: F32 | None
 
-    def __init__(
-        self,
-        game: Game,
-        batch: RallyBatch,
-        vector: spaces.Box,
-        mask: MaskView,
-        info: InfoView | None,
-    ) -> None:
+    def __init__(self, game: Game, batch: RallyBatch, highest: npt.NDArray[Any], mask: MaskView, info: InfoView | None) -> None:
         self._mask, self._info = mask, checked_views(mask, info)
         self.game, self.versus, self.num_envs = game, batch, len(batch)
-        n = game.n_actions
-        kind, flag = vector.low.dtype.type, np.ones(int(game.hides))
-        vector = spaces.Box(np.append(vector.low, 0 * flag).astype(kind), np.append(vector.high, flag).astype(kind), dtype=kind)
+        n, highest = game.n_actions, np.append(highest, np.ones(int(game.hides), highest.dtype))
+        vector = spaces.Box(np.zeros_like(highest), highest, dtype=highest.dtype.type)
         self.single_action_space = spaces.Discrete(n)
         self.single_observation_space = (
             spaces.Dict({"observation": vector, "action_mask": spaces.Box(0, 1, (n,), np.int8)})
@@ -84,7 +76,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
 
     def random_actions(self) -> I64:
         """``[B]`` uniformly sampled legal actions, with the random number of the next stroke of each row."""
-        return self.versus.random_strokes()
+        return self.versus.random_actions()[0]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start the next episode in every row, up to the learner's first stroke.
@@ -196,9 +188,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         reason = np.full(self.num_envs, None, dtype=object)
         for row, vector in zip(rows, vectors, strict=True):
             seen[row] = {"observation": vector, "action_mask": nothing} if self._mask == "observation" else vector
-        reason[rows] = _REASONS[
-            np.where(lost, LOST + self._waited[rows], self._won_by_stroke(rows, own, rewards).astype(np.intp))
-        ]
+        reason[rows] = _REASONS[np.where(lost, LOST + self._waited[rows], self._won_by_stroke(rows, own, rewards))]
         return {
             "final_obs": seen,
             "_final_obs": over.copy(),
@@ -219,10 +209,8 @@ class RallyVectorEnv(VersusVectorEnv):
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         observation: ``features``: the 60 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
             contact height, consecutive net shots, own effort, the opponent's, and hurried as seven integers, for embeddings.
-        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
-            ``none``.
-        info: ``full``, or ``none``: numbers only, without ``final_obs`` and ``final_info``. Default: full with
-            ``mask="observation"``, else none.
+        mask: as of :func:`shuttle_marl.env.rally_v0.env`.
+        info: ``full``; ``none``: no ``final_obs`` and ``final_info``. Default: full with ``mask="observation"``, else none.
         threads: number of threads; does not change results.
 
     Raises:
@@ -248,19 +236,12 @@ class RallyVectorEnv(VersusVectorEnv):
         if observation not in ("features", "tokens"):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
         tables = resolve_game(game)
-        batch = RallyBatch(
-            tables,
-            num_envs,
-            opponents=tabulated(opponent, opponent_tables(tables, seat)),
-            seat=seat,
-            server=server,
-            threads=threads,
-        )
-        self._features = stepper_of(tables).observations if observation == "features" else None
-        highest = tables.highest_observation
-        vector = spaces.Box(0.0, 1.0, (RALLY_WIDTH,), np.float32)
-        tokens = spaces.Box(np.zeros_like(highest), highest, dtype=np.int32)
-        super().__init__(tables, batch, vector if observation == "features" else tokens, mask, info)
+        opponents = tabulated(opponent, opponent_tables(tables, seat))
+        batch = RallyBatch(tables, num_envs, opponents=opponents, seat=seat, server=server, threads=threads)
+        features = observation == "features"
+        self._features = stepper_of(tables).observations if features else None
+        highest = np.ones(RALLY_WIDTH, np.float32) if features else tables.highest_observation
+        super().__init__(tables, batch, highest, mask, info)
 
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:  # noqa: ARG002
         illegal = self.versus.ranks(actions) < 0
@@ -323,7 +304,7 @@ class MatchVectorEnv(VersusVectorEnv):
             threads=threads,
         )
         self._matches = batch.matches
-        super().__init__(tables, batch, spaces.Box(0.0, 1.0, (RALLY_WIDTH + SCORE_WIDTH,), np.float32), mask, info)
+        super().__init__(tables, batch, np.ones(RALLY_WIDTH + SCORE_WIDTH, np.float32), mask, info)
 
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:  # noqa: ARG002
         rewards, terminated = self.versus.step(actions, reset=False)

@@ -1,19 +1,21 @@
-"""Options of ``env()``: views of the action, the mask and the info."""
+"""PettingZoo's checks around an environment, and the options of ``env()``: views of the action, the mask and the info."""
 
 import copy
 from collections.abc import Callable
-from typing import Any, Final, Literal, Self, cast
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.base.arrays import I8
 from shuttle_marl.base.errors import ActionError, OptionError, did_you_mean
-from shuttle_marl.env.aec import Belief, CheckedEnv, Observation, ShuttleEnv
-from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
+from shuttle_marl.env.aec import Belief, Observation, ShuttleEnv
+from shuttle_marl.game.layout import PARTS, STROKE_WIDTH
 from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.rules import IllegalStrokeError
 
 ActionView = Literal["flat", "components"]
 MaskView = Literal["observation", "info", "none"]
@@ -21,8 +23,62 @@ MaskView = Literal["observation", "info", "none"]
 InfoView = Literal["full", "none"]
 """Content of the info: the last stroke, with text and None, or numbers only."""
 
-_ENDS: Final = np.cumsum([*PARTS, N_POSITIONS])
-"""Ends of the masks of the components."""
+_ENDS: Final = np.cumsum([*PARTS, N_POSITIONS])  # ends of the masks of the components
+
+
+class _Wrapper(OrderEnforcingWrapper[str, Any, Any]):
+    """A wrapper that can be forked."""
+
+    env: Any
+
+    def fork(self, seed: int | None = None, belief: Belief = None) -> Self:
+        """Copy with fresh luck; see :meth:`shuttle_marl.env.aec.ShuttleEnv.fork`."""
+        twin = copy.copy(self)
+        twin.env = self.env.fork(seed, belief)
+        return twin
+
+    def __str__(self) -> str:
+        return str(self.env)
+
+
+class CheckedEnv(_Wrapper):
+    """PettingZoo's checks in one wrapper: the order of calls, actions out of bounds, illegal strokes.
+
+    An illegal stroke ends the episode: -1 for the striker, +1 for the other agent, and ``info["reason"]`` is ``illegal stroke``;
+    an illegal position likewise. PettingZoo's ``TerminateIllegalWrapper`` gives the other agent no reward, so the game would not
+    be zero-sum; and three nested wrappers take three times as long as the environment.
+    """
+
+    env: ShuttleEnv
+
+    def last(self, observe: bool = True) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Observation, reward, terminated, truncated and info of the agent to move."""
+        if not self._has_reset:
+            EnvLogger.error_observe_before_reset()
+        raw = self.env
+        agent = raw.agent_selection
+        return (
+            self.observe(agent) if observe else None,
+            raw._cumulative_rewards[agent],
+            raw.terminations[agent],
+            raw.truncations[agent],
+            raw.infos[agent],
+        )
+
+    def step(self, action: Any) -> None:
+        """Play a stroke; an illegal one loses the episode.
+
+        Raises:
+            ActionError: the action is not in the action space.
+        """
+        try:
+            super().step(action)
+        except IllegalStrokeError as illegal:
+            self._lose(illegal.stroke)
+
+    def _lose(self, stroke: int | None) -> None:
+        EnvLogger.warn_on_illegal_move()
+        self.env.forfeit(stroke)
 
 
 class ComponentEnv(CheckedEnv):
@@ -83,8 +139,8 @@ class ComponentEnv(CheckedEnv):
                 f"action {action!r}: expected shot type, area, height and technique{position}, each below {self._parts}"
             )
         parts = np.asarray(action)
-        if self._raw.chooses_position:
-            super().step(self._raw.game.n_strokes + int(parts[-1]))
+        if self.env.chooses_position:
+            super().step(self.env.game.n_strokes + int(parts[-1]))
             return
         stroke = int(self._by_parts[tuple(parts[: len(PARTS)])])
         if stroke < 0 and not (self.terminations[self.agent_selection] or self.truncations[self.agent_selection]):
@@ -94,7 +150,7 @@ class ComponentEnv(CheckedEnv):
             super().step(stroke)
 
 
-class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
+class PlainEnv(_Wrapper):
     """View of observations and infos for libraries that need a plain ``Box``, or only numbers in the info."""
 
     def __init__(self, env: CheckedEnv, mask: MaskView, info: InfoView) -> None:
@@ -120,16 +176,6 @@ class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
             self._full, self._views = full, {agent: self._view_of(agent, info) for agent, info in full.items()}
         return {agent: self._views[agent] for agent in full}
 
-    def last(self, observe: bool = True) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Observation, reward, terminated, truncated and info of the agent to move."""
-        return super().last(observe)
-
-    def fork(self, seed: int | None = None, belief: Belief = None) -> Self:
-        """Copy with fresh luck; see :meth:`shuttle_marl.env.aec.ShuttleEnv.fork`."""
-        twin = copy.copy(self)
-        twin.env = cast(CheckedEnv, self.env).fork(seed, belief)
-        return twin
-
     def _view_of(self, agent: str, full: dict[str, Any]) -> dict[str, Any]:
         view = dict(full) if self._info == "full" else {}
         if self._mask == "info":
@@ -144,9 +190,6 @@ class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
         """Observation of an agent, without the mask unless ``mask="observation"``."""
         seen = super().observe(agent)
         return seen if self._mask == "observation" else seen["observation"]
-
-    def __str__(self) -> str:
-        return str(self.env)
 
 
 def checked_views(mask: MaskView, info: InfoView | None) -> InfoView:

@@ -5,13 +5,13 @@ Names are imported when first used, because the solvers need numba, which takes 
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.away import Spread
-    from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
+    from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, ProfileValue
     from shuttle_marl.exact.match import Odds, least_gain
-    from shuttle_marl.exact.occupancy import Sensitivity, Visits, sensitivity, visits
+    from shuttle_marl.exact.occupancy import Hole, Holes, Regret, Sensitivity, Visits, holes, policy_regret, sensitivity, visits
+    from shuttle_marl.exact.odds import Crossplay, Spread, crossplay
     from shuttle_marl.exact.optimal import (
         Exploitability,
         Response,
@@ -25,9 +25,7 @@ if TYPE_CHECKING:
         solve_robust,
         solve_soft,
     )
-    from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate, moved
-    from shuttle_marl.exact.regret import Hole, Holes, Regret, holes, policy_regret
-    from shuttle_marl.exact.solver import ProfileValue
+    from shuttle_marl.exact.profile import PairPolicy, StatePolicy, evaluate, moved
 
 __all__ = [
     "TOLERANCE",

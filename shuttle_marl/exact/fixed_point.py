@@ -1,4 +1,4 @@
-"""Fixed points x = T x of contractions, with error bounds.
+"""Values of two players who strike in turn, each with a policy or with optimal strokes: fixed points with error bounds.
 
 Let player i strike in state s. With W(s') the value of the next state, seen by the receiver who strikes there, the value of
 s to player i is
@@ -27,18 +27,25 @@ computed last, from rally values for which the bound holds already.
 
 **Rounding.** One application of T_0 T_1 in double precision is off by less than :data:`ROUNDING`; that is added to rho, once
 more to the bound because z itself is rounded, and once more for y' and the serve.
+
+**Blocks.** Efforts never decrease, so the values of a block of states depend only on itself and on blocks of more effort, which
+are solved first (:func:`by_blocks`). A block fits into the L2 cache, and starts from the values of a neighbour. The result is
+only the initial guess of Newton's method over all states, from which the error bound comes.
 """
 
+import dataclasses
 import functools
+import itertools
 from collections.abc import Callable
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.exact.match import Odds
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.tables import ROOT, Game
 
 ROUNDING: Final = 2.0**-40
 """Bound of the rounding of two applications: a term passes through K + 8 roundings at most, as a product of three numbers, in the
@@ -47,20 +54,17 @@ sum, and scaled by a unit, and the absolute values of the terms add up to 2 at m
 
 TOLERANCE: Final = 1e-9
 """Default of ``tolerance``: the largest acceptable error bound of values, on the scale from -1 to 1."""
-
 FIRST_RALLY_STATE: Final = 4
 """Base states 0 to 3 are the start of the rally; no state leads there."""
 
 _DIRECTIONS: Final = 60
-"""Largest number of search directions; solutions take about a dozen."""
-
-_SOLVED: Final = 1e-3
-"""Relative residual at which the linear system of a Newton step counts as solved."""
+_SOLVED: Final = 1e-3  # relative residual at which the linear system of a Newton step counts as solved
 
 Linear = Callable[[F64], F64]
-"""The linear part of an operator at some x: ``[S]`` to ``[S]``."""
 Operator = Callable[[F64], tuple[F64, Linear]]
 """x to T x and the linear part of T at x."""
+BlockLinear = Callable[[F64, F64], F64]
+"""``[base states]`` change of the values of a block, from those of the blocks after a plain stroke and after an attack."""
 
 
 class ExactError(ShuttleError):
@@ -68,22 +72,24 @@ class ExactError(ShuttleError):
 
 
 def largest_continuation(game: Game) -> float:
-    """The supremum d of p r, the probability that the rally continues, over all legal pairs but the serves.
+    """The supremum d of p r, the probability that the rally continues, over all legal pairs but the serves, and all positions.
 
     Raises:
         ExactError: it is 1, so some stroke never ends a rally and values have no bound.
     """
     # The second threshold is the probability, in fixed point, that the stroke ends the rally.
-    first = game.pairs_of(FIRST_RALLY_STATE).start
-    ends = game.limits[:, first:, 1]
+    waiting = game.waiting
+    first = int(waiting.start[FIRST_RALLY_STATE])
+    ends = waiting.limits[:, first:, 1]
     if not ends.size or ends.min() > 0:
         return float(1 - ends.min(initial=ONE - 1) / ONE)
-    level, place = np.unravel_index(int(ends.argmin()), ends.shape)
-    pair = first + int(place)
-    state = int(level) * game.levels * game.n_base_states + int(game.base_pair_state[pair])
+    level, row = np.unravel_index(int(ends.argmin()), ends.shape)
+    base = int(np.searchsorted(waiting.start, first + row, side="right")) - 1
+    stroke = game.base_pair_stroke[game.base_pair_start[base] + (first + row - waiting.start[base]) // waiting.choices[base]]
     raise ExactError(
-        f"{game.catalogue.names[game.base_pair_stroke[pair]]} never ends the rally in state: "
-        f"{game.describe(state)}; exact values need a probability above 0 for every stroke to end it"
+        f"{game.catalogue.names[stroke]} never ends the rally in state: "
+        f"{game.describe(int(level) * game.levels * game.n_base_states + base)}; "
+        "exact values need a probability above 0 for every stroke to end it"
     )
 
 
@@ -102,10 +108,7 @@ def newton(
     sweep.
 
     Args:
-        operator: T, and its linear part; T contracts the rally states.
-        start: ``[S]`` initial guess.
-        contraction: factor of T.
-        tolerance: largest acceptable error bound.
+        contraction: factor by which T contracts the rally states.
         affine: whether T is affine, so that one Newton step solves it.
 
     Returns:
@@ -141,11 +144,8 @@ def accelerated(linear: Linear, constant: F64, done: Callable[[F64], bool]) -> F
     rounding of BLAS depends on the number of threads.
 
     Args:
-        constant: ``[S]``, also the initial guess.
+        constant: also the initial guess.
         done: whether a residual ``constant + linear(x) - x`` is acceptable.
-
-    Returns:
-        ``[S]``; the last iterate if the method stagnates.
     """
     x, residual = constant.copy(), linear(constant)
     directions: list[tuple[F64, F64]] = []
@@ -167,34 +167,8 @@ def accelerated(linear: Linear, constant: F64, done: Callable[[F64], bool]) -> F
     return x
 
 
-def solve_linear(
-    constant: F64,
-    linear: Linear,
-    *,
-    norm: Callable[[F64], float],
-    bound: Callable[[float, F64], float],
-    tolerance: float,
-) -> tuple[F64, float, float]:
-    """Solve x = T x = constant + linear(x) for an affine contraction T.
-
-    Args:
-        constant: ``[S]``.
-        norm: norm of a residual, in which T contracts.
-        bound: error bound of T x from the norm of T x - x, and from T x.
-        tolerance: largest acceptable error bound.
-
-    Returns:
-        ``[S]`` z = T x, the norm of z - x, and the error bound of z.
-    """
-    x = accelerated(linear, constant, lambda r: bound(norm(r), constant) <= tolerance / 2)
-    while True:
-        z = constant + linear(x)
-        residual = norm(z - x)
-        error = bound(residual, z)
-        # Rounding prevents further progress.
-        if error <= tolerance or residual <= ROUNDING:
-            return z, residual, error
-        x = z
+def _within(bound: float, difference: F64) -> bool:
+    return _largest(difference) <= bound
 
 
 def _largest(difference: F64) -> float:
@@ -202,5 +176,142 @@ def _largest(difference: F64) -> float:
     return float(np.abs(difference[FIRST_RALLY_STATE:]).max(initial=0.0))
 
 
-def _within(bound: float, difference: F64) -> bool:
-    return _largest(difference) <= bound
+class Striker(Protocol):
+    """A player in the states in which it strikes."""
+
+    @property
+    def game(self) -> Game:
+        """The tables with which the player strikes."""
+
+    @property
+    def contraction(self) -> float:
+        """Factor by which a sweep reduces an error of the rally states."""
+
+    def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
+        """Values of one block and their linear part.
+
+        Args:
+            plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
+        """
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class ProfileValue:
+    """Values of all states when player 0 and player 1 play given policies.
+
+    Attributes:
+        striking: ``[S]`` each: value to player 0 of the states in which player 0 strikes, and to player 1 of those in which
+            player 1 strikes. A value is the probability of winning the rally minus that of losing it, so the probability of
+            winning is ``(1 + value) / 2``.
+        residual: largest change of a value in the last sweep.
+        contraction: factor by which a pair of sweeps reduces an error.
+        error_bound: absolute error bound of all values (:mod:`shuttle_marl.exact.fixed_point`).
+    """
+
+    striking: tuple[F64, F64]
+    residual: float
+    contraction: float
+    error_bound: float
+
+    def odds(self, player: int = 0) -> Odds:
+        """Odds of a player against the opponent."""
+        serving, receiving = self.striking[player][ROOT], -self.striking[1 - player][ROOT]
+        # Rounding may carry the value of a certain win past 1.
+        probabilities = (min(1.0, max(0.0, (1 + float(value)) / 2)) for value in (serving, receiving))
+        return Odds(serving=next(probabilities), receiving=next(probabilities), error_bound=self.error_bound / 2)
+
+
+def successors(game: Game, values: F64, block: int) -> tuple[F64, F64]:
+    """``[base states]`` of ``[S]`` values: of the block after a stroke of a block that is no attack, and after an attack."""
+    plain, attack = (values[game.block_states(after)] for after in game.block_following(block))
+    return plain, attack
+
+
+def sweep(player: Striker, following: F64) -> tuple[F64, Linear]:
+    """``[S]`` values of all states to the striker, from those of the next states to the receiver, and the linear part."""
+    game = player.game
+    blocks = [player.block_sweep(block, *successors(game, following, block)) for block in range(game.n_blocks)]
+
+    def linear(change: F64) -> F64:
+        return np.concatenate([of_block(*successors(game, change, block)) for block, (_, of_block) in enumerate(blocks)])
+
+    return np.concatenate([values for values, _ in blocks]), linear
+
+
+def solve_players(
+    first: Striker, second: Striker | None, tolerance: float, *, start: F64 | None = None, affine: bool = False
+) -> tuple[ProfileValue, int]:
+    """Values of player 0 and player 1, and the number of sweeps over all legal pairs of one of them.
+
+    Args:
+        first, second: the players; second None: the symmetric equilibrium, in which both have the same values.
+        start: ``[S]`` initial guess; None: :func:`by_blocks`.
+        affine: whether sweeps are affine, so that one step of Newton's method solves a block.
+    """
+    contraction = first.contraction * (second.contraction if second else 1.0)
+
+    def operator(x: F64) -> tuple[F64, Linear]:
+        if second is None:
+            return sweep(first, x)
+        y, of_second = sweep(second, x)
+        z, of_first = sweep(first, y)
+        return z, lambda change: of_first(of_second(change))
+
+    swept = 0
+    if start is None:
+        start, swept = by_blocks(first, second, tolerance, affine=affine)
+    z, sweeps, residual, bound = newton(operator, start, contraction, tolerance, affine=affine)
+    y = sweep(second, z)[0] if second else z
+    z[ROOT] = first.block_sweep(0, *successors(first.game, y, 0))[0][ROOT]
+    # With recovery, matrix games are solved up to a gap.
+    bound += 2 * max(getattr(player, "gap", 0.0) for player in (first, second)) / (1 - contraction)
+    value = ProfileValue(striking=(z, y), residual=residual, contraction=contraction, error_bound=bound)
+    return value, swept + sweeps + 1
+
+
+def by_blocks(first: Striker, second: Striker | None, tolerance: float, *, affine: bool = False) -> tuple[F64, int]:
+    """Approximate values of the states in which the first player strikes; arguments as for :func:`solve_players`.
+
+    Returns:
+        ``[S]`` values, and the number of sweeps over all legal pairs, rounded up.
+    """
+    game, symmetric, second = first.game, second is None, second or first
+    # Sweeps alternate between the players, so each pair contracts twice.
+    contraction = first.contraction * second.contraction
+    levels = range(game.levels)
+    striking: tuple[dict[tuple[int, int], F64], dict[tuple[int, int], F64]] = {}, {}
+    x, swept = np.zeros(game.n_base_states), 0
+    for own, other in sorted(itertools.product(levels, repeat=2), key=lambda efforts: -sum(efforts)):
+        if symmetric and (own, other) in striking[1]:
+            striking[0][own, other], striking[1][other, own] = striking[1][own, other], striking[0][other, own]
+            continue
+        # Blocks in which the first and the second player strike with these efforts.
+        here, there = own * game.levels + other, other * game.levels + own
+        spent = striking[0].get((own, other + 1)), striking[1].get((other, own + 1))
+        operator = _within_block(first, here, second, there, spent)
+        x, applications, *_ = newton(operator, x, contraction, tolerance / 4, affine=affine)
+        swept += applications * (2 if symmetric else 1)
+        striking[0][own, other] = x
+        striking[1][other, own] = second.block_sweep(there, x, x if spent[0] is None else spent[0])[0]
+    values = np.concatenate([striking[0][own, other] for own, other in itertools.product(levels, repeat=2)])
+    return values, -(-swept // game.n_blocks)
+
+
+def _within_block(first: Striker, here: int, second: Striker, there: int, spent: tuple[F64 | None, F64 | None]) -> Operator:
+    """T_0 T_1 in a block of the first player and one of the second.
+
+    Args:
+        spent: values of the first and of the second player in the blocks after an attack; None: the same blocks.
+    """
+
+    def operator(x: F64) -> tuple[F64, Linear]:
+        y, of_reply = second.block_sweep(there, x, x if spent[0] is None else spent[0])
+        z, of_stroke = first.block_sweep(here, y, y if spent[1] is None else spent[1])
+
+        def linear(change: F64) -> F64:
+            between = of_reply(change, change if spent[0] is None else np.zeros_like(change))
+            return of_stroke(between, between if spent[1] is None else np.zeros_like(between))
+
+        return z, linear
+
+    return operator

@@ -56,8 +56,7 @@ def match_table(serving: float, receiving: float, rules: Rules = BWF) -> dict[Si
     """Probabilities that player 0 wins the match after winning and after losing the next rally, in every situation.
 
     Args:
-        serving: probability that player 0 wins a rally that player 0 serves.
-        receiving: probability that player 0 wins a rally that player 1 serves.
+        serving, receiving: probability that player 0 wins a rally that player 0 or player 1 serves.
     """
     table: dict[Situation, tuple[float, float]] = {}
 
@@ -91,12 +90,9 @@ def least_gain(serving: float, receiving: float, rules: Rules = BWF) -> float:
 
 
 def normalised_score(rally_win: float, reference: float, best: float, *, error_bound: float = 0.0) -> float | None:
-    """Score of a policy against an opponent: 0 for a reference policy, 1 for the best response to the opponent.
+    """Score by the probability to win a rally against an opponent: 0 for a reference policy, 1 for the best response.
 
     Args:
-        rally_win: probability that the policy wins a rally against the opponent.
-        reference: the same of the reference policy.
-        best: the same of the best response.
         error_bound: absolute error bound of ``best - reference``.
 
     Returns:

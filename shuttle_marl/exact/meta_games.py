@@ -22,10 +22,8 @@ from scipy.special import softmax
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError
 
-_ROUNDING: Final = 1e-9
-"""Payoffs that differ by less, relative to the largest one, are equal."""
-_LEAST_LOG: Final = -600.0
-"""Lower bound of log rates, so that neither rates nor products of two of them underflow."""
+_ROUNDING: Final = 1e-9  # payoffs that differ by less, relative to the largest one, are equal
+_LEAST_LOG: Final = -600.0  # lower bound of log rates, so that neither rates nor products of two of them underflow
 
 
 class MetaGameError(ShuttleError):
@@ -56,7 +54,8 @@ def nash(payoff: npt.ArrayLike) -> Equilibrium:
         MetaGameError: the payoff is not a matrix of finite numbers.
     """
     a = _matrix(payoff)
-    return Equilibrium(row=_maximin(a), column=_maximin(-a.T), value=float((_maximin(a) @ a).min()))
+    row = _maximin(a)
+    return Equilibrium(row=row, column=_maximin(-a.T), value=float((row @ a).min()))
 
 
 def _maximin(a: F64) -> F64:
@@ -64,18 +63,16 @@ def _maximin(a: F64) -> F64:
     rows, columns = a.shape
     scale = max(float(np.abs(a).max()), 1e-300)
     # Variables: the probabilities and the value v, a lower bound of the payoff against every column.
-    found = linprog(
-        np.r_[np.zeros(rows), -1.0],
-        A_ub=np.c_[-a.T / scale, np.ones(columns)],
-        b_ub=np.zeros(columns),
-        A_eq=np.r_[np.ones(rows), 0.0][None],
-        b_eq=[1.0],
-        bounds=[(0, None)] * rows + [(None, None)],
-        method="highs-ds",
-    )
+    against, one = np.c_[-a.T / scale, np.ones(columns)], np.r_[np.ones(rows), 0.0][None]
+    return _normalised(_program(np.r_[np.zeros(rows), -1.0], against, [(0, None)] * rows + [(None, None)], one)[:rows])
+
+
+def _program(cost: F64, above: F64, bounds: list[tuple[float | None, float | None]], one: F64 | None = None) -> F64:
+    """The variables x of least cost with ``above @ x <= 0``, and ``one @ x = 1`` if that is given."""
+    found = linprog(cost, above, np.zeros(len(above)), one, None if one is None else [1.0], bounds, "highs-ds")
     if not found.success:
         raise MetaGameError(f"the game cannot be solved: {found.message}")
-    return _normalised(found.x[:rows])
+    return np.asarray(found.x)
 
 
 def nash_average(payoff: npt.ArrayLike) -> F64:
@@ -102,12 +99,7 @@ def _largest_support(a: F64) -> Bools:
     """
     n = len(a)
     # Variables: p = counted + surplus, both non-negative, counted at most 1; no row may have a positive payoff against p.
-    against = -np.hstack([a.T, a.T])
-    bounds: list[tuple[float, float | None]] = [(0, 1)] * n + [(0, None)] * n
-    found = linprog(np.r_[-np.ones(n), np.zeros(n)], A_ub=against, b_ub=np.zeros(n), bounds=bounds, method="highs-ds")
-    if not found.success:
-        raise MetaGameError(f"the game cannot be solved: {found.message}")
-    return np.asarray(found.x[:n] > 0.5)
+    return _program(np.r_[-np.ones(n), np.zeros(n)], -np.hstack([a.T, a.T]), [(0, 1)] * n + [(0, None)] * n)[:n] > 0.5
 
 
 def _most_entropy(a: F64, support: Bools) -> F64:
@@ -116,11 +108,8 @@ def _most_entropy(a: F64, support: Bools) -> F64:
     The equilibrium is ``p = softmax(A weight)`` over the support. The weights, non-negative outside of the support, minimise
     ``logsumexp(A weight)``, a smooth convex function.
     """
-    rows = a[support]
-    free = np.flatnonzero(support)
-    outside = np.flatnonzero(~support)
-    order = np.r_[free, outside]
-    rows = rows[:, order]
+    free, outside = np.flatnonzero(support), np.flatnonzero(~support)
+    rows = a[support][:, np.r_[free, outside]]
 
     def dual(weight: F64) -> tuple[float, F64]:
         logits = rows @ weight
@@ -129,7 +118,7 @@ def _most_entropy(a: F64, support: Bools) -> F64:
 
     bounds: list[tuple[float | None, float | None]] = [(None, None)] * len(free) + [(0, None)] * len(outside)
     options = {"ftol": 1e-16, "gtol": 1e-12, "maxiter": 10_000, "maxfun": 100_000}
-    weight = minimize(dual, np.zeros(len(order)), jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+    weight = minimize(dual, np.zeros(len(a)), jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
     out = np.zeros(len(a))
     out[support] = softmax(rows @ weight)
     return out
@@ -149,7 +138,7 @@ def maximal_lottery(votes: npt.ArrayLike) -> F64:
     return nash_average(counts - counts.T)
 
 
-def alpha_rank(payoff: npt.ArrayLike, *, alpha: float = 100.0, population: int = 50, noise: float = 0.01) -> F64:
+def alpha_rank(payoff: npt.ArrayLike, *, alpha: float = 100.0, population: int = 50) -> F64:
     """``[N]`` stationary distribution of a population that consists of one policy at a time, with rare mutants.
 
     A mutant r replaces a population of s with the fixation probability ``(1 - exp(-u)) / (1 - exp(-m u))``, ``u = alpha
@@ -157,24 +146,17 @@ def alpha_rank(payoff: npt.ArrayLike, *, alpha: float = 100.0, population: int =
 
     Args:
         payoff: ``[N, N]`` payoff of the row against the column.
-        alpha: selection intensity; infinite: the fitter policy replaces the other with probability 1 - noise.
+        alpha: selection intensity.
         population: population size m.
-        noise: probability that the less fit policy replaces the other if alpha is infinite.
 
     Raises:
         MetaGameError: the payoffs are not finite, or a parameter is out of range.
     """
     a = _square(payoff)
-    if not (alpha > 0 and population >= 2 and 0 < noise < 1):
-        raise MetaGameError(
-            f"alpha {alpha}, population {population}, noise {noise}: expected alpha > 0, population >= 2 and 0 < noise < 1"
-        )
+    if not (0 < alpha < math.inf and population >= 2):
+        raise MetaGameError(f"alpha {alpha}, population {population}: expected a finite alpha > 0, and population >= 2")
     gain = a.T - a  # advantage of the mutant (column) over the population (row)
-    if math.isinf(alpha):
-        rate = np.where(np.abs(gain) < 1e-14, 0.5, np.where(gain > 0, 1 - noise, noise))
-    else:
-        rate = np.exp(np.maximum(_log_fixation(alpha * gain, population), _LEAST_LOG))
-    return _stationary(rate)
+    return _stationary(np.exp(np.maximum(_log_fixation(alpha * gain, population), _LEAST_LOG)))
 
 
 def _log_fixation(u: F64, m: int) -> F64:

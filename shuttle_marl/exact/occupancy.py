@@ -1,31 +1,50 @@
-"""Expected visits of a profile to states and strokes, the length of its rallies, and their endings; and derivatives of the
-probability of winning a rally by the log-odds of faults, returns and contacts.
+"""Expected visits of a profile to states and strokes, and what they weigh: derivatives, regret, and the holes of a policy.
 
-With f the probability of a fault, r that of a good stroke to be returned, a that of a return to be met above the net, and B and A
-the values of the next states to the receiver with contact below and above, on average over whether the receiver is hurried, the
-value of a stroke to its striker is
+**Derivatives** of the probability of winning a rally by the log-odds of faults, returns and contacts. With f the probability of a
+fault, r that of a good stroke to be returned, a that of a return to be met above the net, and B and A the values of the next
+states to the receiver with contact below and above, on average over whether the receiver is hurried, the value of a stroke to
+its striker is
 
     Q = -f + (1 - f) ((1 - r) - r C),        C = (1 - a) B + a A,
 
 and a probability p changes by p (1 - p) with its log-odds. A change of the outcomes of strokes changes the value of a rally by
 the change of Q in every state, weighted by the expected visits (the derivative of a fixed point; policies do not change).
+
+**Regret** of a policy in a state s is regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a), with V* and Q* the minimax values of states
+and strokes. Weighted by how often the policy strikes in s, the regrets add up exactly to its loss against a perfect opponent (the
+performance difference lemma: Kakade & Langford, ICML 2002):
+
+    V* - V^pi = sum_s visits(s) regret(s),        visits: of the policy against the minimax policy.
+
+The best response b to pi has regret wherever it leaves minimax play to win more against pi, so its gain is exactly
+
+    exploitability = sum_s visits_pi(s) regret_pi(s) - sum_s visits_b(s) regret_b(s),        visits: of pi against b.
+
+The first sum is the loss of pi by state. A state that is rare in self-play may occur in every rally against b, so both numbers of
+visits are reported.
+
+With recovery both players choose in every state, so a loss there is that of strokes against the positions of the opponent, and of
+positions against the opponent's strokes; Q* is weighted by both. Over the states in which either strikes, these losses add up
+exactly to V* - V, against any opponent: for the best response that is the exploitability.
 """
 
 import dataclasses
 import functools
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I8, I32, U8, U16
+from shuttle_marl.base.arrays import F64, I8, I32, U8, U16, Intp
 from shuttle_marl.base.compiling import compiled
-from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
-from shuttle_marl.exact.profile import InducedChain, StatePolicy, block_chances, check_opponents, evaluate_chains, facing, induced
-from shuttle_marl.exact.solver import ProfileValue, successors
+from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, ProfileValue, accelerated, successors, sweep
+from shuttle_marl.exact.optimal import Response, Solution, best_response, limited, solve
+from shuttle_marl.exact.profile import InducedChain, StatePolicy, check_opponents, evaluate_chains, facing, induced
 from shuttle_marl.exact.sweeps import propagate
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.shipped import Estimate, factor_of, real_strokes, supported
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.thresholds import ONE
 
 ENDINGS: Final = ("winner of player 0", "fault of player 1", "winner of player 1", "fault of player 0")
 """Endings of a rally; player 0 wins the first two."""
@@ -44,11 +63,6 @@ class Visits:
     policies: tuple[StatePolicy, StatePolicy]
     states: tuple[F64, F64]
     error_bound: float
-
-    def pairs(self, player: int) -> F64:
-        """``[P]`` expected number of times that a player plays each legal pair."""
-        policy = self.policies[player]
-        return np.asarray(policy.pair_probabilities() * policy.game.of_pairs(self.states[player]))
 
     def base_pairs(self, player: int) -> F64:
         """``[L, base pairs]`` expected number of times that a player plays each base pair, by row of the limits of the game."""
@@ -113,29 +127,28 @@ def visits(
     check_opponents(policy.game, opponent.game)
     policy, opponent = facing(policy, opponent)
     chains = chains or (induced(policy), induced(opponent))
-    backward = [
-        functools.partial(propagate, played.game, [block_chances(played, block) for block in range(played.game.n_blocks)])
-        for played in (policy, opponent)
-    ]
+    backward = [functools.partial(propagate, chain.game, chain.chance) for chain in chains]
     size = len(chains[0].reward)
     start = np.zeros((2, size))
     start[:, ROOT] = 0.5 if server is None else np.eye(2)[server]
     contraction = chains[0].contraction * chains[1].contraction
     constant = backward[1](start[1] + backward[0](start[0]))
 
+    def norm(w: F64) -> float:
+        return float(np.abs(w).sum())
+
     def bound(residual: float, w: F64) -> float:
-        # All terms are positive, so rounding is relative to their sum.
-        rounding = ROUNDING * (1 + float(np.abs(w).sum()))
+        rounding = ROUNDING * (1 + norm(w))  # all terms are positive, so rounding is relative to their sum
         return 2 * ((residual + rounding) * contraction / (1 - contraction) + rounding)
 
-    z, _, error = solve_linear(
-        constant,
-        lambda w: backward[1](backward[0](w)),
-        norm=lambda r: float(np.abs(r).sum()),
-        bound=bound,
-        tolerance=tolerance,
-    )
-    first = start[0] + np.maximum(z, 0.0)  # conjugate residuals leave values of -1e-20
+    w = accelerated(lambda w: backward[1](backward[0](w)), constant, lambda r: bound(norm(r), constant) <= tolerance / 2)
+    while True:
+        before, w = w, constant + backward[1](backward[0](w))
+        residual = norm(w - before)
+        error = bound(residual, w)
+        if error <= tolerance or residual <= ROUNDING:  # rounding prevents further progress
+            break
+    first = start[0] + np.maximum(w, 0.0)  # conjugate residuals leave values of -1e-20
     return Visits(policies=(policy, opponent), states=(first, start[1] + backward[0](first)), error_bound=error)
 
 
@@ -153,37 +166,23 @@ class Sensitivity:
     win: F64
 
 
-class _Strokes(NamedTuple):
-    """Strokes of a block.
-
-    Attributes:
-        limits: ``[base pairs, 3]`` thresholds.
-        hurry: ``[base pairs, 2]`` probability of a hurried receiver, in units of 1/256.
-        pair_start: ``[base states + 1]`` first pair of each state.
-        edge: ``[base pairs]`` edge that follows.
-        attack: ``[edges]`` whether its stroke is an attack.
-        shot: ``[base pairs]`` shot type.
-    """
-
-    limits: U16 | F64
-    hurry: U8 | F64
-    pair_start: I32
-    edge: I32
-    attack: I8
-    shot: I8
+_Strokes = tuple[I32, I32, I8, I8]
+"""First pair of each base state, edge that follows each base pair, whether an edge is an attack, shot type of each base pair."""
 
 
 @compiled
-def _add(visited: F64, chance: F64, strokes: _Strokes, plain: F64, after: F64, out: F64) -> None:
-    """Add the derivatives of the values of a block's strokes, weighted by visits.
+def _add(
+    visited: F64, chance: F64, limits: U16 | F64, hurry: U8 | F64, strokes: _Strokes, plain: F64, after: F64, out: F64
+) -> None:
+    """Add the derivatives of the values of a block's strokes, weighted by visits, to ``[3, 13]``.
 
     Args:
         visited: ``[base states]`` visits.
         chance: ``[base pairs]`` probability of each legal pair given its state.
+        limits, hurry: ``[base pairs, 3]`` thresholds, and ``[base pairs, 2]`` chances of a hurried receiver.
         plain, after: ``[base states]`` values of the next block after a stroke that is no attack and after an attack.
-        out: ``[3, 13]`` the result.
     """
-    limits, hurry, pair_start, edge, attack, shot = strokes
+    pair_start, edge, attack, shot = strokes
     for s in range(visited.size):
         if visited[s] == 0.0:
             continue
@@ -216,15 +215,204 @@ def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float 
     for player, played in enumerate((policy, opponent)):
         game, following = played.game, value.striking[1 - player]
         shot = game.catalogue.shot[game.base_pair_stroke]
-        tables = (game.base_pair_start, game.base_pair_edge, game.edge_attack.view(np.int8), shot)
+        strokes = game.base_pair_start, game.base_pair_edge, game.edge_attack.view(np.int8), shot
         for block in range(game.n_blocks):
-            _add(
-                np.ascontiguousarray(seen.states[player][game.block_states(block)]),
-                played.block_probabilities(block),
-                _Strokes(game.limits[game.table_of(block)], game.hurry_at(game.table_of(block)), *tables),
-                *successors(game, following, block),
-                win[player],
-            )
+            visited, table = seen.states[player][game.block_states(block)], game.table_of(block)
+            tables = game.limits[table], game.hurry_at(table), strokes, *successors(game, following, block)
+            _add(visited, played.block_probabilities(block), *tables, win[player])
     # Values lie between -1 and 1, and those of player 1 count against player 0.
     win *= np.array([0.5, -0.5])[:, None, None]
     return Sensitivity(value=value, win=win)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Regret:
+    """Value lost by a policy, on the scale of values from -1 to 1.
+
+    Attributes:
+        state: ``[S]`` loss of the stroke played in each state, on average over the policy.
+        weight: ``[S]`` how often the policy strikes there in a rally, both players serving equally often.
+        waiting: ``[S]`` the same of the position chosen where the opponent strikes; None without recovery.
+        waiting_weight: ``[S]`` how often the opponent strikes there.
+        per_rally: loss in a rally: the sum over all.
+        error_bound: ``per_rally`` is within this of the true one.
+    """
+
+    state: F64
+    weight: F64
+    per_rally: float
+    error_bound: float
+    waiting: F64 | None = None
+    waiting_weight: F64 | None = None
+
+    def largest(self, count: int) -> Intp:
+        """The states with the largest losses in a rally, largest first."""
+        return np.argsort(-self.state * self.weight, kind="stable")[:count]
+
+
+def policy_regret(
+    policy: StatePolicy,
+    opponent: StatePolicy | None = None,
+    *,
+    solution: Solution | None = None,
+    tolerance: float = TOLERANCE,
+) -> Regret:
+    """The regret of a policy in seat 0, weighted by its visits.
+
+    Args:
+        opponent: of the visits; None: the minimax policy, for which the sum is V* - V^pi at the serve.
+
+    Raises:
+        ExactError: the layouts differ, or play may never end.
+    """
+    solution = solution or solve(policy.game, tolerance=tolerance)
+    value, following = solution.value
+    played, other = facing(policy, opponent or solution.policy[1])
+    state = value - sweep(induced(played), following)[0]
+    counted = visits(played, other, tolerance=tolerance)
+    weight, theirs = counted.states
+    hidden = policy.game.recovery is not None
+    waiting = sweep(induced(other), value)[0] - following if hidden else np.zeros_like(state)
+    # The regret of a state is at most 2, and its error that of two values.
+    bound = 2 * solution.error_bound * float(weight.sum() + hidden * theirs.sum()) + 2 * counted.error_bound * (1 + hidden)
+    return Regret(
+        state=state,
+        weight=weight,
+        per_rally=float(weight @ state) + float(theirs @ waiting),
+        error_bound=bound,
+        waiting=waiting if hidden else None,
+        waiting_weight=theirs if hidden else None,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Hole:
+    """A state in which a policy loses value.
+
+    Attributes:
+        state: index of the state.
+        description: the state in words.
+        played: most likely stroke of the policy there.
+        played_share: its probability.
+        best: the best stroke there.
+        best_share: its probability under the policy.
+        in_self_play: expected strokes of the policy in the state, in a rally against itself.
+        against_best_response: the same against its best response.
+        played_real: real strokes in the data behind ``played``; None: not known.
+        best_real: the same behind ``best``.
+        regret: mean loss of a stroke there, as a value from 0 to 2.
+        loss: expected loss there in a rally against the best response: ``against_best_response * regret``.
+        expected: the part of ``regret`` to expect in real matches (:func:`shuttle_marl.game.shipped.factor_of`); None: not known.
+    """
+
+    state: int
+    description: str
+    played: str
+    played_share: float
+    best: str
+    best_share: float
+    in_self_play: float
+    against_best_response: float
+    played_real: float | None
+    best_real: float | None
+    regret: float
+    loss: float
+    expected: Estimate | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Holes:
+    """Losses of a policy to its best response.
+
+    Attributes:
+        exploitability: gain of the best response, as a value from 0 to 1: ``loss - given_up``.
+        loss: expected loss of the policy in a rally, over all states.
+        given_up: expected loss of the best response, relative to minimax play.
+        states: number of states with a loss.
+        error_bound: absolute error bound of each of the three sums.
+        holes: the states with the largest losses, largest first.
+    """
+
+    exploitability: float
+    loss: float
+    given_up: float
+    states: int
+    error_bound: float
+    holes: tuple[Hole, ...]
+
+    @property
+    def share(self) -> float:
+        """Fraction of the loss that :attr:`holes` account for; 1 without a loss."""
+        return sum(hole.loss for hole in self.holes) / self.loss if self.states else 1.0
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures as JSON."""
+        listed = [
+            {**dataclasses.asdict(hole), "expected": None if hole.expected is None else hole.expected._asdict()}
+            for hole in self.holes
+        ]
+        return {**dataclasses.asdict(self), "holes": listed, "share": self.share}
+
+
+def holes(
+    policy: TabulatedPolicy,
+    *,
+    top: int = 10,
+    at_least: float = 0,
+    solution: Solution | None = None,
+    response: Response | None = None,
+    tolerance: float = TOLERANCE,
+) -> Holes:
+    """States in which a policy loses most to its best response.
+
+    Args:
+        at_least: real strokes behind the strokes of the best response and of the perfect play that regret compares with, see
+            :func:`shuttle_marl.exact.best_response`.
+
+    Raises:
+        ExactError: play may never end.
+    """
+    game = policy.game
+    solution = solution or solve(limited(game, at_least), tolerance=tolerance)
+    response = response or best_response(policy, at_least=at_least, tolerance=tolerance)
+    real, allowed, factor = real_strokes(game), supported(game, at_least), factor_of(game)
+    mine = policy_regret(policy, response.policy, solution=solution, tolerance=tolerance)
+    hidden = mine.waiting is not None  # then the losses add up to the exploitability
+    theirs = mine if hidden else policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
+    alone = visits(policy, policy, tolerance=tolerance).states[0]
+    lost = mine.state * mine.weight
+    found = []
+    for state in mine.largest(top).tolist():
+        if lost[state] <= tolerance:
+            break
+        strokes, pairs = game.legal_strokes(state), game.pairs_of(state)
+        probability = policy.probability_of(np.arange(pairs.start, pairs.stop))
+        base = np.arange(pairs.start, pairs.stop) % game.n_base_pairs
+        best = int(np.where(allowed[base], game.stroke_values(solution.value[1], pairs), -np.inf).argmax())
+        behind = [None] * len(base) if real is None else real[game.base_pair_edge[base]].tolist()
+        most = int(probability.argmax())
+        found.append(
+            Hole(
+                state=state,
+                description=game.describe(state),
+                played=game.catalogue.names[strokes[most]],
+                played_share=float(probability[most]),
+                best=game.catalogue.names[strokes[best]],
+                best_share=float(probability[best]),
+                in_self_play=float(alone[state]),
+                against_best_response=float(mine.weight[state]),
+                played_real=behind[most],
+                best_real=behind[best],
+                regret=float(mine.state[state]),
+                loss=float(lost[state]),
+                expected=None if factor is None else factor.scaled(float(mine.state[state])),
+            )
+        )
+    return Holes(
+        exploitability=response.value.odds().value,
+        loss=mine.per_rally,
+        given_up=0.0 if hidden else theirs.per_rally,
+        states=int((lost > tolerance).sum()),
+        error_bound=max(mine.error_bound, theirs.error_bound, response.value.error_bound),
+        holes=tuple(found),
+    )

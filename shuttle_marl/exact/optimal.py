@@ -16,14 +16,22 @@ the bound.
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I32
-from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, largest_continuation
+from shuttle_marl.exact.fixed_point import (
+    TOLERANCE,
+    BlockLinear,
+    ExactError,
+    ProfileValue,
+    Striker,
+    largest_continuation,
+    solve_players,
+    successors,
+)
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.met import met
 from shuttle_marl.exact.profile import (
     InducedChain,
     PairPolicy,
@@ -33,41 +41,44 @@ from shuttle_marl.exact.profile import (
     check_same_layout,
     facing,
     induced,
+    met,
     moved,
     positions_of,
+    waiting,
 )
-from shuttle_marl.exact.saddles import Saddle, SoftSaddle
-from shuttle_marl.exact.solver import BlockLinear, ProfileValue, Striker, solve_players, successors
-from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.exact.saddles import Saddle
+from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, lists_of
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
-from shuttle_marl.game.thresholds import ONE
 
 P_co = TypeVar("P_co", TabulatedPolicy, PairPolicy, covariant=True)
 
 
+class _Player(Striker, Protocol):
+    """A player with a policy."""
+
+    def policy(self, following: F64) -> tuple[Any, F64 | None]:
+        """The strokes, and ``[S, 9]`` positions of the receiver, from the ``[S]`` values of the next states to the receiver."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Equilibrium(Generic[P_co]):
+class Equilibrium(ProfileValue, Generic[P_co]):
     """Values and policies of an equilibrium.
 
     Attributes:
-        value: ``[S]`` each: value to player 0 of the states in which player 0 strikes, and to player 1 of those in which player 1
-            strikes; from -1 to 1.
         policy: of each player; the same object in the symmetric game.
         sweeps: number of sweeps over all legal pairs of a game.
-        residual: largest change of a value in the last sweep.
-        contraction: factor by which a sweep (a pair of sweeps, if the players differ) reduces an error.
-        error_bound: absolute error bound of all values (:mod:`shuttle_marl.exact.fixed_point`).
     """
 
-    value: tuple[F64, F64]
     policy: tuple[P_co, P_co]
     sweeps: int
-    residual: float
-    contraction: float
-    error_bound: float
+
+    @property
+    def value(self) -> tuple[F64, F64]:
+        """``[S]`` each: value of the states to the player who strikes there, player 0 and player 1."""
+        return self.striking
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,7 +96,7 @@ class Solution(Equilibrium[TabulatedPolicy]):
     @property
     def value_at_serve(self) -> float:
         """Value of a rally to player 0, who serves it."""
-        return float(self.value[0][ROOT])
+        return float(self.striking[0][ROOT])
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -135,63 +146,21 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
     elif game.people is not None:
         raise ExactError(f"the game of {game.people.title} has the tables of both players; solve it alone")
     check_opponents(game, other)
-    if game.recovery is not None:
-        return _hidden_solution(game, other, tolerance)
-    theirs = None if other is game else _BestStrokes((other,))
-    return Solution(games=(game, other), **_equilibrium(_BestStrokes((game,)), theirs, tolerance))
+    theirs = None if other is game else _best((other,))
+    return Solution(games=(game, other), **_equilibrium(_best((game,)), theirs, tolerance))
 
 
-def _hidden_solution(game: Game, other: Game, tolerance: float) -> Solution:
-    """:func:`solve` with recovery."""
-    own, theirs = Saddle((game,)), None if other is game else Saddle((other,))
-    value, sweeps = solve_players(own, theirs, tolerance)
-    policies = _waiting_policies(value, own, theirs)
-    return Solution(
-        games=(game, other),
-        value=value.striking,
-        policy=policies,
-        sweeps=sweeps if theirs is None else 2 * sweeps,
-        residual=value.residual,
-        contraction=value.contraction,
-        error_bound=value.error_bound + gap_bound(value, own, theirs),
-    )
-
-
-def gap_bound(value: ProfileValue, *players: object) -> float:
-    """What the gaps of matrix games add to the error bound of values."""
-    return 2 * max((player.gap for player in players if isinstance(player, Saddle)), default=0.0) / (1 - value.contraction)
-
-
-def _waiting_policies(value: ProfileValue, own: Saddle, theirs: Saddle | None) -> tuple[TabulatedPolicy, TabulatedPolicy]:
-    """Policies of both players as tables: each strikes in its states, and waits in those of the other one."""
-    strokes, positions = own.all_strategies(value.striking[1])
-    first = from_pair_probabilities(own.game, strokes)
-    if theirs is None:
-        first = dataclasses.replace(first, waits=cumulative_positions(positions))
-        return first, first
-    others, waited = theirs.all_strategies(value.striking[0])
-    second = from_pair_probabilities(theirs.game, others)
-    return (
-        dataclasses.replace(first, waits=cumulative_positions(waited)),
-        dataclasses.replace(second, waits=cumulative_positions(positions)),
-    )
-
-
-def _equilibrium(
-    own: "_BestStrokes | _SoftPlayer", other: "_BestStrokes | _SoftPlayer | None", tolerance: float, start: F64 | None = None
-) -> dict[str, Any]:
+def _equilibrium(own: _Player, other: _Player | None, tolerance: float, start: F64 | None = None) -> dict[str, Any]:
     """The fields of :class:`Equilibrium`; ``other`` None: the symmetric game; ``start`` as for :func:`solve_players`."""
     solved, sweeps = solve_players(own, other, tolerance, start=start)
-    first = own.policy(solved.striking[1])
-    second = first if other is None else other.policy(solved.striking[0])
-    return {
-        "value": solved.striking,
-        "policy": (first, second),
-        "sweeps": sweeps if other is None else 2 * sweeps,
-        "residual": solved.residual,
-        "contraction": solved.contraction,
-        "error_bound": solved.error_bound,
-    }
+    # Each strikes in its states, and waits in those of the other one.
+    first, waited = own.policy(solved.striking[1])
+    if other is None:
+        first = second = waiting(first, waited)
+    else:
+        second, waits = other.policy(solved.striking[0])
+        first, second = waiting(first, waits), waiting(second, waited)
+    return {**vars(solved), "policy": (first, second), "sweeps": sweeps if other is None else 2 * sweeps}
 
 
 def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> RobustSolution:
@@ -219,14 +188,9 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Robu
         raise ExactError("robust play over no games: give one or more")
     for game in games[1:]:
         check_same_layout(games[0], game)
-    if games[0].recovery is not None:
-        first, second = Saddle(tuple(games), against=True), Saddle(tuple(games))
-        value, sweeps = solve_players(first, second, tolerance)
-        policy = _waiting_policies(value, first, second)[0]
-        return RobustSolution(games=first.games, policy=policy, value=value, sweeps=2 * sweeps)
-    own = _BestStrokes(tuple(games), against=True)
-    value, sweeps = solve_players(own, _BestStrokes(tuple(games)), tolerance)
-    return RobustSolution(games=own.games, policy=own.policy(value.striking[1]), value=value, sweeps=2 * sweeps)
+    several = tuple(games)
+    found: Equilibrium[TabulatedPolicy] = Equilibrium(**_equilibrium(_best(several, against=True), _best(several), tolerance))
+    return RobustSolution(games=several, policy=found.policy[0], value=found, sweeps=found.sweeps)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -253,13 +217,18 @@ class _BestStrokes:
         chosen = block_choices(self.games, block, plain, after_attack, against=self.against)
         return chosen.value, functools.partial(after_block_choices, self.game, chosen)
 
-    def policy(self, following: F64) -> TabulatedPolicy:
-        """The best strokes as a table, from the ``[S]`` values of the next states to the receiver."""
+    def policy(self, following: F64) -> tuple[TabulatedPolicy, None]:
+        """The best strokes as a table, from the ``[S]`` values of the next states to the receiver, who chooses no positions."""
         blocks = (
             block_choices(self.games, block, *successors(self.game, following, block), against=self.against)
             for block in range(self.game.n_blocks)
         )
-        return pure_policy(self.game, np.concatenate([chosen.rank for chosen in blocks]))
+        return pure_policy(self.game, np.concatenate([chosen.rank for chosen in blocks])), None
+
+
+def _best(games: tuple[Game, ...], *, against: bool = False) -> "_BestStrokes | Saddle":
+    """A player who chooses best; arguments as of :class:`_BestStrokes`."""
+    return _BestStrokes(games, against) if games[0].recovery is None else Saddle(games, against)
 
 
 def pure_policy(game: Game, rank: I32) -> TabulatedPolicy:
@@ -294,12 +263,9 @@ class Response:
     def policy(self) -> TabulatedPolicy:
         """The response as a table."""
         mine, theirs = self.value.striking
-        if isinstance(self.player, Saddle):
-            found = from_pair_probabilities(self.player.game, self.player.all_strategies(theirs)[0])
-        else:
-            found = self.player.policy(theirs)
+        found = self.player.policy(theirs)[0]
         if isinstance(self.opponent, Saddle):
-            found = dataclasses.replace(found, waits=cumulative_positions(self.opponent.all_strategies(mine)[1]))
+            found = waiting(found, self.opponent.all_strategies(mine)[1])
         return moved(found, self.game)
 
 
@@ -361,7 +327,6 @@ def _response(tables: Game, policy: StatePolicy | InducedChain, p: float, at_lea
         own, opponent = _BestStrokes((game,)), policy if isinstance(policy, InducedChain) else induced(policy)
         opponent = opponent if p == 1 else _Restricted(opponent, own if game is policy.game else _BestStrokes((policy.game,)), p)
     value, sweeps = solve_players(own, opponent, tolerance)
-    value = dataclasses.replace(value, error_bound=value.error_bound + gap_bound(value, own, opponent))
     return Response(game=tables, player=own, opponent=opponent, value=value, sweeps=sweeps)
 
 
@@ -477,37 +442,17 @@ def solve_soft(
     """
     if not 0 < tau < float("inf"):
         raise ExactError(f"tau {tau!r}: expected a finite number above 0; towards 0 is minimax, towards infinity the prior")
-    if prior.game.recovery is not None:
-        return _soft_hidden(prior, prior if opponent is None else opponent, tau, tolerance)
-    other = None
-    if opponent is not None and opponent is not prior:
-        check_same_layout(prior.game, opponent.game)
-        other = _SoftPlayer(opponent, tau)
-    return SoftSolution(tau=tau, **_equilibrium(_SoftPlayer(prior, tau), other, tolerance, np.zeros(prior.game.n_states)))
-
-
-def _soft_hidden(prior: StatePolicy, opponent: StatePolicy, tau: float, tolerance: float) -> SoftSolution:
-    """:func:`solve_soft` with recovery: positions pay for the divergence from those of the priors, too."""
+    opponent = prior if opponent is None else opponent
     check_same_layout(prior.game, opponent.game)
 
-    def player(strikes: StatePolicy, waits: StatePolicy) -> SoftSaddle:
+    def player(strikes: StatePolicy, waits: StatePolicy) -> _Player:
+        if strikes.game.recovery is None:
+            return _SoftPlayer(strikes, tau)
         strokes = tuple(strikes.block_probabilities(block) for block in range(strikes.game.n_blocks))
-        return SoftSaddle((strikes.game,), strokes=strokes, positions=positions_of(waits), tau=tau)
+        return Saddle((strikes.game,), strokes=strokes, positions=positions_of(waits), tau=tau)
 
-    own, other = player(prior, opponent), None if opponent is prior else player(opponent, prior)
-    value, sweeps = solve_players(own, other, tolerance, start=np.zeros(prior.game.n_states))
-    strokes, waited = own.all_strategies(value.striking[1])
-    others, waits = (strokes, waited) if other is None else other.all_strategies(value.striking[0])
-    first = PairPolicy(game=prior.game, probability=strokes, positions=waits)
-    return SoftSolution(
-        tau=tau,
-        value=value.striking,
-        policy=(first, first if other is None else PairPolicy(game=opponent.game, probability=others, positions=waited)),
-        sweeps=sweeps if other is None else 2 * sweeps,
-        residual=value.residual,
-        contraction=value.contraction,
-        error_bound=value.error_bound + gap_bound(value, own, other),
-    )
+    own, theirs = player(prior, opponent), None if opponent is prior else player(opponent, prior)
+    return SoftSolution(tau=tau, **_equilibrium(own, theirs, tolerance, np.zeros(prior.game.n_states)))
 
 
 class _SoftPlayer:
@@ -518,21 +463,20 @@ class _SoftPlayer:
         self._prior: list[F64] = []
         for block in range(self.game.n_blocks):
             # Most priors ignore the efforts, so equal blocks share an array.
-            probability = prior.block_probabilities(block)
+            probability = prior.block_probabilities(block)[lists_of(self.game).order]
             self._prior.append(next((seen for seen in self._prior if np.array_equal(seen, probability)), probability))
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         values, policy = block_soft_values(self.game, block, self._prior[block], self._tau, plain, after_attack)
-        chance = listed(self.game, policy)
 
         def linear(plain: F64, after_attack: F64) -> F64:
-            return -block_mean(self.game, block, chance, plain, after_attack)
+            return -block_mean(self.game, block, policy, plain, after_attack)
 
         return values, linear
 
-    def policy(self, following: F64) -> PairPolicy:
-        probability = [
-            block_soft_values(self.game, block, prior, self._tau, *successors(self.game, following, block))[1]
-            for block, prior in enumerate(self._prior)
-        ]
-        return PairPolicy(game=self.game, probability=np.concatenate(probability))
+    def policy(self, following: F64) -> tuple[PairPolicy, None]:
+        game, probability = self.game, np.empty(self.game.n_pairs)
+        for block, prior in enumerate(self._prior):
+            found = block_soft_values(game, block, prior, self._tau, *successors(game, following, block))[1]
+            probability[game.block_pairs(block)][lists_of(game).order] = found
+        return PairPolicy(game=game, probability=probability), None

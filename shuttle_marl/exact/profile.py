@@ -1,46 +1,42 @@
-"""Exact evaluation of two fixed policies: values of all states, and cross-play of many policies."""
+"""Exact evaluation of two fixed policies: values of all states, also with recovery.
+
+If one player's positions are fixed, the other one strikes in a game without recovery, whose tables are the means over these
+positions (:func:`met`): everything else that is exact is computed there.
+"""
 
 import dataclasses
 import functools
-import itertools
 import operator
-from collections.abc import Callable, Sequence
-from typing import Final, Protocol, TypeVar, cast
+from typing import Final, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64
-from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
-from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.met import met
-from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
+from shuttle_marl.base.arrays import F64, I8, I32, I64, U8, U16
+from shuttle_marl.base.compiling import compiled
+from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, BlockLinear, ExactError, ProfileValue, solve_players
 from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean, listed
+from shuttle_marl.game.draws import HURRY_ONE
+from shuttle_marl.game.layout import ALL, Indices
 from shuttle_marl.game.pairs import people_of
-from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 
 
 class StatePolicy(Protocol):
-    """A policy that reads the state alone, such as :class:`shuttle_marl.game.tabulated.TabulatedPolicy`."""
+    """A policy that reads the state alone, such as :class:`shuttle_marl.game.policy.TabulatedPolicy`."""
 
     @property
     def game(self) -> Game:
         """The tables with which the player strikes."""
-        ...
 
     def pair_probabilities(self) -> F64:
         """``[P]`` probability of each legal pair given its state."""
-        ...
 
     def block_probabilities(self, block: int) -> F64:
         """``[base pairs]`` the same in one block of states."""
-        ...
 
     def position_probabilities(self) -> F64 | None:
         """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
-        ...
 
     def __hash__(self) -> int: ...
 
@@ -74,6 +70,11 @@ class PairPolicy:
         return self.positions
 
 
+PolicyT = TypeVar("PolicyT", TabulatedPolicy, PairPolicy)
+SomeT = TypeVar("SomeT", bound=StatePolicy)
+OtherT = TypeVar("OtherT", bound=StatePolicy)
+
+
 def positions_of(policy: StatePolicy) -> F64:
     """``[S, 9]`` probabilities of the positions of a policy of the game with recovery: its own, or those of people."""
     own = policy.position_probabilities()
@@ -82,17 +83,137 @@ def positions_of(policy: StatePolicy) -> F64:
 
 def tabulated_pairs(policy: PairPolicy) -> TabulatedPolicy:
     """The table of a policy, rounded to 1/65535."""
-    waits = None if policy.positions is None else cumulative_positions(policy.positions)
-    return dataclasses.replace(from_pair_probabilities(policy.game, policy.pair_probabilities()), waits=waits)
+    return waiting(from_pair_probabilities(policy.game, policy.pair_probabilities()), policy.positions)
 
 
-PolicyT = TypeVar("PolicyT", TabulatedPolicy, PairPolicy)
-SomeT = TypeVar("SomeT", bound=StatePolicy)
-OtherT = TypeVar("OtherT", bound=StatePolicy)
+def waiting(policy: PolicyT, positions: F64 | None) -> PolicyT:
+    """A policy that waits at ``[S, 9]`` positions; None: as before."""
+    if positions is None:
+        return policy
+    if isinstance(policy, TabulatedPolicy):
+        return dataclasses.replace(policy, waits=cumulative_positions(positions))
+    return dataclasses.replace(policy, positions=positions)
+
+
 _LAYOUT: Final = (
     "catalogue.names", "levels", "edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge",
 )  # fmt: skip
 """Attributes of games with the same states and strokes."""
+
+
+class Rows(NamedTuple):
+    """Outcomes of a block by position, see :class:`shuttle_marl.game.recovery.Waiting`."""
+
+    choices: I32
+    position: I8
+    start: I64
+    limits: U16  # [G, R, 3] thresholds in G games
+    hurry: U8  # [G, R, 2] chances of a hurried receiver
+
+
+def rows_of(games: tuple[Game, ...], block: int) -> Rows:
+    """The rows of one block of states of games with the same layout and feasible positions."""
+    return _rows_of(games, block // games[0].levels)
+
+
+@functools.lru_cache(maxsize=8)
+def _rows_of(games: tuple[Game, ...], level: int) -> Rows:
+    first = games[0].waiting
+    if len(games) == 1:
+        return Rows(first.choices, first.position, first.start, first.limits[level : level + 1], first.hurry[None])
+    limits, hurry = (np.stack(part) for part in zip(*((g.waiting.limits[level], g.waiting.hurry) for g in games), strict=True))
+    return Rows(first.choices, first.position, first.start, limits, hurry)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class MetGame(Game):
+    """The game against a receiver whose positions are known: the means of the tables over them.
+
+    Attributes:
+        of: the game with recovery.
+        table: for each block the row of the following two; blocks that are alike share one.
+        mean_limits: ``[T, base pairs, 3]`` thresholds, not rounded.
+        mean_hurry: ``[T, base pairs, 2]`` chances of a hurried receiver, not rounded.
+    """
+
+    of: Game
+    table: tuple[int, ...]
+    mean_limits: F64
+    mean_hurry: F64
+
+    def __post_init__(self) -> None:
+        """Its layout is that of a game that was checked."""
+        self.__dict__["limits"] = self.mean_limits
+
+    @property
+    def tables(self) -> Game:
+        """The game that has its layout."""
+        return self.of
+
+    def table_of(self, block: int) -> int:
+        """Row of ``limits`` that holds in a block."""
+        return self.table[block]
+
+    def hurry_at(self, table: int) -> F64:  # type: ignore[override]
+        """``[base pairs, 2]`` chances of a hurried receiver."""
+        return self.mean_hurry[table]
+
+    def limit_row(self, pairs: slice | Indices = ALL) -> I64:
+        """``[...]`` row of legal pairs in ``limits`` as ``[T * base pairs, 3]``."""
+        block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
+        return np.asarray(np.array(self.table, dtype=np.int64)[block] * self.n_base_pairs + base)
+
+    def hurry_of(self, pairs: slice | Indices = ALL) -> F64:
+        """``[..., 2]`` probability that the receiver of a return is hurried."""
+        return self.mean_hurry.reshape(-1, 2)[self.limit_row(pairs)] / HURRY_ONE
+
+
+def met(game: Game, positions: F64 | None) -> MetGame:
+    """The game against a receiver who chooses positions.
+
+    Args:
+        game: with recovery, the tables with which the striker strikes.
+        positions: ``[S, 9]`` their probabilities in each state of the striker; None: those of people.
+    """
+    if positions is None:
+        positions = np.tile(game.people_positions(np.arange(game.n_base_states)), (game.n_blocks, 1))
+    table: list[int] = []
+    known: list[tuple[int, F64]] = []
+    limits, hurry = [], []
+    for block in range(game.n_blocks):
+        here, level = np.ascontiguousarray(positions[game.block_states(block)], dtype=np.float64), block // game.levels
+        found = next((k for k, (other, before) in enumerate(known) if other == level and np.array_equal(before, here)), None)
+        if found is None:
+            found = len(known)
+            known.append((level, here))
+            limits.append(np.empty((game.n_base_pairs, 3)))
+            hurry.append(np.empty((game.n_base_pairs, 2)))
+            _means(here, game.base_pair_start, rows_of((game,), block), limits[-1], hurry[-1])
+        table.append(found)
+    fields = {field.name: getattr(game, field.name) for field in dataclasses.fields(Game) if field.init}
+    fields["recovery"] = None
+    return MetGame(**fields, of=game, table=tuple(table), mean_limits=np.stack(limits), mean_hurry=np.stack(hurry))
+
+
+@compiled
+def _means(positions: F64, pair_start: I32, rows: Rows, limits: F64, hurry: F64) -> None:
+    """Mean tables over ``[base states, 9]`` probabilities of positions."""
+    for s in range(positions.shape[0]):
+        m, row = rows.choices[s], rows.start[s]
+        for pair in range(pair_start[s], pair_start[s + 1]):
+            fault = winner = below = late_low = late_high = 0.0
+            for i in range(m):
+                share, r = positions[s, rows.position[s, i]], row + i
+                won, under = float(rows.limits[0, r, 1]), float(rows.limits[0, r, 2])
+                fault += share * float(rows.limits[0, r, 0])
+                winner += share * won
+                below += share * under
+                late_low += share * (under - won) * rows.hurry[0, r, 0]
+                late_high += share * (65536.0 - under) * rows.hurry[0, r, 1]
+            limits[pair, 0], limits[pair, 1], limits[pair, 2] = fault, winner, below
+            hurry[pair, 0] = late_low / (below - winner) if below > winner else 0.0
+            hurry[pair, 1] = late_high / (65536.0 - below) if below < 65536.0 else 0.0
+            row += m
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,7 +234,7 @@ class InducedChain:
     contraction: float
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
-        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Striker`."""
+        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.fixed_point.Striker`."""
 
         def linear(plain: F64, after_attack: F64) -> F64:
             return -block_mean(self.game, block, self.chance[block], plain, after_attack)
@@ -157,20 +278,19 @@ def check_opponents(first: Game, second: Game) -> None:
     """
     check_same_layout(first, second)
     for game, other in ((first, second), (second, first)):
-        if game.whole is not None and not _meets(game, other):
-            players = people_of(game).players
+        if game.whole is None:
+            continue
+        player, opponent = _player_and_opponent(game)
+        if other.whole is None or _player_and_opponent(other) != (opponent, player):
             raise ExactError(
-                f"{players[game.seat]} strikes with the tables of a pair, and the opponent does not strike as "
-                f"{players[1 - game.seat]} does; move its policy to those tables with exact.moved(policy, game.opposite)"
+                f"{player} strikes with the tables of a pair, and the opponent does not strike as {opponent} does; "
+                "move its policy to those tables with exact.moved(policy, game.opposite)"
             )
 
 
-def _meets(game: Game, other: Game) -> bool:
-    """Whether other tables are those of the opponent: of the other player against this one."""
-    if other.whole is None:
-        return False
-    mine, theirs = people_of(game).players, people_of(other).players
-    return (mine[game.seat], mine[1 - game.seat]) == (theirs[1 - other.seat], theirs[other.seat])
+def _player_and_opponent(game: Game) -> tuple[str, str]:
+    players = people_of(game).players
+    return players[game.seat], players[1 - game.seat]
 
 
 def moved(policy: PolicyT, game: Game) -> PolicyT:
@@ -236,106 +356,3 @@ def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = T
 def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: float = TOLERANCE) -> ProfileValue:
     """:func:`evaluate` for known chains of games with the same layout."""
     return solve_players(first, second, tolerance, affine=True)[0]
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Crossplay:
-    """Odds of N policies against each other.
-
-    Attributes:
-        serving: ``[N, M]`` probability that the policy of the row wins a rally that it serves against the policy of the column.
-        receiving: ``[N, M]`` probability that the policy of the row wins a rally that the policy of the column serves.
-        error_bound: absolute error bound of all probabilities.
-    """
-
-    serving: F64
-    receiving: F64
-    error_bound: float
-
-    @property
-    def rally(self) -> F64:
-        """``[N, M]`` probability that the policy of the row wins a rally, both serving equally often."""
-        return (self.serving + self.receiving) / 2
-
-    def match(self, rules: Rules = BWF) -> F64:
-        """``[N, M]`` probability that the policy of the row wins a match, the first serve drawn at random."""
-        return match_win_probability(self.serving, self.receiving, rules=rules)
-
-
-def odds_of_pairs(
-    policies: Sequence[StatePolicy],
-    pairs: Sequence[tuple[int, int]],
-    *,
-    tolerance: float = TOLERANCE,
-    progress: Callable[[], object] | None = None,
-) -> list[tuple[Odds, Odds]]:
-    """Odds of both policies of each pair of indices, solved on all cores; arguments and errors as for :func:`crossplay`."""
-    hidden = any(policy.game.recovery is not None for policy in policies)
-    chains = [] if hidden else list(in_threads(induced, policies))
-
-    def solve(pair: tuple[int, int]) -> tuple[Odds, Odds]:
-        if hidden:  # the tables depend on both
-            value = evaluate(policies[pair[0]], policies[pair[1]], tolerance=tolerance)
-        else:
-            value = evaluate_chains(chains[pair[0]], chains[pair[1]], tolerance=tolerance)
-        return value.odds(0), value.odds(1)
-
-    found = []
-    for odds in in_threads(solve, pairs):
-        found.append(odds)
-        if progress is not None:
-            progress()
-    return found
-
-
-def crossplay(
-    policies: Sequence[StatePolicy],
-    opponents: Sequence[StatePolicy] | None = None,
-    *,
-    tolerance: float = TOLERANCE,
-    progress: Callable[[], object] | None = None,
-) -> Crossplay:
-    """Exact odds of every pair of policies, including each against itself.
-
-    Pairs are solved on all cores; results do not depend on their number.
-
-    Args:
-        policies: N policies of games with the same layout.
-        opponents: M policies of the opponent, such as those of the other player of a pair; None: the same N.
-        progress: called when one of the ``N (N + 1) / 2`` or ``N M`` pairs is solved.
-
-    Raises:
-        ExactError: there is no policy, two games have different layouts, policies of a pair do not meet those of the other
-            player, or play may never end.
-    """
-
-    def solve(everyone: Sequence[StatePolicy], pairs: Sequence[tuple[int, int]]) -> list[tuple[Odds, Odds]]:
-        for i, j in pairs:
-            check_opponents(everyone[i].game, everyone[j].game)
-        return odds_of_pairs(everyone, pairs, tolerance=tolerance, progress=progress)
-
-    return crossplay_by(solve, policies, opponents)
-
-
-def crossplay_by(
-    solve: Callable[[list[SomeT], list[tuple[int, int]]], list[tuple[Odds, Odds]]],
-    policies: Sequence[SomeT],
-    opponents: Sequence[SomeT] | None,
-) -> Crossplay:
-    """:func:`crossplay` by a function that gives the odds of both policies of each pair of indices."""
-    if not policies or (opponents is not None and not opponents):
-        raise ExactError("crossplay of no policies: give one or more")
-    everyone, n = [*policies, *(opponents or ())], len(policies)
-    if opponents is None:
-        pairs = list(itertools.combinations_with_replacement(range(n), 2))
-    else:
-        pairs = list(itertools.product(range(n), range(n, len(everyone))))
-    found = solve(everyone, pairs)
-    serving, receiving = np.full((2, len(everyone), len(everyone)), np.nan)
-    for (i, j), (first, second) in zip(pairs, found, strict=True):
-        serving[i, j], receiving[i, j], serving[j, i] = first.serving, first.receiving, second.serving
-    if opponents is None:
-        receiving = 1 - serving.T
-    columns = slice(0 if opponents is None else n, None)
-    bound = max(odds.error_bound for odds, _ in found)
-    return Crossplay(serving=serving[:n, columns], receiving=receiving[:n, columns], error_bound=bound)

@@ -5,73 +5,172 @@ sweep computes by the simplex method. The value of a matrix game changes by at m
 operator contracts like that of :mod:`shuttle_marl.exact.fixed_point`, and its error bound holds (Shapley, PNAS 1953; a Newton
 step with both players' strategies fixed is that of Pollatschek & Avi-Itzhak, Management Science 1969). A matrix game is solved
 up to the gap between what its strategies guarantee, which counts as rounding. In human-like play both players pay for the
-divergence from how people choose (:class:`SoftSaddle`).
+divergence from how people choose.
 """
 
 import dataclasses
 import functools
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, U8
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, ExactError
-from shuttle_marl.exact.matrix_games import solved
-from shuttle_marl.exact.met import Rows, rows_of
-from shuttle_marl.exact.solver import BlockLinear, successors
+from shuttle_marl.exact.fixed_point import BlockLinear, largest_continuation, successors
+from shuttle_marl.exact.profile import PairPolicy, Rows, rows_of
 from shuttle_marl.exact.sweeps import Chances, Replies, gathered, replies, unit_of, worth_of
+from shuttle_marl.game.policy import from_pair_probabilities
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
 
-
-def largest_continuation_by_position(game: Game) -> float:
-    """The supremum of the probability that the rally continues, over all legal pairs but the serves and all positions.
-
-    Raises:
-        ExactError: it is 1.
-    """
-    waiting = game.waiting
-    ends = waiting.limits[:, waiting.start[FIRST_RALLY_STATE] :, 1]
-    if ends.size and ends.min() == 0:
-        raise ExactError("a stroke never ends the rally against some position; exact values need a probability above 0")
-    return float(1 - ends.min(initial=ONE - 1) / ONE)
+_LEAST: Final = 1e-11  # smallest reduced cost that counts as an improvement, relative to entries of about 1
 
 
 class Fixed(NamedTuple):
     """What a player who is not free does in a block: strokes of the striker, or positions of the receiver."""
 
-    share: float
-    """Probability with which it applies; else that player is free too. 0: both players are free."""
-    strokes: Chances
-    """``[base pairs]`` probability of each legal pair given its state, of a table in units of 1/65535; empty: none."""
-    unit: float
-    """Probability that a chance of 1 stands for."""
-    positions: F64
-    """``[base states, 9]`` probabilities of positions; empty: none."""
+    share: float  # Probability with which it applies; else that player is free too. 0: both players are free
+    strokes: Chances  # [base pairs] probability of each legal pair given its state, of a table in units of 1/65535; empty: none
+    unit: float  # Probability that a chance of 1 stands for
+    positions: F64  # [base states, 9] probabilities of positions; empty: none
 
 
 class Strategies(NamedTuple):
-    """What a block of matrix games comes to, written by the solvers."""
+    """Solution of a block of matrix games."""
 
-    value: F64
-    """``[base states]`` values."""
-    strokes: F64
-    """``[base pairs]`` probabilities of strokes."""
-    positions: F64
-    """``[base states, 9]`` probabilities of positions."""
-    picked: U8
-    """``[R]`` games that nature picks."""
+    value: F64  # [base states] values
+    strokes: F64  # [base pairs] probabilities of strokes
+    positions: F64  # [base states, 9] probabilities of positions
+    picked: U8  # [R] games that nature picks
 
 
 @inlined
-def _most_replies(replies: Replies, states: int) -> int:
-    """Largest number of legal strokes of the first states, at least 1."""
-    most = 1
-    for s in range(states):
-        most = max(most, replies.pair_start[s + 1] - replies.pair_start[s])
-    return most
+def _simplex(matrix: F64, k: int, m: int, tableau: F64, basis: I64, outside: I64, x: F64, y: F64) -> None:
+    """Optimal mixed strategies of a matrix game that the row player maximises.
+
+    The column player's linear program, maximise sum u with A u <= 1 for the matrix A shifted to positive entries, is solved in
+    the condensed form of the simplex method: k + 1 rows and m + 1 columns.
+
+    Args:
+        matrix: ``[k m]`` entries, row after row.
+        tableau: ``[(k + 1) (m + 1)]``, basis: ``[k]``, outside: ``[m]``; memory to work in.
+        x: ``[k]`` strategy of the rows, y: ``[m]`` of the columns; written.
+    """
+    least, largest, width = matrix[0], matrix[0], m + 1
+    for a in range(1, k * m):
+        least, largest = min(least, matrix[a]), max(largest, matrix[a])
+    scale = max(largest - least, 1e-300)
+    for a in range(k):
+        for b in range(m):
+            tableau[a * width + b] = (matrix[a * m + b] - least) / scale + 1.0
+        tableau[a * width + m] = 1.0
+        basis[a] = m + a
+    for b in range(m):
+        tableau[k * width + b] = 1.0
+        outside[b] = b
+    tableau[k * width + m] = 0.0
+    for step in range(60 * m):
+        column, gain = -1, _LEAST
+        for b in range(m):
+            cost = tableau[k * width + b]
+            # The largest reduced cost; after many steps the first positive one of least number (Bland), which never cycles.
+            if (step < 20 * m and cost > gain) or (
+                step >= 20 * m and cost > _LEAST and (column < 0 or outside[b] < outside[column])
+            ):
+                column, gain = b, cost
+        if column < 0:
+            break
+        row, ratio = -1, 1e300
+        for a in range(k):
+            entry = tableau[a * width + column]
+            if entry > 1e-12:
+                limit = tableau[a * width + m] / entry
+                if limit < ratio - 1e-13 or (limit <= ratio + 1e-13 and row >= 0 and basis[a] < basis[row]):
+                    row, ratio = a, limit
+        if row < 0:
+            break
+        pivot = tableau[row * width + column]
+        for b in range(width):
+            if b != column:
+                tableau[row * width + b] /= pivot
+        for a in range(k + 1):
+            factor = tableau[a * width + column]
+            if a != row and factor != 0.0:
+                for b in range(width):
+                    if b != column:
+                        tableau[a * width + b] -= factor * tableau[row * width + b]
+                tableau[a * width + column] = -factor / pivot
+        tableau[row * width + column] = 1.0 / pivot
+        basis[row], outside[column] = outside[column], basis[row]
+    x[:k], y[:m] = 0.0, 0.0
+    total = 0.0
+    for a in range(k):
+        if basis[a] < m:
+            y[basis[a]] = max(tableau[a * width + m], 0.0)
+            total += y[basis[a]]
+    y[:m] /= total
+    total = 0.0
+    for b in range(m):
+        if outside[b] >= m:
+            x[outside[b] - m] = max(-tableau[k * width + b], 0.0)
+            total += x[outside[b] - m]
+    x[:k] /= total
+
+
+@inlined
+def _solved(matrix: F64, k: int, m: int, tableau: F64, basis: I64, outside: I64, x: F64, y: F64) -> tuple[float, float]:
+    """Optimal strategies of a matrix game that the row player maximises; returns what they guarantee that player and allow them.
+
+    A saddle point in pure strategies is found first, that of the lowest numbers.
+
+    Args:
+        matrix: overwritten; basis: ``[2 k]``, the other memory as for :func:`_simplex`.
+    """
+    best, row, worst, column = -1e300, 0, 1e300, 0
+    for a in range(k):
+        low = matrix[a * m]
+        for b in range(1, m):
+            low = min(low, matrix[a * m + b])
+        if low > best + 1e-12:
+            best, row = low, a
+    for b in range(m):
+        high = matrix[b]
+        for a in range(1, k):
+            high = max(high, matrix[a * m + b])
+        if high < worst - 1e-12:
+            worst, column = high, b
+    if worst - best <= 1e-12:
+        x[:k], y[:m] = 0.0, 0.0
+        x[row], y[column] = 1.0, 1.0
+        return best, worst
+    # No optimal strategy plays a row that is everywhere below what another row guarantees.
+    n, rows = 0, basis[k:]
+    for a in range(k):
+        high = matrix[a * m]
+        for b in range(1, m):
+            high = max(high, matrix[a * m + b])
+        if high >= best:
+            for b in range(m):
+                matrix[n * m + b] = matrix[a * m + b]
+            rows[n] = a
+            n += 1
+    _simplex(matrix, n, m, tableau, basis, outside, x, y)
+    low, high = 1e300, -1e300
+    for b in range(m):
+        mean = 0.0
+        for a in range(n):
+            mean += x[a] * matrix[a * m + b]
+        low = min(low, mean)
+    for a in range(n):
+        mean = 0.0
+        for b in range(m):
+            mean += y[b] * matrix[a * m + b]
+        high = max(high, mean)
+    x[n:k] = 0.0
+    for i in range(n - 1, -1, -1):
+        share, x[i] = x[i], 0.0
+        x[rows[i]] = share
+    return low, high
 
 
 @inlined
@@ -92,11 +191,7 @@ def _write_matrix(rows: Rows, replies: Replies, following: F64, s: int, against:
 
 @inlined
 def _reset(rows: Rows, replies: Replies, found: Strategies, s: int) -> tuple[int, int, int]:
-    """Reset value and positions of a state: 0, and the first feasible position where no stroke is legal.
-
-    Returns:
-        First pair, number of legal strokes and number of feasible positions.
-    """
+    """Reset value and positions of a state; returns first pair, number of legal strokes and number of feasible positions."""
     first = replies.pair_start[s]
     k = replies.pair_start[s + 1] - first
     found.value[s] = 0.0
@@ -108,19 +203,15 @@ def _reset(rows: Rows, replies: Replies, found: Strategies, s: int) -> tuple[int
 
 @compiled
 def _saddles(rows: Rows, replies: Replies, following: F64, fixed: Fixed, against: bool, found: Strategies) -> float:
-    """Values of the matrix games of all states of a block, and the strategies.
+    """Write values and strategies of the matrix games of all states of a block; returns the largest gap that they leave.
 
     Args:
         rows: of G games, of which nature picks one after each stroke.
         following: ``[4, V]`` values of the successors (:mod:`shuttle_marl.exact.sweeps`).
         against: whether nature picks the worst game for the striker; else the best one.
-        found: written.
-
-    Returns:
-        The largest gap between what the strategies of a state guarantee.
     """
     value, x, y, picked = found
-    largest, most = 0.0, _most_replies(replies, value.size)
+    largest, most = 0.0, max(1, (replies.pair_start[1:] - replies.pair_start[:-1]).max())
     share, bound = fixed.share, fixed.strokes.size > 0
     matrix, tableau, means = np.empty(most * 9), np.empty((most + 1) * 10), np.empty(most + 9)
     basis, outside, shares = np.empty(2 * most, np.int64), np.empty(9, np.int64), np.empty(9)
@@ -141,7 +232,7 @@ def _saddles(rows: Rows, replies: Replies, following: F64, fixed: Fixed, against
             for a in range(k):
                 for b in range(m):
                     matrix[a * m + b] = (1.0 - share) * matrix[a * m + b] + share * means[b if bound else a]
-        low, high = solved(matrix, k, m, tableau, basis, outside, x[first : first + k], shares)
+        low, high = _solved(matrix, k, m, tableau, basis, outside, x[first : first + k], shares)
         value[s] = (low + high) / 2.0
         largest = max(largest, high - low)
         for b in range(m):
@@ -176,7 +267,7 @@ def _answers(rows: Rows, replies: Replies, following: F64, strokes: Chances, uni
 
 @compiled
 def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, tau: float, found: Strategies) -> float:
-    """Values of the KL-regularised matrix games of all states of a block (:mod:`shuttle_marl.exact.optimal`), and the strategies.
+    """:func:`_saddles` of KL-regularised matrix games (:mod:`shuttle_marl.exact.optimal`).
 
     The receiver minimises the convex function tau log sum_a b(a) exp((M y)_a / tau) + tau KL(y || q) of positions y by Newton
     steps with a line search; at its minimum the striker's strokes are the soft maximum against y.
@@ -184,14 +275,10 @@ def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, ta
     Args:
         prior: strokes b and positions q.
         tau: cost of a nat of divergence from them.
-        found: written.
-
-    Returns:
-        The largest gap between what the strategies of a state guarantee.
     """
     value, x, y, picked = found
-    largest, most = 0.0, _most_replies(replies, value.size)
-    entries, mean, trial = np.empty(most * 9), np.empty(most), np.empty(9)
+    largest, most = 0.0, max(1, (replies.pair_start[1:] - replies.pair_start[:-1]).max())
+    entries, mean, trial, slope = np.empty(most * 9), np.empty(most), np.empty(9), np.empty(9)
     hessian, step = np.empty((10, 10)), np.empty(10)
     for s in range(value.size):
         first, k, m = _reset(rows, replies, found, s)
@@ -209,19 +296,14 @@ def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, ta
         for _ in range(60):
             # The gradient and the Hessian along sum y = 1, bordered by the constraint.
             decrease = 0.0
+            _means(played, matrix, slope)
             for b in range(m):
-                slope = 0.0
-                for a in range(k):
-                    slope += played[a] * matrix[a, b]
-                step[b] = -(slope + tau * (np.log(waits[b] / max(usual[b], 1e-300)) + 1.0))
-            for b in range(m):
+                step[b] = -(slope[b] + tau * (np.log(waits[b] / max(usual[b], 1e-300)) + 1.0))
                 for c in range(b + 1):
-                    both = left = right = 0.0
+                    both = 0.0
                     for a in range(k):
                         both += played[a] * matrix[a, b] * matrix[a, c]
-                        left += played[a] * matrix[a, b]
-                        right += played[a] * matrix[a, c]
-                    hessian[b, c] = hessian[c, b] = (both - left * right) / tau + (tau / waits[b] if b == c else 0.0)
+                    hessian[b, c] = hessian[c, b] = (both - slope[b] * slope[c]) / tau + (tau / waits[b] if b == c else 0.0)
                 hessian[b, m] = hessian[m, b] = 1.0
                 trial[b] = step[b]
             hessian[m, m] = step[m] = 0.0
@@ -240,18 +322,13 @@ def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, ta
                 if then <= now + 1e-4 * scale * decrease + 1e-15:
                     break
                 scale *= 0.5
-            for b in range(m):
-                waits[b] = trial[b]
+            waits[:] = trial[:m]
             now = then
         total, divergence = 0.0, 0.0
+        _means(played, matrix, slope)
+        best = (-slope[:m] / tau).max()
         for b in range(m):
-            slope = 0.0
-            for a in range(k):
-                slope += played[a] * matrix[a, b]
-            trial[b] = -slope / tau
-        best = trial[:m].max()
-        for b in range(m):
-            total += usual[b] * np.exp(trial[b] - best)
+            total += usual[b] * np.exp(-slope[b] / tau - best)
         for a in range(k):
             if played[a] > 0.0:
                 divergence += played[a] * np.log(played[a] / before[a])
@@ -261,6 +338,15 @@ def _soft_saddles(rows: Rows, replies: Replies, following: F64, prior: Fixed, ta
         for b in range(m):
             y[s, rows.position[s, b]] = waits[b]
     return largest
+
+
+@inlined
+def _means(played: F64, matrix: F64, out: F64) -> None:
+    """Mean of each column of a matrix."""
+    for b in range(matrix.shape[1]):
+        out[b] = 0.0
+        for a in range(played.size):
+            out[b] += played[a] * matrix[a, b]
 
 
 @inlined
@@ -310,12 +396,9 @@ def _solve_linear(matrix: F64, right: F64, size: int) -> None:
 class _Ahead(NamedTuple):
     """What follows strategies of a block: the strokes that are played, state after state, and the weights of their successors."""
 
-    start: I64
-    """``[base states + 1]`` first stroke of each state."""
-    reply: I64
-    """``[N]`` reply of each stroke."""
-    weight: F64
-    """``[N, 4]`` weight of each of its successors."""
+    start: I64  # [base states + 1] first stroke of each state
+    reply: I64  # [N] reply of each stroke
+    weight: F64  # [N, 4] weight of each of its successors
 
 
 @compiled
@@ -390,6 +473,7 @@ class Saddle:
         strokes: for each block ``[base pairs]`` probabilities of a policy that the striker follows; None: free.
         positions: ``[S, 9]`` probabilities of positions of a policy that the receiver follows; None: free.
         share: probability with which each choice follows the policy; else it is free.
+        tau: if above 0, both are free and pay so much for a nat of divergence from ``strokes`` and ``positions``, the priors.
         gap: largest gap of a matrix game so far.
     """
 
@@ -398,6 +482,7 @@ class Saddle:
     strokes: tuple[Chances, ...] | None = None
     positions: F64 | None = None
     share: float = 1.0
+    tau: float = 0.0
     gap: float = 0.0
 
     @property
@@ -408,29 +493,30 @@ class Saddle:
     @functools.cached_property
     def contraction(self) -> float:
         """Factor by which a sweep reduces an error of the rally states."""
-        return max(map(largest_continuation_by_position, self.games))
+        return max(map(largest_continuation, self.games))
 
-    def strategies(self, block: int, plain: F64, after_attack: F64) -> Strategies:
+    def _strategies(self, block: int, plain: F64, after_attack: F64) -> Strategies:
         """Values, free strokes and positions, and picked games of a block."""
-        game = self.game
+        game, fixed, rows = self.game, self._fixed(block), rows_of(self.games, block)
         found = Strategies(
             np.empty(game.n_base_states),
             np.empty(game.n_base_pairs),
             np.empty((game.n_base_states, N_POSITIONS)),
             np.zeros(game.waiting.start[-1], np.uint8),
         )
-        gap = self._solve(rows_of(self.games, block), gathered(game, plain, after_attack), self._fixed(block), found)
+        following = gathered(game, plain, after_attack)
+        if self.tau:
+            gap = _soft_saddles(rows, replies(game), following, fixed, self.tau, found)
+        elif fixed.share == 1 and fixed.strokes.size:
+            gap = _answers(rows, replies(game), following, fixed.strokes, fixed.unit, found)
+        else:
+            gap = _saddles(rows, replies(game), following, fixed, self.against, found)
         self.gap = max(self.gap, gap)
         return found
 
-    def _solve(self, rows: Rows, following: F64, fixed: Fixed, found: Strategies) -> float:
-        if fixed.share == 1 and fixed.strokes.size:
-            return _answers(rows, replies(self.game), following, fixed.strokes, fixed.unit, found)
-        return _saddles(rows, replies(self.game), following, fixed, self.against, found)
-
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
-        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Striker`."""
-        found, fixed = self.strategies(block, plain, after_attack), self._fixed(block)
+        """Values of one block and their linear part; see :class:`~shuttle_marl.exact.fixed_point.Striker`."""
+        found, fixed = self._strategies(block, plain, after_attack), self._fixed(block)
         if fixed.share and fixed.strokes.size:
             found = found._replace(strokes=(1 - fixed.share) * found.strokes + fixed.share * fixed.unit * fixed.strokes)
         elif fixed.share:
@@ -440,25 +526,17 @@ class Saddle:
     def _fixed(self, block: int) -> Fixed:
         strokes = np.empty(0) if self.strokes is None else self.strokes[block]
         positions = np.empty((0, N_POSITIONS)) if self.positions is None else self.positions[self.game.block_states(block)]
-        share = self.share if strokes.size or positions.size else 0.0
+        share = self.share if (strokes.size or positions.size) and not self.tau else 0.0
         return Fixed(share, strokes, unit_of(strokes), np.ascontiguousarray(positions))
 
     def all_strategies(self, following: F64) -> tuple[F64, F64]:
         """``[P]`` strokes and ``[S, 9]`` positions, from the ``[S]`` values of the next states to the receiver."""
-        blocks = [self.strategies(block, *successors(self.game, following, block)) for block in range(self.game.n_blocks)]
+        blocks = [self._strategies(block, *successors(self.game, following, block)) for block in range(self.game.n_blocks)]
         return np.concatenate([found.strokes for found in blocks]), np.concatenate([found.positions for found in blocks])
 
-
-@dataclasses.dataclass(eq=False)
-class SoftSaddle(Saddle):
-    """Both players choose best and pay for the divergence from how people choose: ``strokes`` and ``positions`` are the priors.
-
-    Attributes:
-        tau: cost of a nat.
-    """
-
-    share: float = 0.0
-    tau: float = 0.0
-
-    def _solve(self, rows: Rows, following: F64, fixed: Fixed, found: Strategies) -> float:
-        return _soft_saddles(rows, replies(self.game), following, fixed, self.tau, found)
+    def policy(self, following: F64) -> tuple[Any, F64]:
+        """The strokes, as a table if both choose best, and ``[S, 9]`` positions; argument as for :meth:`all_strategies`."""
+        strokes, positions = self.all_strategies(following)
+        if self.tau:
+            return PairPolicy(game=self.game, probability=strokes), positions
+        return from_pair_probabilities(self.game, strokes), positions

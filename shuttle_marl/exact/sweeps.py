@@ -1,31 +1,26 @@
 """Compiled sweeps over all legal pairs of a game: the best stroke of every state, the mean under a policy, and its transpose.
 
 The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). A sweep
-processes one block of states after the other. It first gathers the values of the successor states of each reply. Best strokes and
-means then go reply by reply, through all states that have it (:class:`Lists`): 8 bytes for each legal pair, those of the game and
-the chance of the policy, are read in order. Sums are accumulated in a fixed order: they have the same bits on every machine.
+processes one block of states after the other. It first gathers the values of the successor states of each reply, and then goes
+reply by reply, through all states that have it (:class:`Lists`): 8 bytes for each legal pair, those of the game and the chance of
+the policy, are read in order. Sums are accumulated in a fixed order: they have the same bits on every machine.
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I32, I64, U8, U16, Bools
 from shuttle_marl.base.compiling import cached, compiled, inlined
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
 
 Successors = tuple[float, float, float, float]
-_OfGames = Callable[[tuple[Game, ...], int], "Outcomes"]
-"""Makes the outcomes of games in a row of their limits."""
 Chances = F64 | U16
 """``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535."""
 
-_MET: Final = 8
-"""Rows of tables against known positions that are kept: those of two players."""
 TIE: Final = 1e-12
 """Strokes whose values differ by less are tied; the first one in the catalogue is played, so that rounding decides nothing."""
 
@@ -33,14 +28,10 @@ TIE: Final = 1e-12
 class Replies(NamedTuple):
     """Legal strokes of the base states, and the states that follow them."""
 
-    pair_start: I32
-    """``[base states + 1]`` first legal pair of each state."""
-    first_reply: I32
-    """``[base states]`` first reply of each state; the replies of a state are contiguous."""
-    edge: I32
-    """``[V]`` edge of the state graph that each reply follows."""
-    attack: Bools
-    """``[edges]`` whether the stroke of an edge is an attack, which raises the effort."""
+    pair_start: I32  # [base states + 1] first legal pair of each state
+    first_reply: I32  # [base states] first reply of each state; the replies of a state are contiguous
+    edge: I32  # [V] edge of the state graph that each reply follows
+    attack: Bools  # [edges] whether the stroke of an edge is an attack, which raises the effort
 
 
 def replies(game: Game) -> Replies:
@@ -55,18 +46,12 @@ class Lists(NamedTuple):
     follows them is the same: loops over them are long, and have neither look-ups nor sums.
     """
 
-    order: I32
-    """``[base pairs]`` legal pairs in this order."""
-    pair_start: I64
-    """``[V + 1]`` first pair of each reply."""
-    state: I32
-    """``[base states with strokes]`` states by list."""
-    start: I64
-    """``[lists + 1]`` first state of each list."""
-    first_reply: I32
-    """``[lists]`` first reply."""
-    end_reply: I32
-    """``[lists]`` end of the replies."""
+    order: I32  # [base pairs] legal pairs in this order
+    pair_start: I64  # [V + 1] first pair of each reply
+    state: I32  # [base states with strokes] states by list
+    start: I64  # [lists + 1] first state of each list
+    first_reply: I32  # [lists] first reply
+    end_reply: I32  # [lists] end of the replies
 
 
 def lists_of(game: Game) -> Lists:
@@ -94,79 +79,20 @@ def _lists_of(game: Game) -> Lists:
 class Choices(NamedTuple):
     """The best stroke of every state."""
 
-    value: F64
-    """``[S]`` value to the striker; 0 in a state without legal strokes."""
-    rank: I32
-    """``[S]`` position of the best stroke among the legal ones, the first one of a tie; -1 in a state without any."""
-    edge: I32
-    """``[S]`` edge that follows it."""
-    outcome: F64
-    """``[S, 4]`` probability of each return of it, in units of 1/65536, in the game in which it is played."""
+    value: F64  # [S] value to the striker; 0 in a state without legal strokes
+    rank: I32  # [S] position of the best stroke among the legal ones, the first one of a tie; -1 in a state without any
+    edge: I32  # [S] edge that follows it
+    outcome: F64  # [S, 4] probability of each return of it, in units of 1/65536, in the game in which it is played
 
 
 class Outcomes(NamedTuple):
-    """Outcomes of the legal pairs of a block in G games: the tables of the games by column, so that loops are vectorised.
+    """Outcomes of the legal pairs of a block in G games: by column, in the order of :attr:`Lists.order`, for vectorised loops.
 
-    Means over positions (:mod:`shuttle_marl.exact.met`) are not rounded.
+    Means over positions (:func:`shuttle_marl.exact.profile.met`) are not rounded.
     """
 
-    limits: U16 | F64
-    """``[G, 3, base pairs]`` thresholds."""
-    hurry: U8 | F64
-    """``[G, 2, base pairs]`` chances of a hurried receiver."""
-
-
-class _Strokes(NamedTuple):
-    """The K legal strokes of a state, as ``[K]`` each: thresholds, chances of a hurried receiver, and rows of :func:`_gather`."""
-
-    fault: U16 | F64
-    winner: U16 | F64
-    below: U16 | F64
-    hurry_below: U8 | F64
-    hurry_above: U8 | F64
-    low: F64
-    high: F64
-    low_hurried: F64
-    high_hurried: F64
-
-
-@inlined
-def _strokes(outcomes: Outcomes, g: int, replies: Replies, following: F64, s: int) -> _Strokes:
-    """The legal strokes of a base state."""
-    first, last, reply = replies.pair_start[s], replies.pair_start[s + 1], replies.first_reply[s]
-    end = reply + last - first
-    return _Strokes(
-        outcomes.limits[g, 0, first:last],
-        outcomes.limits[g, 1, first:last],
-        outcomes.limits[g, 2, first:last],
-        outcomes.hurry[g, 0, first:last],
-        outcomes.hurry[g, 1, first:last],
-        following[0, reply:end],
-        following[1, reply:end],
-        following[2, reply:end],
-        following[3, reply:end],
-    )
-
-
-@inlined
-def _returns(strokes: _Strokes, i: int) -> tuple[float, float]:
-    """Probability that the i-th stroke is returned from below and from above, in units of 1/65536."""
-    below = float(strokes.below[i])
-    return below - float(strokes.winner[i]), 65536.0 - below
-
-
-@inlined
-def _weigh(strokes: _Strokes, out: F64) -> None:
-    """Write the value of each stroke to its striker, in units of 1/65536.
-
-    In three loops, because LLVM vectorises none in which it had to compare more than eight addresses first.
-    """
-    for i in range(strokes.below.size):
-        out[i] = _returns(strokes, i)[0] * (strokes.low[i] + strokes.hurry_below[i] * strokes.low_hurried[i])
-    for i in range(strokes.below.size):
-        out[i] += _returns(strokes, i)[1] * (strokes.high[i] + strokes.hurry_above[i] * strokes.high_hurried[i])
-    for i in range(strokes.below.size):
-        out[i] = (float(strokes.winner[i]) - 2.0 * float(strokes.fault[i])) - out[i]
+    limits: U16 | F64  # [G, 3, base pairs] thresholds
+    hurry: U8 | F64  # [G, 2, base pairs] chances of a hurried receiver
 
 
 @compiled
@@ -295,48 +221,74 @@ def _mean(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, follo
 
 
 @compiled
-def _soften(outcomes: Outcomes, replies: Replies, prior: F64, tau: float, following: F64, out: F64, policy: F64) -> None:
-    for s in range(out.size):
-        first, last = replies.pair_start[s], replies.pair_start[s + 1]
-        strokes, before, played = _strokes(outcomes, 0, replies, following, s), prior[first:last], policy[first:last]
-        _weigh(strokes, played)
-        best = -1e300
-        for i in range(played.size):
-            played[i] /= 65536.0
-            if before[i] > 0.0:
-                best = max(best, played[i])
-        # For a large tau all terms are close to 1, so their differences are summed separately.
-        total = change = 0.0
-        for i in range(played.size):
-            x = min((played[i] - best) / tau, 0.0)
-            if tau > 1.0:
-                change += before[i] * np.expm1(x)
-            played[i] = before[i] * np.exp(x)
-            total += played[i]
-        for i in range(played.size):
-            played[i] /= total
-        out[s] = 0.0
-        if played.size > 0:
-            out[s] = best + tau * (np.log1p(change) if tau > 1.0 else np.log(total))
+def _soften(outcomes: Outcomes, lists: Lists, prior: F64, tau: float, following: F64, out: F64, policy: F64) -> None:
+    """Soft maxima of the states, and their policy; that and the prior in the order of :attr:`Lists.order`."""
+    limits, hurry = outcomes.limits[0], outcomes.hurry[0]
+    best, total, change = np.empty(out.size), np.empty(out.size), np.empty(out.size)
+    for a in range(lists.first_reply.size):
+        states = lists.state[lists.start[a] : lists.start[a + 1]]
+        n = states.size
+        for i in range(n):
+            best[i] = -1e300
+            total[i] = change[i] = 0.0
+        of_list = range(lists.first_reply[a], lists.end_reply[a])
+        for v in of_list:
+            start = lists.pair_start[v]
+            after = following[0, v], following[1, v], following[2, v], following[3, v]
+            for i in range(n):
+                pair = start + i
+                fault, winner, below = float(limits[0, pair]), float(limits[1, pair]), float(limits[2, pair])
+                policy[pair] = worth_of(fault, winner, below, hurry[0, pair], hurry[1, pair], after) / 65536.0
+                if prior[pair] > 0.0:
+                    best[i] = max(best[i], policy[pair])
+        for v in of_list:
+            start = lists.pair_start[v]
+            for i in range(n):
+                x = min((policy[start + i] - best[i]) / tau, 0.0)
+                # For a large tau all terms are close to 1, so their differences are summed separately.
+                if tau > 1.0:
+                    change[i] += prior[start + i] * np.expm1(x)
+                policy[start + i] = prior[start + i] * np.exp(x)
+                total[i] += policy[start + i]
+        for v in of_list:
+            start = lists.pair_start[v]
+            for i in range(n):
+                policy[start + i] /= total[i]
+        for i in range(n):
+            out[states[i]] = best[i] + tau * (np.log1p(change[i]) if tau > 1.0 else np.log(total[i]))
 
 
 @compiled
-def _propagate(chances: Chances, unit: float, outcomes: Outcomes, replies: Replies, visits: F64, out: F64) -> None:
-    """Transpose of :func:`_mean`: adds the visits of each state to the values of its successors, for :func:`_scatter_add`."""
-    for s in range(visits.size):
-        if visits[s] == 0.0:
-            continue
-        # The rows of `out` take the place of the values.
-        strokes, chance = _strokes(outcomes, 0, replies, out, s), chances[replies.pair_start[s] : replies.pair_start[s + 1]]
-        share = visits[s] * unit
-        for i in range(chance.size):
-            low, high = _returns(strokes, i)
-            low, high = low * (chance[i] * share), high * (chance[i] * share)
-            hurried_low, hurried_high = low * (strokes.hurry_below[i] / 256.0), high * (strokes.hurry_above[i] / 256.0)
-            strokes.low[i] += low - hurried_low
-            strokes.high[i] += high - hurried_high
-            strokes.low_hurried[i] += hurried_low
-            strokes.high_hurried[i] += hurried_high
+def _propagate(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, visits: F64, out: F64) -> None:
+    """Transpose of :func:`_mean`: the visits of each state as visits of its successors, for :func:`_scatter_add`."""
+    limits, hurry = outcomes.limits[0], outcomes.hurry[0]
+    shares, parts = np.empty(visits.size), np.empty((4, visits.size))
+    for a in range(lists.first_reply.size):
+        states = lists.state[lists.start[a] : lists.start[a + 1]]
+        n, visited = states.size, False
+        for i in range(n):
+            shares[i] = visits[states[i]] * unit
+            visited |= shares[i] != 0.0
+        for v in range(lists.first_reply[a], lists.end_reply[a]):
+            low, high, low_hurried, high_hurried = 0.0, 0.0, 0.0, 0.0
+            first, last = lists.pair_start[v], lists.pair_start[v + 1]
+            chance, played = chances[first:last], False
+            for i in range(n if visited else 0):
+                played |= chance[i] > 0
+            if played:
+                winner, below = limits[1, first:last], limits[2, first:last]
+                hurry_below, hurry_above = hurry[0, first:last], hurry[1, first:last]
+                for i in range(n):
+                    share, under = chance[i] * shares[i], float(below[i])
+                    lower, upper = (under - float(winner[i])) * share, (65536.0 - under) * share
+                    parts[2, i], parts[3, i] = lower * (hurry_below[i] / 256.0), upper * (hurry_above[i] / 256.0)
+                    parts[0, i], parts[1, i] = lower - parts[2, i], upper - parts[3, i]
+                for i in range(n):
+                    low += parts[0, i]
+                    high += parts[1, i]
+                    low_hurried += parts[2, i]
+                    high_hurried += parts[3, i]
+            out[0, v], out[1, v], out[2, v], out[3, v] = low, high, low_hurried, high_hurried
 
 
 @compiled
@@ -358,33 +310,20 @@ def _expect(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, rew
             reward[states[i]], continuation[states[i]] = gained[i] * unit, continued[i] * unit
 
 
-def _kept(number: int) -> Callable[[_OfGames], _OfGames]:
-    """Keep the last results, and fewer against known positions: those tables are large, and each opponent has its own."""
-
-    def keep(make: _OfGames) -> _OfGames:
-        plain, met = (functools.lru_cache(maxsize=most)(make) for most in (number, _MET))
-        return lambda games, table: (plain if games[0].tables is games[0] else met)(games, table)
-
-    return keep
-
-
-def _outcomes(game: Game, table: int) -> Outcomes:
-    """The outcomes in a row of the limits of a game, in the order of its pairs."""
-    return Outcomes(np.ascontiguousarray(game.limits[table].T)[None], np.ascontiguousarray(game.hurry_at(table).T)[None])
-
-
-@_kept(16)
-def _kept_outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
-    """:func:`_outcomes` of one game."""
-    return _outcomes(games[0], table)
-
-
-@_kept(48)
-def _listed_outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
-    """The outcomes in a row of the limits of games of one layout, in the order of :attr:`Lists.order`."""
+def _make_outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
     order = lists_of(games[0]).order
-    limits, hurry = (np.concatenate(part).take(order, axis=2) for part in zip(*(_outcomes(g, table) for g in games), strict=True))
-    return Outcomes(limits, hurry)
+    limits = np.stack([game.limits[table].T.take(order, axis=1) for game in games])
+    return Outcomes(limits, np.stack([game.hurry_at(table).T.take(order, axis=1) for game in games]))
+
+
+_kept: Final = functools.lru_cache(maxsize=48)(_make_outcomes)
+_kept_met: Final = functools.lru_cache(maxsize=8)(_make_outcomes)
+"""Tables against known positions are larger, and each opponent has its own."""
+
+
+def _outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
+    """The outcomes in a row of the limits of games of one layout."""
+    return (_kept if games[0].tables is games[0] else _kept_met)(games, table)
 
 
 def listed(game: Game, chance: Chances) -> Chances:
@@ -392,7 +331,7 @@ def listed(game: Game, chance: Chances) -> Chances:
     return chance[lists_of(game).order]
 
 
-def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
+def block_choices(games: tuple[Game, ...], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
     """The best strokes in the states of one block: ``[base states]`` of :class:`Choices`.
 
     Args:
@@ -403,7 +342,7 @@ def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F
     game = games[0]
     size = game.n_base_states
     found = Choices(np.zeros(size), np.full(size, -1, np.int32), np.zeros(size, np.int32), np.zeros((size, 4)))
-    outcomes, following = _listed_outcomes(tuple(games), game.table_of(block)), gathered(game, plain, after_attack)
+    outcomes, following = _outcomes(games, game.table_of(block)), gathered(game, plain, after_attack)
     _choose(outcomes, lists_of(game), game.reply_edge, following, against, found)
     return found
 
@@ -422,76 +361,55 @@ def gathered(game: Game, plain: F64, after_attack: F64) -> F64:
     return out
 
 
-class Expected(NamedTuple):
-    """What is to be expected in each state of one block under a policy."""
-
-    reward: F64
-    """``[base states]`` reward to the striker of the stroke played."""
-    continuation: F64
-    """``[base states]`` probability that the rally continues."""
-
-
 def unit_of(chance: Chances) -> float:
     """Probability that a chance of 1 stands for, by the type of the numbers."""
     return 1 / CHOICE_ONE if chance.dtype.kind == "u" else 1.0
 
 
-def block_expected(game: Game, block: int, chance: Chances) -> Expected:
-    """Rewards and continuations of the states of a block under a policy.
-
-    Args:
-        chance: :func:`listed` chances.
-    """
-    found = Expected(np.zeros(game.n_base_states), np.zeros(game.n_base_states))
-    _expect(chance, unit_of(chance) / ONE, _listed_outcomes((game,), game.table_of(block)), lists_of(game), *found)
-    return found
+def block_expected(game: Game, block: int, chance: Chances) -> tuple[F64, F64]:
+    """``[base states]`` expected reward to the striker and probability that the rally continues, under :func:`listed` chances."""
+    reward, continuation = np.zeros(game.n_base_states), np.zeros(game.n_base_states)
+    _expect(chance, unit_of(chance) / ONE, _outcomes((game,), game.table_of(block)), lists_of(game), reward, continuation)
+    return reward, continuation
 
 
 def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack: F64) -> F64:
-    """``[base states]`` mean value of the successors of each state of one block, 0 where the rally ends.
-
-    Args:
-        chance: :func:`listed` chances.
-        plain, after_attack: as for :func:`block_choices`.
-    """
+    """``[base states]`` mean value of the successors of each state of one block under :func:`listed` chances."""
     out = np.zeros(game.n_base_states)
-    outcomes, following = _listed_outcomes((game,), game.table_of(block)), gathered(game, plain, after_attack)
+    outcomes, following = _outcomes((game,), game.table_of(block)), gathered(game, plain, after_attack)
     _mean(chance, unit_of(chance) / ONE, outcomes, lists_of(game), following, out)
     return out
 
 
 def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64, after_attack: F64) -> tuple[F64, F64]:
-    """``[base states]`` soft maxima of one block, and ``[base pairs]`` their policy (:func:`shuttle_marl.exact.solve_soft`).
+    """``[base states]`` soft maxima of one block, and ``[base pairs]`` their :func:`listed` policy; see :func:`.solve_soft`.
 
     Args:
-        prior: ``[base pairs]`` probability of each base pair.
+        prior: :func:`listed` probability of each base pair.
         tau: cost of a nat of divergence from it.
-        plain, after_attack: as for :func:`block_choices`.
     """
-    out, policy = np.empty(game.n_base_states), np.empty(game.n_base_pairs)
+    out, policy = np.zeros(game.n_base_states), np.empty(game.n_base_pairs)
     following = gathered(game, plain, after_attack)
-    _soften(_kept_outcomes((game,), game.table_of(block)), replies(game), prior, tau, following, out, policy)
+    _soften(_outcomes((game,), game.table_of(block)), lists_of(game), prior, tau, following, out, policy)
     return out, policy
 
 
 def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
-    """``[S]`` expected visits of the successors of ``[S]`` visits, for the policy in each block: the transpose of a sweep."""
-    out, values = np.zeros(game.n_states), np.empty((4, len(game.reply_edge)))
+    """``[S]`` visits of the successors of ``[S]`` visits, under :func:`listed` chances of each block: a sweep transposed."""
+    out, values = np.zeros(game.n_states), np.zeros((4, len(game.reply_edge)))
     for block, chance in enumerate(chances):
         here = visits[game.block_states(block)]
-        if not here.any():
-            continue
-        values[:] = 0.0
-        _propagate(chance, unit_of(chance) / ONE, _kept_outcomes((game,), game.table_of(block)), replies(game), here, values)
-        plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
-        _scatter_add(values, replies(game), plain, attack)
+        if here.any():
+            _propagate(chance, unit_of(chance) / ONE, _outcomes((game,), game.table_of(block)), lists_of(game), here, values)
+            plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
+            _scatter_add(values, replies(game), plain, attack)
     return out
 
 
 def warm_up(game: Game) -> None:
     """Compile the sweeps, or load them from the disk, by sweeping one block."""
     zeros, states = np.zeros(game.n_base_states), np.ones(game.n_states)
-    after_block_choices(game, block_choices([game], 0, zeros, zeros), zeros, zeros)
+    after_block_choices(game, block_choices((game,), 0, zeros, zeros), zeros, zeros)
     for chance in (np.zeros(game.n_base_pairs), np.zeros(game.n_base_pairs, np.uint16)):
         block_expected(game, 0, chance)
         block_mean(game, 0, chance, zeros, zeros)

@@ -10,25 +10,26 @@
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
-    from shuttle_marl.game.observation import observations
+    from shuttle_marl.game.layout import GameError, observations
     from shuttle_marl.game.pairs import pair_game
     from shuttle_marl.game.policy import (
         Policy,
         PolicyError,
         States,
+        TabulatedPolicy,
         TemperedPolicy,
         UniformPolicy,
         checked_probabilities,
         reads_score,
+        tabulate,
     )
     from shuttle_marl.game.scoring import BWF, Rules, Score
     from shuttle_marl.game.shipped import default_game, load_game, model_folder
     from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-    from shuttle_marl.game.tables import Game, GameError
-    from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+    from shuttle_marl.game.tables import Game
 
 __all__ = [
     "BWF",

@@ -12,35 +12,22 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I8, I64, Bools, Floats, Ints
 
-LENGTH: Final = 13.40
-"""Length of the court [m]."""
-WIDTH: Final = 6.10
-"""Width of the court between the doubles side lines [m]."""
-SINGLES_WIDTH: Final = 5.18
-"""Width between the singles side lines [m]."""
-NET_HEIGHT: Final = 1.55
-"""Height of the net at the posts [m]."""
-NET_HEIGHT_CENTRE: Final = 1.524
-"""Height of the net in the middle [m]."""
-SHORT_SERVICE: Final = 1.98
-"""Distance of the short service line from the net [m]."""
-LONG_SERVICE: Final = 0.76
-"""Distance of the long service line of doubles from the back line [m]."""
-LINE: Final = 0.04
-"""Width of the lines [m]."""
-NET_DEPTH: Final = 0.76
-"""From the top of the net to its lower edge [m]."""
-TAPE: Final = 0.075
-"""Height of the tape along the top of the net [m]."""
+LENGTH: Final = 13.40  # length of the court [m]
+WIDTH: Final = 6.10  # width of the court between the doubles side lines [m]
+SINGLES_WIDTH: Final = 5.18  # width between the singles side lines [m]
+NET_HEIGHT: Final = 1.55  # height of the net at the posts [m]
+NET_HEIGHT_CENTRE: Final = 1.524  # height of the net in the middle [m]
+SHORT_SERVICE: Final = 1.98  # distance of the short service line from the net [m]
+LONG_SERVICE: Final = 0.76  # distance of the long service line of doubles from the back line [m]
+LINE: Final = 0.04  # width of the lines [m]
+NET_DEPTH: Final = 0.76  # from the top of the net to its lower edge [m]
+TAPE: Final = 0.075  # height of the tape along the top of the net [m]
 
 HALF_LENGTH: Final = LENGTH / 2
 HALF_WIDTH: Final = SINGLES_WIDTH / 2
-SIDE_CUT: Final = 73.5 * LENGTH / 660
-"""|x| beyond which an area is a side area [m] (73.5 of the data's 660 length units)."""
-MIDDLE_CUT: Final = 114 * LENGTH / 660
-"""Distance from the net where the front areas end and the middle ones begin [m]."""
-BACK_CUT: Final = 276 * LENGTH / 660
-"""Distance from the net where the middle areas end and the back ones begin [m]."""
+SIDE_CUT: Final = 73.5 * LENGTH / 660  # |x| beyond which an area is a side area [m] (73.5 of the data's 660 length units)
+MIDDLE_CUT: Final = 114 * LENGTH / 660  # distance from the net where the front areas end and the middle ones begin [m]
+BACK_CUT: Final = 276 * LENGTH / 660  # distance from the net where the middle areas end and the back ones begin [m]
 
 AREAS: Final = (
     "front-right",
@@ -57,22 +44,16 @@ AREAS: Final = (
 
 The strokes of a game name areas as a right-handed receiver sees them: *right* is the forehand side. For a left-handed receiver
 they are mirrored (:func:`mirrored`)."""
-HANDS: Final = ("right", "left")
-"""Hands with which players hold the racket; their numbers are 0 and 1."""
-Hands = tuple[str, str]
-"""Hands of seats 0 and 1."""
+HANDS: Final = ("right", "left")  # hands with which players hold the racket; their numbers are 0 and 1
+Hands = tuple[str, str]  # hands of seats 0 and 1
 N_AREAS: Final = len(AREAS)
 AREA_WORDS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand").replace("-", " ") for area in AREAS)
 """The areas in words for people, as a right-handed receiver sees them; ``short_areas`` of the catalogues of languages."""
 AreaT = TypeVar("AreaT", int, Ints)
-N_SIDES: Final = 3
-"""Right, centre and left of a half, numbers 0 to 2."""
-FOREHAND: Final = 0
-"""Number of the forehand side of a right-handed receiver."""
-N_THIRDS: Final = 3
-"""Front, middle and back third of a half, numbers 0 to 2 of :func:`third_of`."""
-BACK: Final = 2
-"""Number of the back third."""
+N_SIDES: Final = 3  # right, centre and left of a half, numbers 0 to 2
+FOREHAND: Final = 0  # number of the forehand side of a right-handed receiver
+N_THIRDS: Final = 3  # front, middle and back third of a half, numbers 0 to 2 of `third_of`
+BACK: Final = 2  # number of the back third
 
 
 def third_of(area: AreaT) -> AreaT:

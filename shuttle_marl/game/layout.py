@@ -20,15 +20,20 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.base.arrays import F64, I16, I32, I64, Bools, Floats, Ints
-from shuttle_marl.game.stroke import N_SHOTS, Catalogue, frozen
+from shuttle_marl.base.arrays import F32, F64, I16, I32, I64, Bools, Floats, Ints
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, Catalogue, frozen
 
-LONGEST_DUEL: Final = 3
-"""Longer duels count as this one."""
+LONGEST_DUEL: Final = 3  # longer duels count as this one
 
 Indices = Ints | int
 
 ALL: Final = slice(None)
+
+
+class GameError(ShuttleError):
+    """Tables that cannot be read or do not form a game."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,7 +61,7 @@ class Layout:
     @property
     def levels(self) -> int:
         """Number of levels of effort L; 1 where effort does not count."""
-        raise NotImplementedError
+        return 1
 
     @functools.cached_property
     def n_base_pairs(self) -> int:
@@ -307,11 +312,6 @@ class Layout:
         return frozen(np.append(self.catalogue.is_attack, False)[self.edge_incoming])
 
     @functools.cached_property
-    def first_pairs(self) -> I32:
-        """First legal pair of each state that has one, in the order of the states."""
-        return frozen(self.pair_start[:-1][self.playable])
-
-    @functools.cached_property
     def last_pairs(self) -> I32:
         """Last legal pair of each state that has one, in the order of the states."""
         return frozen(self.pair_start[1:][self.playable] - 1)
@@ -391,3 +391,160 @@ class Layout:
         if self.levels > 1:
             words += f", effort {effort} against {opponent_effort}"
         return words
+
+
+def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict[str, Any]:
+    """The index tables of a game from who may answer what.
+
+    Args:
+        replies: ``[n + 1, n]`` whether stroke z may answer stroke y (row n: at the start of a rally). The contact height
+            of z is the contact from which it is legal.
+        duels: whether the state counts net shots in a row.
+
+    Returns:
+        ``edge_own``, ``edge_incoming``, ``edge_duel``, ``reply_start``, ``reply_count``, ``reply_edge`` of
+        :class:`~shuttle_marl.game.tables.Game`. Only strokes that can be reached from the serve get edges.
+
+    Raises:
+        GameError: a reachable stroke has no legal reply from one of the contacts, or another stroke than a serve starts a rally.
+    """
+    n = len(catalogue)
+    if replies[n, ~catalogue.is_serve].any() or replies[:n, catalogue.is_serve].any():
+        raise GameError("only serves must be legal at the start, and only there")
+    is_net = np.append(catalogue.is_net_shot & duels, False)
+    edges: dict[tuple[int, int, int], int] = {(n, n, 0): 0}
+    reply_edge: list[int] = []
+    reply_start = np.zeros((n + 1, 2, 2), dtype=np.int32)
+    reply_count = np.zeros((n + 1, 2), dtype=np.int32)
+    for y in [n, *np.flatnonzero(_reachable(replies)[:n]).tolist()]:
+        for contact in (0, 1):
+            strokes = np.flatnonzero(replies[y] & (catalogue.height == contact)).tolist()
+            if not strokes and (y != n or contact == 0):
+                raise GameError(f"no legal reply to {(*catalogue.names, 'the start of a rally')[y]} from contact {contact}")
+            reply_count[y, contact] = len(strokes)
+            for longer in (0, 1):
+                # The replies to a net shot are listed twice: those that make a duel of two strokes, and of three or more.
+                if longer and not is_net[y]:
+                    reply_start[y, 1, contact] = reply_start[y, 0, contact]
+                    continue
+                reply_start[y, longer, contact] = len(reply_edge)
+                for z in strokes:
+                    duel = (LONGEST_DUEL - 1 + longer if is_net[y] else 1) if is_net[z] else 0
+                    reply_edge.append(edges.setdefault((y, z, duel), len(edges)))
+    own, incoming, duel_of = np.ascontiguousarray(np.array(list(edges), dtype=np.int32).T)
+    return {
+        "edge_own": own,
+        "edge_incoming": incoming,
+        "edge_duel": duel_of,
+        "reply_start": reply_start,
+        "reply_count": reply_count,
+        "reply_edge": np.array(reply_edge, dtype=np.int32),
+    }
+
+
+def _reachable(replies: Bools) -> Bools:
+    """``[n + 1]`` strokes that can be played in a rally, and its start."""
+    start = len(replies) - 1
+    reachable = np.zeros(len(replies), dtype=bool)
+    frontier = [start]
+    while frontier:
+        y = frontier.pop()
+        if not reachable[y]:
+            reachable[y] = True
+            frontier.extend(np.flatnonzero(replies[y]).tolist())
+    return reachable
+
+
+def base_pairs(tables: dict[str, I32]) -> int:
+    """Number of base pairs of the index tables of :func:`layout`: the rows that its thresholds need."""
+    return 2 * int(tables["reply_count"][tables["edge_incoming"]].sum())
+
+
+PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
+"""Number of shot types, areas, heights and techniques: the four components of a stroke."""
+STROKE_WIDTH: Final = sum(PARTS)  # numbers that describe one stroke: the one-hots of its four components; all zero for "none yet"
+CONTACT: Final = 2 * STROKE_WIDTH  # position of the contact offered to the striker (1: above the net)
+SERVE: Final = CONTACT + 1  # position of the flag that a serve is due
+DUEL: Final = SERVE + 1  # position of the number of net shots in a row, divided by 3
+EFFORT: Final = DUEL + 1  # position of the own effort, divided by the highest one; the opponent's follows
+HURRIED: Final = EFFORT + 2  # position of the flag that the striker is hurried
+RALLY_WIDTH: Final = HURRIED + 1  # length of an observation of a rally
+SCORE_WIDTH: Final = 6  # points, games and serving flag of both players; only in a match
+
+SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE, DUEL, EFFORT + 1, EFFORT, HURRIED]
+"""Permutation that turns the striker's observation into the receiver's."""
+
+SWAP_TOKENS: Final = np.array([1, 0, 2, 3, 5, 4, 6])  # the same of the numbers of `Layout.observation`
+
+
+def stroke_features(game: Layout) -> F32:
+    """``[n + 1, 27]`` one-hots of shot type, area, height and technique; the last row ("none yet") is zero."""
+    catalogue = game.catalogue
+    table = np.zeros((len(catalogue) + 1, STROKE_WIDTH), dtype=np.float32)
+    rows = np.arange(len(catalogue))
+    columns = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
+    for offset, column in zip(np.r_[0, np.cumsum(PARTS)[:-1]], columns, strict=True):
+        table[rows, offset + column] = 1
+    return table
+
+
+def features(game: Layout) -> F32:
+    """``[base states, 60]`` observation of the striker in every state without efforts; :func:`with_efforts` writes those.
+
+    0-26 own last stroke, 27-53 the incoming stroke, 54 the contact offered (1 above, 0 below the net), 55 whether a serve
+    is due, 56 net shots in a row, 57 own effort and 58 the opponent's, these three as shares of the highest number, 59 whether
+    the striker is hurried.
+    """
+    strokes = stroke_features(game)
+    own, incoming, contact, duel, effort, other, hurried = game.observation(np.arange(game.n_base_states)).T
+    rest = np.stack([contact, incoming == game.n_strokes, duel / LONGEST_DUEL, effort, other, hurried], axis=1)
+    return np.concatenate([strokes[own], strokes[incoming], rest], axis=1, dtype=np.float32)
+
+
+def with_efforts(game: Layout, rows: F32, state: Ints, receives: Bools | None = None) -> F32:
+    """``[B, 60]`` observations of ``[B]`` states, from the rows of :func:`features`.
+
+    Args:
+        receives: ``[B]`` whether the receiver looks, whose rows follow all those of the striker; None: the striker always does.
+    """
+    base, own, other = game.base(state), game.effort(state), game.opponent_effort(state)
+    if receives is not None:
+        base, own, other = base + game.n_base_states * receives, np.where(receives, other, own), np.where(receives, own, other)
+    found: F32 = rows.take(base, axis=0)
+    highest = max(1, game.levels - 1)
+    found[:, EFFORT], found[:, EFFORT + 1] = own / highest, other / highest
+    return found
+
+
+def observations(game: Layout, state: npt.ArrayLike) -> F32:
+    """``[B, 60]`` what the striker sees in each of ``[B]`` states, as ``rally_v0`` shows it."""
+    return with_efforts(game, features(game), np.asarray(state))
+
+
+def states_of(game: Layout, observation: npt.ArrayLike) -> I32:
+    """``[B]`` states of ``[B, 60]`` observations of the player who is to strike: the inverse of :func:`observations`.
+
+    Args:
+        observation: of ``rally_v0``, or longer ones of ``match_v0``, whose scores are ignored.
+
+    Raises:
+        GameError: an observation is of no state of the game.
+    """
+    seen = np.asarray(observation, dtype=np.float64)
+    if seen.ndim != 2 or seen.shape[1] < RALLY_WIDTH:
+        raise GameError(f"observations of shape {seen.shape}: expected [B, {RALLY_WIDTH}] or wider")
+    if not np.isfinite(seen).all():
+        raise GameError("observations contain numbers that are not finite")
+    table = stroke_features(game)  # the last row is "no stroke yet"
+    parts = (seen[:, :STROKE_WIDTH], seen[:, STROKE_WIDTH : 2 * STROKE_WIDTH])
+    own, incoming = (((part[:, None] - table) ** 2).sum(axis=-1).argmin(axis=1) for part in parts)
+    efforts = np.rint(seen[:, [EFFORT, EFFORT + 1]] * max(1, game.levels - 1)).astype(np.int64)
+    duel = np.rint(seen[:, DUEL] * LONGEST_DUEL).astype(np.int64)
+    contact, hurried = np.rint(seen[:, [CONTACT, HURRIED]]).astype(np.int64).T
+    effort, opponent_effort = efforts.T
+    state = game.state_of(own, incoming, contact, duel, effort, opponent_effort, hurried)
+    wrong = state < 0
+    wrong[~wrong] = np.abs(observations(game, state[~wrong]) - seen[~wrong, :RALLY_WIDTH]).max(axis=1, initial=0) > 1e-3
+    if wrong.any():
+        raise GameError(f"observation {int(wrong.argmax())} is of no state of the game with this player to strike")
+    return state

@@ -1,42 +1,203 @@
-"""The game of a pair: two players with their skill, each with the tables of their own strokes, over the same states.
+"""Skill of players, and the game of a pair: two players, each with the tables of their own strokes, over the same states.
 
-The tables of a player's strokes are those of the average game, of players with equal or with different hands, with other odds:
-those of a fault, of a return and of a contact above the net are multiplied by the offsets of the striker and of the receiver
-(:mod:`shuttle_marl.game.skill`). They are computed in whole numbers, so the game of a pair has the same tables, and the same
-hash, on every machine.
+Skill is by how much the log-odds of a player differ from those of the average player: partially pooled estimates. Three
+components describe a stroke: **success** (log-odds of a fault), **return** (log-odds that a good stroke is returned) and
+**contact** (log-odds that a returned stroke is met above the net). Each has a part for the player who strikes and one for the
+player who receives, and each part is the sum of a general offset and one of the group of the shot type. Skill changes with time,
+so a player has one set of offsets for each of several days (*knots*).
+
+The tables of a player's strokes are those of the average game, of players with equal or with different hands, with the odds
+multiplied by the offsets of striker and receiver. They are computed in whole numbers, the same on every machine.
 """
 
 import dataclasses
 import datetime
 import functools
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I64, U16, Ints
+from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, U16, Ints
+from shuttle_marl.base.files import parsed
+from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.court import HANDS, Hands
+from shuttle_marl.game.draws import odds_of_steps
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import (
     OPPOSITE,
     PROFILES,
+    RECOVERY,
+    SKILL,
+    Origin,
     between_hands,
+    game_of,
     hands_of_variant,
     is_refit,
     load_game,
+    moved,
     origin_named,
     origin_of,
+    read_model,
+    steps_between,
     variant_of,
     variants,
+    with_odds,
 )
-from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, has_skill, load_skill
-from shuttle_marl.game.stroke import frozen
-from shuttle_marl.game.tables import RECOVERY, Game, GameError, Origin
-from shuttle_marl.game.thresholds import odds_of_steps
-from shuttle_marl.game.variants import moved, steps_between, with_odds
+from shuttle_marl.game.stroke import N_SHOTS, frozen
+from shuttle_marl.game.tables import Game
 
-STEP: Final = 2.0**-10
-"""Difference of log-odds to which the offsets of a pair are rounded."""
-_LARGEST: Final = 4.0
-"""Offsets are limited to this difference of log-odds."""
+COMPONENTS: Final = ("success", "return", "contact")  # components of a stroke, in the order of the offsets
+ROLES: Final = ("striker", "receiver")  # roles of a player in a stroke, in the order of the offsets
+GROUPS: Final = ("attack", "net", "rear", "lift", "block", "serve")
+"""Groups of shot types; offset 0 is the general one, offset 1 + g that of group g."""
+AVERAGE: Final = "average"  # name of the player without offsets
+DISCIPLINES: Final = ("men", "women")  # names of the numbers in `Skill.discipline`
+
+Day = datetime.date | str | None  # A day, or its ISO 8601 text (``2021-07-31``)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Skill:
+    """Skill of M players at K knots.
+
+    Attributes:
+        players: M names.
+        offset: ``[K, 3, 2, 7]`` float32 differences of log-odds, by component, role, and general or group.
+        deviation: ``[K, 3, 2, 7]`` float32 their posterior standard deviations.
+        player: ``[K]`` int32 index of the player; sorted by player, then day.
+        day: ``[K]`` int32 days since 1970-01-01.
+        group: ``[13]`` int8 group of each shot type.
+        discipline: ``[M]`` int8 index into :data:`DISCIPLINES`.
+        hand: ``[M]`` int8 index into :data:`~shuttle_marl.game.court.HANDS`; -1 where the data do not tell it.
+        strokes: ``[M]`` int32 strokes of each player in the data.
+        matches: ``[M]`` int32 matches of each player in the data.
+    """
+
+    players: tuple[str, ...]
+    offset: F32
+    deviation: F32
+    player: I32
+    day: I32
+    group: I8
+    discipline: I8
+    hand: I8
+    strokes: I32
+    matches: I32
+
+    def knot(self, name: str, day: Day = None) -> int:
+        """Number of the last knot of a player on or before a day; the first one if there is none, the last one for None.
+
+        Raises:
+            GameError: the player is unknown, or the day is no date.
+        """
+        knots = np.flatnonzero(self.player == self.index(name))
+        if day is None:
+            return int(knots[-1])
+        since = (day_of(day) - datetime.date(1970, 1, 1)).days
+        return int(knots[max(0, int(np.searchsorted(self.day[knots], since, side="right")) - 1)])
+
+    def since(self, name: str, day: Day = None) -> datetime.date | None:
+        """Day of the knot that :meth:`knot` finds; None for the average player."""
+        if name == AVERAGE:
+            return None
+        return datetime.date(1970, 1, 1) + datetime.timedelta(days=int(self.day[self.knot(name, day)]))
+
+    def index(self, name: str) -> int:
+        """Number of a player.
+
+        Raises:
+            GameError: the player is unknown.
+        """
+        if name not in self.players:
+            raise GameError(f"no skill of the player {name!r}; there are: {', '.join((AVERAGE, *self.players))}")
+        return self.players.index(name)
+
+    def discipline_of(self, name: str) -> str | None:
+        """Name of the discipline of a player; None for the average player."""
+        return None if name == AVERAGE else DISCIPLINES[self.discipline[self.index(name)]]
+
+    def hand_of(self, name: str) -> str | None:
+        """Hand of a player, ``right`` or ``left``; None for the average player and where it is unknown."""
+        number = -1 if name == AVERAGE else int(self.hand[self.index(name)])
+        return None if number < 0 else HANDS[number]
+
+    def of_shots(self, striker: str, receiver: str, day: Day = None) -> F64:
+        """``[3, 13]`` offsets of strokes of one player to another as of a day, by component and shot type."""
+        total = np.zeros((len(COMPONENTS), N_SHOTS))
+        for role, name in enumerate((striker, receiver)):
+            if name != AVERAGE:
+                own = self.offset[self.knot(name, day), :, role].astype(np.float64)
+                total += own[:, :1] + own[:, 1 + self.group]
+        return total
+
+    def variances(self, striker: str, receiver: str, day: Day = None) -> F64:
+        """``[3, 7]`` posterior variances of the sum of both players' offsets, by component, and general or group."""
+        total = np.zeros((len(COMPONENTS), 1 + len(GROUPS)))
+        for role, name in enumerate((striker, receiver)):
+            if name != AVERAGE:
+                total += self.deviation[self.knot(name, day), :, role].astype(np.float64) ** 2
+        return total
+
+
+def day_of(day: datetime.date | str) -> datetime.date:
+    """The day of an ISO 8601 text.
+
+    Raises:
+        GameError: it is no date.
+    """
+    try:
+        return day if isinstance(day, datetime.date) else datetime.date.fromisoformat(day)
+    except ValueError as error:
+        raise GameError(f"date {day!r}: expected year-month-day, such as 2021-07-31") from error
+
+
+def has_skill(folder: Path) -> bool:
+    """Whether a model folder has the skill of players."""
+    return (folder / SKILL).is_file()
+
+
+@functools.cache
+def load_skill(folder: Path) -> Skill:
+    """Read the skill of the players of a model folder.
+
+    Raises:
+        GameError: the model has none, or its file is damaged.
+    """
+    if not has_skill(folder):
+        raise GameError(f"{folder}: this model has no skill of players ({SKILL}); fit the model again, or name one that has it")
+    try:
+        tensors = read_model(folder, SKILL)
+        (text,) = tensors.metadata.values()
+        names = parsed(text)["players"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or AVERAGE in names:
+            raise ValueError("the players are no list of names")
+        m, k = len(names), len(tensors.arrays["day"])
+        shape = (k, len(COMPONENTS), len(ROLES), 1 + len(GROUPS))
+        wanted = {
+            "offset": (np.float32, shape), "deviation": (np.float32, shape), "player": (np.int32, (k,)), "day": (np.int32, (k,)),
+            "group": (np.int8, (N_SHOTS,)), "discipline": (np.int8, (m,)), "hand": (np.int8, (m,)), "strokes": (np.int32, (m,)),
+            "matches": (np.int32, (m,)),
+        }  # fmt: skip
+        skill = Skill(players=tuple(names), **{name: checked(tensors.arrays[name], *kind) for name, kind in wanted.items()})
+        if (np.unique(skill.player) != np.arange(m)).any() or (np.diff(skill.player) < 0).any():
+            raise ValueError("a player without knots, or knots that are not sorted by player")
+        if (np.diff(skill.day)[np.diff(skill.player) == 0] <= 0).any():
+            raise ValueError("knots that are not sorted by day")
+        for numbers, least, end in (
+            (skill.group, 0, len(GROUPS)),
+            (skill.discipline, 0, len(DISCIPLINES)),
+            (skill.hand, -1, len(HANDS)),
+        ):
+            if not np.isin(numbers, range(least, end)).all():
+                raise ValueError("a group of shot types, a discipline or a hand that does not exist")
+    except (OSError, KeyError, ValueError) as error:
+        raise GameError(f"{folder / SKILL}: no readable skill of players ({error}); fit or install the model again") from error
+    return skill
+
+
+STEP: Final = 2.0**-10  # difference of log-odds to which the offsets of a pair are rounded
+_LARGEST: Final = 4.0  # offsets are limited to this difference of log-odds
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -85,14 +246,13 @@ class People:
     @property
     def average(self) -> Game:
         """The game of the model, without skill and discipline, whose agents can play this one."""
-        return load_game(self.origin._replace(variant=None).name_in(str(self.origin.folder)))
+        return game_of(self.origin._replace(variant=None))
 
     @property
     def profile(self) -> Game:
         """The game of their discipline and hands, without skill, in which imitated players choose as they do here."""
-        folder = self.origin.folder
-        known = self.discipline if self.discipline in variants(str(folder)) else None
-        return load_game(self.origin._replace(variant=variant_of(known, opposite=self.opposite)).name_in(str(folder)))
+        known = self.discipline if self.discipline in variants(self.origin.folder) else None
+        return game_of(self.origin._replace(variant=variant_of(known, opposite=self.opposite)))
 
     @property
     def skill(self) -> Skill:
@@ -110,7 +270,7 @@ class People:
             GameError: a file of the model is damaged.
         """
         origin = origin_named(self.model)
-        names = () if origin.variant is not None else variants(str(origin.folder))
+        names = () if origin.variant is not None else variants(origin.folder)
         model = self.model.removesuffix(f":{RECOVERY}")
         return tuple(self.game(origin._replace(variant=name).name_in(model)) for name in names if is_refit(name))
 
@@ -141,10 +301,8 @@ def seat_names(game: Game, policies: tuple[str, str]) -> tuple[str, str]:
 class Looks(NamedTuple):
     """How the players at seats 0 and 1 look on the court."""
 
-    hands: Hands = (HANDS[0], HANDS[0])
-    """``right`` or ``left``."""
-    athletes: tuple[str, str] = ("male", "male")
-    """``male`` or ``female``."""
+    hands: Hands = (HANDS[0], HANDS[0])  # ``right`` or ``left``
+    athletes: tuple[str, str] = ("male", "male")  # ``male`` or ``female``
 
     @property
     def left(self) -> tuple[bool, bool]:
@@ -195,7 +353,7 @@ def game_between(game: Game, policies: tuple[str, str]) -> Game:
     skill = load_skill(origin.folder)
     if set(map(skill.hand_of, _persons(skill, policies))) != set(HANDS):
         return game
-    return load_game(origin._replace(variant=variant_of(origin.variant, opposite=True)).name_in(str(origin.folder)))
+    return game_of(origin._replace(variant=variant_of(origin.variant, opposite=True)))
 
 
 def _persons(skill: Skill, policies: tuple[str, str]) -> list[str]:
@@ -208,7 +366,7 @@ def trained_game(game: Game) -> Game:
     """The game on which agents that play a game were trained: the average game, or a variant, of equal hands."""
     average, origin = game.average, origin_of(game.average)
     equal, opposite = (None, False) if origin is None else hands_of_variant(origin.variant)
-    return average if origin is None or not opposite else load_game(origin._replace(variant=equal).name_in(str(origin.folder)))
+    return average if origin is None or not opposite else game_of(origin._replace(variant=equal))
 
 
 def without_skill(game: Game) -> Game:
@@ -218,7 +376,7 @@ def without_skill(game: Game) -> Game:
     people = people_of(game)
     if not people.opposite:
         return game.average
-    return load_game(people.origin._replace(variant=OPPOSITE).name_in(str(people.origin.folder)))
+    return game_of(people.origin._replace(variant=OPPOSITE))
 
 
 def without_recovery(game: Game) -> Game:
@@ -228,7 +386,7 @@ def without_recovery(game: Game) -> Game:
         return game
     if origin is None or game.people is not None or game.whole is not None:
         return dataclasses.replace(game, recovery=None)
-    return load_game(origin._replace(recovery=False).name_in(str(origin.folder)))
+    return game_of(origin._replace(recovery=False))
 
 
 def opponent_tables(game: Game, seat: int | Ints) -> Game:
@@ -295,7 +453,7 @@ def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> Gam
     if origin is None:
         return None
     try:
-        return pair_game(*people, date=date, game=origin.name_in(str(origin.folder)))
+        return pair_game(*people, date=date, game=origin.name_in(origin.folder))
     except GameError:
         return None
 
@@ -305,8 +463,8 @@ def _base(game: str, discipline: str | None, *, opposite: bool) -> Game:
     """The tables without skill: of a model or a refit, in one discipline if the model tells them apart."""
     tables, (folder, variant, _) = load_game(game), origin_named(game)
     recovery = tables.recovery
-    if discipline in variants(str(folder)):
-        model, profile = load_game(str(folder)), load_game(f"{folder}:{discipline}")
+    if discipline in variants(folder):
+        model, profile = game_of(Origin(folder)), game_of(Origin(folder, discipline))
         tables = profile if variant is None else moved(tables, steps_between(model, profile), profile.fault_odds)
     return dataclasses.replace(between_hands(tables, folder) if opposite else tables, recovery=recovery)
 

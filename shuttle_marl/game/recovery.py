@@ -16,7 +16,7 @@ factors are computed by additions, products and quotients in a fixed order, so t
 
 import dataclasses
 import functools
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -25,31 +25,26 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.base.tensor_files import Tensors, checked
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, N_SIDES
-from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.draws import CHOICE_ONE, HURRY_ONE, ONE, odds_of_steps, with_fault_odds
 from shuttle_marl.game.stroke import N_SHOTS, frozen
-from shuttle_marl.game.thresholds import ONE, odds_of_steps, with_fault_odds
+
+if TYPE_CHECKING:
+    from shuttle_marl.game.tables import Game
 
 POSITIONS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand") for area in AREAS)
 """Names of the nine positions; index = 3 * depth + side, as for areas."""
 N_POSITIONS: Final = len(POSITIONS)
-CENTRE: Final = N_POSITIONS // 2
-"""The position from which serves are received."""
-ACROSS: Final = 0.55
-"""Distance from the middle line beyond which a position is a side position [m]."""
-DEPTHS: Final = (3.2, 4.4)
-"""Distances from the net that divide front, middle and back positions [m]."""
+CENTRE: Final = N_POSITIONS // 2  # the position from which serves are received
+ACROSS: Final = 0.55  # distance from the middle line beyond which a position is a side position [m]
+DEPTHS: Final = (3.2, 4.4)  # distances from the net that divide front, middle and back positions [m]
 EFFECTS: Final = ("winner", "above", "hurried")
 """Outcomes whose odds a position changes: a winner given a good stroke, a return from above given a return, a hurried receiver
 given the contact of a return."""
-STEP: Final = 2.0**-10
-"""Difference of log-odds of one step of an effect."""
+STEP: Final = 2.0**-10  # difference of log-odds of one step of an effect
 _MOST_STEPS: Final = round(4 / STEP)
 PARTS: Final = {"incoming_shot": N_SHOTS + 1, "own_area": N_AREAS + 1, "incoming_area": N_AREAS + 1, "contact": 2, "hurried": 2}
 """What people's positions depend on, and the number of its values; the last one of a previous stroke: none."""
-_ROUNDS: Final = 6
-"""Rounds of the fixed point; more change no table of the shipped model."""
-_HURRY_ONE: Final = 1 << 8
+_ROUNDS: Final = 6  # rounds of the fixed point; more change no table of the shipped model
 
 
 def position_of(x: F64, y: F64) -> I64:
@@ -73,19 +68,14 @@ def position_box(position: int) -> tuple[tuple[float, float], tuple[float, float
 class Waiting(NamedTuple):
     """Probabilities of outcomes by position: R rows, those of a base pair next to each other, one for each feasible position."""
 
-    choices: I32
-    """``[base states]`` number of feasible positions of the receiver."""
-    position: I8
-    """``[base states, 9]`` the feasible positions in rising order, then -1."""
+    choices: I32  # ``[base states]`` number of feasible positions of the receiver
+    position: I8  # ``[base states, 9]`` the feasible positions in rising order, then -1
     start: I64
     """``[base states + 1]`` first row of each state; the i-th position against the k-th stroke: ``start + k choices + i``."""
-    limits: U16
-    """``[L, R, 3]`` thresholds as in :attr:`shuttle_marl.game.tables.Game.limits`."""
-    hurry: U8
-    """``[R, 2]`` chances of a hurried receiver as in :attr:`shuttle_marl.game.tables.Game.hurry`."""
+    limits: U16  # ``[L, R, 3]`` thresholds as in `Game.limits`
+    hurry: U8  # ``[R, 2]`` chances of a hurried receiver as in `Game.hurry`
 
-    place: I8
-    """``[base states, 9]`` number of each position among the feasible ones, else -1."""
+    place: I8  # ``[base states, 9]`` number of each position among the feasible ones, else -1
 
     def row(self, base: Ints, k: Ints, position: Ints) -> I64:
         """Row of the k-th legal stroke of base states against feasible positions, which are not checked; any shape."""
@@ -127,10 +117,10 @@ class Recovery:
         return content_hash(self.people.tobytes() + self.effect.tobytes())
 
     @functools.cached_property
-    def chosen(self) -> U16:
-        """:attr:`people`, and the middle for who receives a serve."""
-        found = self.people.copy()
-        found[-1] = CHOICE_ONE * (np.arange(N_POSITIONS) == CENTRE)
+    def chosen(self) -> F64:
+        """:attr:`people` as probabilities, and the middle for who receives a serve."""
+        found = self.people / np.float64(CHOICE_ONE)
+        found[-1] = np.arange(N_POSITIONS) == CENTRE
         return frozen(found)
 
     @property
@@ -151,102 +141,72 @@ class Recovery:
             checked(arrays["effect"], np.int16, (len(EFFECTS), N_SHOTS, N_AREAS, N_POSITIONS)),
         )
 
-    def of_states(self, game: Layout, base: Ints) -> U16:
-        """``[..., 9]`` probability of people's positions where a striker is in base states of a game, in units of 1/65535."""
-        area = np.append(game.catalogue.area, N_AREAS)
-        own, incoming = game.own(base), game.incoming(base)
-        return self.chosen[game.incoming_shot(base), area[own], area[incoming], game.contact(base), game.hurried(base)]
 
-
-def in_the_middle(game: Layout, limits: U16, hurry: U8) -> Waiting:
-    """The tables of a game in which receivers have no choice; arguments as in :class:`Waiting`."""
-    size, middle = game.n_base_states, np.arange(N_POSITIONS) == CENTRE
-    return Waiting(
-        choices=np.ones(size, np.int32),
-        position=np.broadcast_to(np.r_[CENTRE, -np.ones(N_POSITIONS - 1)].astype(np.int8), (size, N_POSITIONS)),
-        start=game.base_pair_start.astype(np.int64),
-        limits=limits,
-        hurry=hurry,
-        place=np.broadcast_to(middle.astype(np.int8) - 1, (size, N_POSITIONS)).astype(np.int8),
-    )
-
-
-def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recovery: Recovery) -> Waiting:
-    """The tables of a game by position (see the head of this module); arguments as those of the game."""
-    base = np.arange(game.n_base_states)
-    people = recovery.of_states(game, base)
+def waiting_of(game: "Game") -> Waiting:
+    """The tables of a game by position (see the head of this module)."""
+    people = game.people_positions(np.arange(game.n_base_states))
     feasible = people > 0
     count = feasible.sum(axis=1, dtype=np.int32)
     position = np.where(np.arange(N_POSITIONS) < count[:, None], np.argsort(~feasible, axis=1, kind="stable"), -1).astype(np.int8)
-    state, stroke = game.base_pair_state, game.base_pair_stroke
-    of_pair = count[state]
+    of_pair = count[game.base_pair_state]
     first = np.r_[0, np.cumsum(of_pair, dtype=np.int64)]
-    pair = np.repeat(np.arange(len(state)), of_pair)
-    place = position[state[pair], np.arange(len(pair)) - first[pair]]
-    up, down = odds_of_steps(recovery.effect.astype(np.int64), step=STEP)
-    factor = up.astype(np.float64) / down.astype(np.float64)
-    shot, area = game.catalogue.shot[stroke][pair], game.catalogue.area[stroke][pair]
-    served = game.catalogue.is_serve[stroke][pair]
-    ratio = np.where(served, 1.0, factor[:, shot, area, place])
-    weight = people[state[pair], place] / np.float64(CHOICE_ONE)
-    spread = _Spread(first, pair)
-    fault, winner, below = threshold.astype(np.float64).T
-    old = threshold.astype(np.int64)
-    good, returned = ONE - fault, ONE - winner
-    wins = spread.shares((winner - fault) / good, ratio[0], weight)
-    met = weight * (1 - wins)
-    above = spread.shares((ONE - below) / returned, ratio[1], met)
-    late = [
-        spread.shares(hurry[:, contact] / np.float64(_HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
-        for contact in (0, 1)
-    ]
-    faults = old[pair, 0]
-    # A stroke that may end the rally in the game without recovery always may: values need a bound.
-    ends = np.maximum(faults + np.rint(wins * (ONE - faults)).astype(np.int64), np.minimum(old[pair, 1], 1))
-    ends = np.minimum(ends, ONE - 1)
-    low = np.clip(ends + np.rint((1 - above) * (ONE - ends)).astype(np.int64), ends, ONE - 1)
-    limits = np.stack([faults, ends, low], axis=1).astype(np.uint16)
-    late_draw = np.stack([np.minimum(np.rint(p * _HURRY_ONE), _HURRY_ONE - 1) for p in late], axis=1).astype(np.uint8)
+    limits, hurry = game.limits, game.hurry
+    if game.recovery is not None:
+        pair = np.repeat(np.arange(len(of_pair)), of_pair)
+        place = position[game.base_pair_state[pair], np.arange(len(pair)) - first[pair]]
+        met, hurry = _met(game, game.recovery, pair, place, people[game.base_pair_state[pair], place])
+        limits = frozen(np.stack([with_fault_odds(met, odds) for odds in game.fault_odds.tolist()]))
     return Waiting(
         choices=frozen(count),
         position=frozen(position),
         start=frozen(first[game.base_pair_start]),
-        limits=frozen(np.stack([with_fault_odds(limits, odds) for odds in fault_odds.tolist()])),
-        hurry=frozen(late_draw),
+        limits=limits,
+        hurry=frozen(hurry),
         place=frozen(np.where(feasible, feasible.cumsum(axis=1) - 1, -1).astype(np.int8)),
     )
 
 
-class _Spread(NamedTuple):
-    """Rows of base pairs by position."""
+def _met(game: "Game", recovery: Recovery, pair: I64, place: I8, weight: F64) -> tuple[U16, U8]:
+    """Thresholds and chances of a hurried receiver of ``[R]`` base pairs met at positions that people choose with a weight."""
+    stroke = game.base_pair_stroke[pair]
+    up, down = odds_of_steps(recovery.effect.astype(np.int64), step=STEP)
+    factor = (up.astype(np.float64) / down.astype(np.float64))[:, game.catalogue.shot[stroke], game.catalogue.area[stroke], place]
+    ratio = np.where(game.catalogue.is_serve[stroke], 1.0, factor)
+    fault, winner, below = game.threshold.astype(np.float64).T
+    old, one = game.threshold.astype(np.int64)[pair], ONE - 1
+    wins = _spread(pair, (winner - fault) / (ONE - fault), ratio[0], weight)
+    returned = weight * (1 - wins)
+    above = _spread(pair, (ONE - below) / (ONE - winner), ratio[1], returned)
+    late = [
+        _spread(pair, game.hurry[:, contact] / np.float64(HURRY_ONE), ratio[2], returned * (above if contact else 1 - above))
+        for contact in (0, 1)
+    ]
+    faults = old[:, 0]
+    # A stroke that may end the rally in the game without recovery always may: values need a bound.
+    ends = np.maximum(faults + np.rint(wins * (ONE - faults)).astype(np.int64), np.minimum(old[:, 1], 1))
+    ends = np.minimum(ends, one)
+    low = np.clip(ends + np.rint((1 - above) * (ONE - ends)).astype(np.int64), ends, one)
+    hurry = np.stack([np.minimum(np.rint(p * HURRY_ONE), HURRY_ONE - 1) for p in late], axis=1)
+    return np.stack([faults, ends, low], axis=1).astype(np.uint16), hurry.astype(np.uint8)
 
-    first: I64
-    pair: I64
 
-    @np.errstate(invalid="ignore", divide="ignore")
-    def shares(self, p: F64, ratio: F64, weight: F64) -> F64:
-        """Probabilities by position whose odds differ by ratios and whose weighted mean is that of the pair.
+@np.errstate(invalid="ignore", divide="ignore")
+def _spread(pair: I64, p: F64, ratio: F64, weight: F64) -> F64:
+    """Probabilities by position whose odds differ by ratios and whose weighted mean is that of the pair.
 
-        Args:
-            p: ``[base pairs]`` probabilities.
-            ratio: ``[R]`` ratios of odds.
-            weight: ``[R]`` weights of the positions; where all are 0, all positions have the probability of the pair.
-        """
-        odds, scale = (p / (1 - p))[self.pair] * ratio, np.ones(len(p))
-        total = self._sum(weight)
-        inside = (p > 0) & (p < 1) & (total > 0)
-        spread = np.where(inside[self.pair], odds / (1 + odds), p[self.pair])
-        for _ in range(_ROUNDS):
-            mean = self._sum(weight * spread) / total
-            scale = np.where(inside, scale * (p * (1 - mean)) / ((1 - p) * mean), 1.0)
-            scaled = odds * scale[self.pair]
-            spread = np.where(inside[self.pair], scaled / (1 + scaled), p[self.pair])
-        return spread
-
-    def _sum(self, values: F64) -> F64:
-        """``[base pairs]`` sums of ``[R]`` values, always added in the same order."""
-        total, size = np.zeros(len(self.first) - 1), np.diff(self.first)
-        for i in range(int(size.max(initial=0))):
-            those = np.flatnonzero(size > i)
-            total[those] += values[self.first[:-1][those] + i]
-        return total
+    Args:
+        pair: ``[R]`` base pair of each row.
+        p: ``[base pairs]`` probabilities.
+        ratio: ``[R]`` ratios of odds.
+        weight: ``[R]`` weights of the positions; where all are 0, all positions have the probability of the pair.
+    """
+    odds, scale = (p / (1 - p))[pair] * ratio, np.ones(len(p))
+    total = np.bincount(pair, weight, len(p))  # which adds in the order of the rows
+    inside = (p > 0) & (p < 1) & (total > 0)
+    spread = np.where(inside[pair], odds / (1 + odds), p[pair])
+    for _ in range(_ROUNDS):
+        mean = np.bincount(pair, weight * spread, len(p)) / total
+        scale = np.where(inside, scale * (p * (1 - mean)) / ((1 - p) * mean), 1.0)
+        scaled = odds * scale[pair]
+        spread = np.where(inside[pair], scaled / (1 + scaled), p[pair])
+    return spread

@@ -44,20 +44,13 @@ class IllegalStrokeError(ActionError):
 class State(NamedTuple):
     """What the striker knows of the rally, in the order of :meth:`~shuttle_marl.game.layout.Layout.observation`."""
 
-    own: int
-    """Catalogue index of their own last stroke, n if they have not struck."""
-    incoming: int
-    """Catalogue index of the stroke that comes to them, n if they serve."""
-    contact: int
-    """Where they meet the shuttle: 0 below, 1 above the net."""
-    duel: int
-    """Net shots in a row up to the incoming stroke, 3 for three or more."""
-    effort: int
-    """Attacks that they have played in this rally, L - 1 for so many or more."""
-    opponent_effort: int
-    """The same of the receiver."""
-    hurried: int
-    """1 if they are late or stretched."""
+    own: int  # catalogue index of their own last stroke, n if they have not struck
+    incoming: int  # catalogue index of the stroke that comes to them, n if they serve
+    contact: int  # where they meet the shuttle: 0 below, 1 above the net
+    duel: int  # net shots in a row up to the incoming stroke, 3 for three or more
+    effort: int  # attacks that they have played in this rally, L - 1 for so many or more
+    opponent_effort: int  # the same of the receiver
+    hurried: int  # 1 if they are late or stretched
 
 
 def serve(game: Game) -> State:

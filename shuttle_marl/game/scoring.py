@@ -7,12 +7,12 @@ point; the winner of a rally serves next, so the winner of a game serves first i
 import dataclasses
 import itertools
 from collections.abc import Iterator
-from typing import Any, Final, Literal, NamedTuple, overload
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.base.arrays import F64, I8, I16, Bools, Ints
+from shuttle_marl.base.arrays import F64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 
 
@@ -62,33 +62,21 @@ class RulesTuple(NamedTuple):
     games: int
 
 
-BWF: Final = Rules()
-"""The rules of the sport since 2006."""
+BWF: Final = Rules()  # the rules of the sport since 2006
 
 
 RulesName = Literal["21", "15", "11"]
-RULES: Final[dict[RulesName, Rules]] = {
-    "21": BWF,
-    "15": Rules(points=15, cap=21),
-    "11": Rules(points=11, cap=15, games=3),
-}
+RULES: Final[dict[RulesName, Rules]] = {"21": BWF, "15": Rules(points=15, cap=21), "11": Rules(points=11, cap=15, games=3)}
 """Rules by the points of a game: those of the sport, and its trials of best of three to 15 and best of five to 11."""
 
 
 class RallyCount(NamedTuple):
-    """Result of counting one rally; numbers, or arrays of the shape of the arguments.
+    """Result of counting one rally; numbers, or arrays of the shape of the arguments."""
 
-    Attributes:
-        points: points of the rally's winner in this game, with this rally.
-        games: games of the rally's winner, with this one if it was won.
-        game_won: whether the rally won the game; then both players start the next one with no points.
-        match_won: whether the rally won the match.
-    """
-
-    points: Any
-    games: Any
-    game_won: Any
-    match_won: Any
+    points: Any  # points of the rally's winner in this game, with this rally
+    games: Any  # games of the rally's winner, with this one if it was won
+    game_won: Any  # whether the rally won the game; then both players start the next one with no points
+    match_won: Any  # whether the rally won the match
 
 
 def count_rally(own: Any, other: Any, games: Any, rules: Any) -> RallyCount:
@@ -107,19 +95,9 @@ def count_rally(own: Any, other: Any, games: Any, rules: Any) -> RallyCount:
     return RallyCount(points, games, game_won, games >= rules.games)
 
 
-@overload
-def wins_game(own: int, other: int, rules: Rules = BWF) -> bool: ...
-@overload
-def wins_game(own: I8, other: I8, rules: Rules = BWF) -> Bools: ...
-def wins_game(own: int | I8, other: int | I8, rules: Rules = BWF) -> bool | Bools:
+def wins_game(own: Any, other: Any, rules: Rules = BWF) -> Any:
     """Whether the first of two point scores has won the game; two numbers, or arrays of any shape."""
-    won: bool | Bools = count_rally(own - 1, other, 0, rules).game_won
-    return won
-
-
-def nears_end(points: Ints, rules: Rules = BWF) -> Bools:
-    """``[N]`` whether both players of ``[N, 2]`` points are within two points of the end of a game, as from 19-19 on."""
-    return np.asarray((points >= rules.points - 2).all(axis=1))
+    return count_rally(own - 1, other, 0, rules).game_won
 
 
 def is_over(games: Ints, rules: Rules = BWF) -> Bools:
@@ -141,11 +119,6 @@ def score_fractions(points: tuple[Any, Any], games: tuple[Any, Any], rules: Rule
     Numbers, or arrays of one shape.
     """
     return points[0] / rules.cap, points[1] / rules.cap, games[0] / rules.games, games[1] / rules.games
-
-
-def scores_of(fractions: F64, rules: Rules = BWF) -> I16:
-    """``[B, 4]`` points and games of ``[B, 4]`` or wider fractions: the inverse of :func:`score_fractions`."""
-    return np.rint(fractions[:, :4] * [rules.cap, rules.cap, rules.games, rules.games]).astype(np.int16)
 
 
 def serves_from_right(points: Any) -> Any:
@@ -263,8 +236,12 @@ def match_win_probability(
     Raises:
         ScoringError: a probability outside [0, 1], or a score that the rules do not allow.
     """
-    serving, receiving = _probabilities(p_serving, p_receiving)
-    _check_server(first_server)
+    serving, receiving = np.broadcast_arrays(np.asarray(p_serving, np.float64), np.asarray(p_receiving, np.float64))
+    for p in (serving, receiving):
+        if (bad := ~((p >= 0) & (p <= 1))).any():
+            raise ScoringError(f"probability of winning a rally {p[bad].flat[0]:g}: expected a number from 0 to 1")
+    if first_server not in (None, 0, 1):
+        raise ScoringError(f"server {first_server!r}: expected 0, 1, or None to draw it at random")
     if not all(0 <= g < rules.games for g in games):
         raise ScoringError(f"games {games}: expected each from 0 to {rules.games - 1} while the match continues")
     whole_game = _game(serving, receiving, (0, 0), rules)
@@ -279,7 +256,8 @@ def match_win_probability(
             won, lost = odds[own + 1, other][0], odds[own, other + 1][1]
             game = _game(serving, receiving, points, rules) if (own, other) == games and any(points) else whole_game
             odds[own, other] = (lost + game[0] * (won - lost), lost + game[1] * (won - lost))
-    return _by_server(odds[games], first_server)
+    now = odds[games]
+    return np.asarray((now[0] + now[1]) / 2 if first_server is None else now[first_server])
 
 
 def _game(serving: F64, receiving: F64, points: tuple[int, int], rules: Rules) -> tuple[F64, F64]:
@@ -302,21 +280,3 @@ def _game(serving: F64, receiving: F64, points: tuple[int, int], rules: Rules) -
                 row[j] = (lose + serving * (win - lose), lose + receiving * (win - lose))
         below = row
     return below[other]
-
-
-def _probabilities(p_serving: npt.ArrayLike, p_receiving: npt.ArrayLike) -> tuple[F64, F64]:
-    serving, receiving = np.broadcast_arrays(np.asarray(p_serving, np.float64), np.asarray(p_receiving, np.float64))
-    for p in (serving, receiving):
-        bad = ~((p >= 0) & (p <= 1))
-        if bad.any():
-            raise ScoringError(f"probability of winning a rally {p[bad].flat[0]:g}: expected a number from 0 to 1")
-    return serving, receiving
-
-
-def _check_server(server: int | None) -> None:
-    if server not in (None, 0, 1):
-        raise ScoringError(f"server {server!r}: expected 0, 1, or None to draw it at random")
-
-
-def _by_server(odds: tuple[F64, F64], server: int | None) -> F64:
-    return np.asarray((odds[0] + odds[1]) / 2 if server is None else odds[server])

@@ -1,75 +1,94 @@
-"""Finds the models that come with the package, and reads their games.
+"""Finds the models that come with the package, and reads their games and the variants of these.
 
 A model is named by its folder, or by its name if it is shipped. Its game is the average of men's and women's singles; a name
 such as ``default:men`` means one of its variants: the game of one discipline, or of a refit on resampled matches.
+
+A variant has the same strokes and rules and other probabilities. For every base pair it says by how many steps of :data:`STEP`
+the log-odds of five probabilities differ from those of the model: of a fault, of a winner given a good stroke, of a return from
+below given a return, and of a hurried receiver given a return from below and from above. They are applied in whole numbers, so a
+variant has the same tables, and the same hash, on every machine.
 """
 
-import copyreg
 import dataclasses
 import functools
 import itertools
+import json
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, I8, I32, U64, Bools, Intp
 from shuttle_marl.base.errors import ShuttleError, command
-from shuttle_marl.base.files import FileReadError, hash_in, read_sealed
-from shuttle_marl.base.tensor_files import Tensors, checked, read_tensors
+from shuttle_marl.base.files import FileReadError, hash_in, parsed, read_sealed
+from shuttle_marl.base.tensor_files import Tensors, checked, packed_bytes, read_tensors, tensor_bytes, unpacked_bytes
+from shuttle_marl.game.draws import HURRY_ONE, ONE, moved_share, odds_of_steps
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.recovery import N_POSITIONS, Recovery
 from shuttle_marl.game.stroke import frozen
-from shuttle_marl.game.tables import RECOVERY, Game, GameError, Origin
-from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.game.variants import hashes_of, moved, steps_between, unpacked
+from shuttle_marl.game.tables import Game
 
-GAME: Final = "game.safetensors"
-"""The compiled game in a model folder."""
-BC: Final = "bc.safetensors"
-"""Its behaviour-cloned players."""
+GAME: Final = "game.safetensors"  # the compiled game in a model folder
+BC: Final = "bc.safetensors"  # its behaviour-cloned players
 CHOICE_UNITS: Final = 64
 """Log-probabilities of their strokes are whole multiples of 1/64: within .8 % of a probability, in a third of the space."""
-HISTORY: Final = "history.safetensors"
-"""Shifts of the average player's choices by earlier strokes of the rally."""
-NETWORKS: Final = "networks.safetensors"
-"""The fitted models that the game was compiled from."""
-VARIANTS: Final = "variants.safetensors"
-"""Variants of the game, as differences from it."""
+HISTORY: Final = "history.safetensors"  # shifts of the average player's choices by earlier strokes of the rally
+NETWORKS: Final = "networks.safetensors"  # the fitted models that the game was compiled from
+VARIANTS: Final = "variants.safetensors"  # variants of the game, as differences from it
 Profile = Literal["men", "women"]
-"""Names of the games of one discipline."""
-PROFILES: Final = ("men", "women")
-"""Variants that are the games of one discipline."""
+PROFILES: Final = ("men", "women")  # variants that are the games of one discipline
 OPPOSITE: Final = "opposite"
 """Variant of players with different hands; behind another variant: that of it (``men-opposite``, ``3-opposite``)."""
 OPPOSITE_GAME: Final = "opposite.safetensors"
 """The compiled game of players with different hands in a model folder; its legal replies fly to the other side."""
-SKILL: Final = "skill.safetensors"
-"""Skill of the players, as differences from the average player."""
-HABITS: Final = "habits.safetensors"
-"""Counted strokes of the players, for reports."""
-HURRY: Final = "hurry.safetensors"
-"""Index that decides whether strikers were hurried, in models of strokes with positions."""
-POSITIONS: Final = "recovery.safetensors"
-"""Where people wait, and what a position changes (:mod:`shuttle_marl.game.recovery`)."""
-SUPPORT: Final = "support.safetensors"
-"""Data file beside the models: the torch reference of the tables needs it."""
-RELIABLE: Final = 20
-"""Number of real strokes below which the probabilities of a stroke are not reliable."""
+RECOVERY: Final = "recovery"
+"""In names of games: the one in which receivers choose where to wait (``default:recovery``, ``default:men-recovery``)."""
+SKILL: Final = "skill.safetensors"  # skill of the players, as differences from the average player
+HABITS: Final = "habits.safetensors"  # counted strokes of the players, for reports
+HURRY: Final = "hurry.safetensors"  # index that decides whether strikers were hurried, in models of strokes with positions
+POSITIONS: Final = "recovery.safetensors"  # where people wait, and what a position changes (`recovery`)
+SUPPORT: Final = "support.safetensors"  # data file beside the models: the torch reference of the tables needs it
+RELIABLE: Final = 20  # number of real strokes below which the probabilities of a stroke are not reliable
 REFITS: Final = 8
 """Number of refits of a shipped model on resampled matches; their names are those of the model with :1, :2, … behind."""
-CARD: Final = "card.json"
-"""The model card, which holds the hashes of the other files."""
-FILES: Final = (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT)
-"""Files of every model, beside its card."""
-OPTIONAL_FILES: Final = (HABITS, HISTORY, HURRY, POSITIONS, SKILL, VARIANTS)
-"""Files that some models have."""
+CARD: Final = "card.json"  # the model card, which holds the hashes of the other files
+FILES: Final = (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT)  # files of every model, beside its card
+OPTIONAL_FILES: Final = (HABITS, HISTORY, HURRY, POSITIONS, SKILL, VARIANTS)  # files that some models have
+STEP: Final = 0.0625  # difference of log-odds of one step of a variant
+COARSE: Final = 4
+"""Steps of refits are multiples of this: their sampling errors are about five steps, and coarse steps take half the space."""
+MOST_STEPS: Final = 127  # maximum size of a difference in steps
+_RARE: Final = 0.006
+_SLACK: Final = 1e-6
 _MODELS: Final = Path(__file__).parent.parent / "models"
+
+
+class Origin(NamedTuple):
+    """The model and the variant that a game was loaded from."""
+
+    folder: Path  # the model folder
+    variant: str | None = None  # name of the variant; None: the game of the model itself
+    recovery: bool = False  # whether receivers choose where to wait
+
+    def name_in(self, model: str | Path) -> str:
+        """Name of the game in a model of this name or folder."""
+        return ":".join(filter(None, (str(model), "-".join(filter(None, (self.variant, RECOVERY * self.recovery))))))
+
+    @property
+    def name(self) -> str:
+        """Name of the game."""
+        return self.name_in(self.folder.name if self.folder.parent == _MODELS else self.folder)
+
+    @property
+    def loader(self) -> Callable[[], Game] | None:
+        """What loads the game in another process; None for a model that is not shipped."""
+        return functools.partial(load_game, self.name) if self.folder.parent == _MODELS else None
 
 
 _ORIGINS: dict[str, Origin] = {}
 """Origins by hash, for copies of a loaded game: two models may have the same tables and other refits."""
-_LOADED_FROM: Final = "_loaded_from"
-"""Attribute of a loaded game with its origin."""
 
 
 def model_folder(name: str = "default") -> Path:
@@ -93,17 +112,35 @@ def load_game(name: str = "default") -> Game:
     Raises:
         GameError: the model or variant does not exist, or its file is damaged.
     """
-    origin = origin_named(name)
-    if origin.recovery:
-        game = dataclasses.replace(
-            load_game(origin._replace(recovery=False).name_in(str(origin.folder))), recovery=load_positions(origin.folder)
-        )
-    elif origin.variant is None:
-        game = Game.load(origin.folder / GAME)
+    return game_of(origin_named(name))
+
+
+@functools.cache
+def game_of(origin: Origin) -> Game:
+    """The game of an origin.
+
+    Raises:
+        GameError: the model or variant does not exist, or its file is damaged.
+    """
+    folder, variant, recovery = origin
+    tables = {None: GAME, OPPOSITE: OPPOSITE_GAME}.get(variant)
+    if recovery:
+        game = dataclasses.replace(game_of(Origin(folder, variant)), recovery=load_positions(folder))
+    elif tables is not None and (folder / tables).is_file():
+        game = Game.load(folder / tables)
     else:
-        game = _load_variant(name, origin.folder, origin.variant)
+        tensors, (equal, opposite) = _variants(folder), hands_of_variant(variant)
+        known = {} if tensors is None else _hashes_of(tensors, folder)
+        if opposite and equal in known:
+            game = between_hands(game_of(Origin(folder, equal)), folder)
+        elif tensors is None or variant not in known:
+            raise GameError(
+                f"no variant {variant!r} of the model {Origin(folder).name!r}; there are: {', '.join(known) or 'none'}"
+            )
+        else:
+            game = unpacked(tensors, game_of(Origin(folder)), variant, folder)
     _ORIGINS[game.hash] = origin
-    object.__setattr__(game, _LOADED_FROM, origin)  # which the game does not have as a field, so that no changed copy inherits it
+    object.__setattr__(game, "origin", origin)
     return game
 
 
@@ -116,7 +153,8 @@ def load_positions(folder: Path) -> Recovery:
     if not (folder / POSITIONS).is_file():
         raise GameError(f"{folder}: a model without positions of receivers; fit it to strokes that have them")
     try:
-        return Recovery.checked(read_model(folder, POSITIONS))
+        tensors = read_model(folder, POSITIONS)
+        return Recovery.checked(tensors)
     except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
         raise GameError(f"{folder / POSITIONS}: no readable positions ({error}); fit or install the model again") from error
 
@@ -147,13 +185,15 @@ def is_refit(variant: str) -> bool:
     return variant.isdecimal()
 
 
-def variants(name: str = "default") -> list[str]:
-    """Names of the variants of a model: those of disciplines and hands, then refits.
+def variants(name: str | Path = "default") -> list[str]:
+    """Names of the variants of a model, by name or folder: those of disciplines and hands, then refits.
 
     Raises:
         GameError: the model does not exist, or its file of variants is damaged.
     """
-    return list(_variant_hashes(model_folder(name)))
+    folder = name if isinstance(name, Path) else model_folder(name)
+    tensors = _variants(folder)
+    return [] if tensors is None else list(_hashes_of(tensors, folder))
 
 
 def origin_named(name: str) -> Origin:
@@ -182,41 +222,137 @@ def between_hands(equal: Game, folder: Path) -> Game:
     Where the shuttle flies as in a pair of the model, the odds differ from those of the model's game of different hands as they
     differ between the game and that of the model.
     """
-    model = load_game(str(folder))
-    opposite = load_game(f"{folder}:{OPPOSITE}")
+    model, opposite = game_of(Origin(folder)), game_of(Origin(folder, OPPOSITE))
     if equal is model:
         return opposite
     same = opposite.counterparts(model)
-    steps = np.where(same < 0, np.int8(0), steps_between(model, equal)[:, same])
-    return moved(opposite, steps, equal.fault_odds)
+    return moved(opposite, np.where(same < 0, np.int8(0), steps_between(model, equal)[:, same]), equal.fault_odds)
 
 
-def _load_variant(name: str, folder: Path, variant: str) -> Game:
-    model, known = name.rpartition(":")[0], _variant_hashes(folder)
-    equal, opposite = hands_of_variant(variant)
-    if variant == OPPOSITE and (folder / OPPOSITE_GAME).is_file():
-        return Game.load(folder / OPPOSITE_GAME)
-    if opposite and equal in known:
-        return between_hands(load_game(f"{model}:{equal}"), folder)
-    if variant not in known:
-        raise GameError(f"no variant {variant!r} of the model {model!r}; there are: {', '.join(known) or 'none'}")
-    game = load_game(model)
+def _variants(folder: Path) -> Tensors | None:
+    """The file of variants of a model; None: it has none."""
     try:
-        return unpacked(read_model(folder, VARIANTS), game, variant)
-    except (OSError, KeyError, TypeError, ValueError, GameError) as error:
-        raise _damaged(folder, error) from error
-
-
-def _variant_hashes(folder: Path) -> dict[str, str]:
-    """Hash of each variant of a model by name; none without a file of variants."""
-    try:
-        return hashes_of(read_model(folder, VARIANTS)) if (folder / VARIANTS).is_file() else {}
+        return read_model(folder, VARIANTS) if (folder / VARIANTS).is_file() else None
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise _damaged(folder, error) from error
 
 
+def _hashes_of(tensors: Tensors, folder: Path) -> dict[str, str]:
+    """Hash of each variant in a file, by name."""
+    try:
+        hashes = parsed(tensors.metadata["variants"])["hashes"]
+        if not isinstance(hashes, dict) or not all(isinstance(value, str) for value in hashes.values()):
+            raise ValueError("the variants are no table of names and hashes")
+    except (KeyError, TypeError, ValueError) as error:
+        raise _damaged(folder, error) from error
+    return hashes
+
+
 def _damaged(folder: Path, error: Exception) -> GameError:
     return GameError(f"{folder / VARIANTS}: no readable variants ({error}); fit or install the model again")
+
+
+def unpacked(tensors: Tensors, game: Game, name: str, folder: Path) -> Game:
+    """One variant from a file of a model folder.
+
+    Raises:
+        GameError: it is no file of variants of this game, or the tables form no game.
+    """
+    try:
+        if parsed(tensors.metadata["variants"])["game"] != game.hash:
+            raise ValueError("its variants are of another game")
+        steps = np.empty((5, game.n_base_pairs), dtype=np.int8)
+        steps[:, _order(game)] = unpacked_bytes(tensors.arrays[f"{name}.steps"], np.int8, steps.shape)
+        variant = moved(game, steps, np.ascontiguousarray(tensors.arrays[f"{name}.fault_odds"]))
+        if variant.hash != _hashes_of(tensors, folder)[name]:
+            raise ValueError(f"variant {name} does not match its hash")
+    except (KeyError, TypeError, ValueError, GameError) as error:
+        raise _damaged(folder, error) from error
+    return variant
+
+
+def packed(game: Game, others: Mapping[str, Game], *, coarse: Collection[str] = ()) -> bytes:
+    """Content of a file of variants (safetensors).
+
+    Args:
+        others: variants by name, of the same layout; their nearest steps are stored.
+        coarse: names of variants that are stored in multiples of :data:`COARSE` steps.
+    """
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    hashes = {}
+    for name, other in others.items():
+        steps = steps_between(game, other, COARSE if name in coarse else 1)
+        arrays[f"{name}.steps"] = packed_bytes(steps[:, _order(game)])
+        arrays[f"{name}.fault_odds"] = other.fault_odds
+        hashes[name] = moved(game, steps, other.fault_odds).hash
+    return tensor_bytes(arrays, {"variants": json.dumps({"game": game.hash, "hashes": hashes})})
+
+
+def _order(game: Game) -> Intp:
+    """Order of the base pairs in a file: by the edge that follows, because the same answer differs alike and packs well."""
+    return np.argsort(game.base_pair_edge, kind="stable")
+
+
+def moved(game: Game, steps: I8, fault_odds: I32 | None = None) -> Game:
+    """A game of the same layout whose log-odds differ by steps.
+
+    Args:
+        steps: ``[5, base pairs]`` of fault, winner given a good stroke, from below given a return, and hurried from below and
+            above.
+        fault_odds: ``[L]`` odds of a fault by effort; default as before.
+    """
+    every = np.maximum(np.arange(256, dtype=np.uint8).view(np.int8).astype(np.int64), -MOST_STEPS)
+    up, down = (table[steps.view(np.uint8)] for table in odds_of_steps(every, step=STEP))
+    return with_odds(game, up, down, fault_odds)
+
+
+def with_odds(game: Game, up: U64, down: U64, fault_odds: I32 | None = None) -> Game:
+    """A game of the same layout with other odds.
+
+    Args:
+        up, down: ``[5, base pairs]`` what the odds of fault, winner given a good stroke, from below given a return, and hurried
+            from below and above are multiplied and divided by, as :func:`odds_of_steps` gives them; ``[3, base pairs]`` keep the
+            last two.
+        fault_odds: ``[L]`` odds of a fault by effort; default as before.
+    """
+    faults, winners, belows, *hurried = _shares(game)
+    one, most = np.uint64(ONE), np.uint64(ONE - 1)
+    fault = np.minimum(moved_share(*faults, up[0], down[0], ONE), most)
+    winner = np.minimum(fault + moved_share(*winners, up[1], down[1], one - fault), most)
+    below = np.minimum(winner + moved_share(*belows, up[2], down[2], one - winner), most)
+    # The chance of a hurried receiver stays below 1, which 8 bits cannot hold.
+    most = np.uint64(HURRY_ONE - 1)
+    moved_by = zip(hurried, up[3:], down[3:], strict=False)
+    hurry = [np.minimum(moved_share(part, whole, by, under, whole), most) for (part, whole), by, under in moved_by]
+    return dataclasses.replace(
+        game,
+        threshold=np.stack([fault, winner, below], axis=1).astype(np.uint16),
+        hurry=np.stack(hurry, axis=1).astype(np.uint8) if hurry else game.hurry,
+        fault_odds=game.fault_odds if fault_odds is None else fault_odds,
+    )
+
+
+def steps_between(game: Game, other: Game, unit: int = 1) -> I8:
+    """``[5, base pairs]`` steps that lead from a game to another one of the same layout, in multiples of ``unit``.
+
+    To the nearest multiple; of faults and winners upwards where they end few rallies, so that every stroke still ends as many.
+    """
+    # Half a unit on either side: a probability that was rounded to 0 or 1 is finite.
+    before, after = ([np.log(p + 0.5) - np.log((of - p) + 0.5) for p, of in _shares(each)] for each in (game, other))
+    steps = (np.stack(after) - np.stack(before)) / (unit * STEP)
+    rare = other.threshold[:, 1] < _RARE * ONE
+    steps[:2, rare] = np.ceil(steps[:2, rare] - _SLACK)
+    most = MOST_STEPS // unit
+    return (unit * np.clip(np.rint(steps), -most, most)).astype(np.int8)
+
+
+def _shares(game: Game) -> tuple[tuple[U64, U64], ...]:
+    """Part and whole of the five probabilities: fault, winner of good, from below of returned, hurried of each contact."""
+    fault, winner, below = game.threshold.T.astype(np.uint64)
+    hurry = game.hurry.T.astype(np.uint64)
+    one, known = np.uint64(ONE), np.full_like(fault, HURRY_ONE)
+    ends = (fault, np.full_like(fault, one)), (winner - fault, one - fault), (below - winner, one - winner)
+    return *ends, (hurry[0], known), (hurry[1], known)
 
 
 def read_model_card(folder: Path) -> dict[str, Any]:
@@ -241,7 +377,8 @@ def read_model(folder: Path, name: str) -> Tensors:
         GameError: the model card cannot be read.
         OSError, ValueError: the file cannot be read, or is not the one of the model card.
     """
-    return read_tensors(folder / name, hash_in(read_model_card(folder), name))
+    card = read_model_card(folder)
+    return read_tensors(folder / name, hash_in(card, name))
 
 
 class Estimate(NamedTuple):
@@ -324,53 +461,27 @@ def origin_of(game: Game) -> Origin | None:
 
     Games of the shipped default are known in every process, also where they were not loaded.
     """
-    loaded_from: Origin | None = getattr(game, _LOADED_FROM, None)
     if game.whole is not None and game.whole.people is not None:
         return game.whole.people.origin
-    return loaded_from or _origin_of_hash(game.hash)
+    return game.origin or _origin_of_hash(game.hash)
 
 
 def shipped_game(digest: str) -> Game | None:
     """The game of a shipped model or variant by its hash; None if none has it."""
     if _origin_of_hash(digest) is None:  # those of different hands and with recovery are known once they are loaded
         for name, opposite in itertools.product((None, *PROFILES), (False, True)):
-            load_game(Origin(_MODELS / "default", variant_of(name, opposite=opposite), recovery=True).name_in("default"))
+            game_of(Origin(_MODELS / "default", variant_of(name, opposite=opposite), recovery=True))
     origin = _origin_of_hash(digest)
-    return None if origin is None or origin.folder.parent != _MODELS else load_game(origin.name_in(origin.folder.name))
+    return None if origin is None or origin.folder.parent != _MODELS else game_of(origin)
 
 
 def _origin_of_hash(digest: str) -> Origin | None:
-    if digest not in _ORIGINS and (_MODELS / "default" / GAME).is_file():
-        folder = _MODELS / "default"
-        _ORIGINS[load_game("default").hash] = Origin(folder, None)
-        _ORIGINS.update({value: Origin(folder, name) for name, value in _variant_hashes(folder).items()})
+    folder = _MODELS / "default"
+    if digest not in _ORIGINS and (folder / GAME).is_file():
+        load_game("default")
+        if (tensors := _variants(folder)) is not None:
+            _ORIGINS.update({value: Origin(folder, name) for name, value in _hashes_of(tensors, folder).items()})
     return _ORIGINS.get(digest)
-
-
-def _reduced(game: Game) -> tuple[Any, ...]:
-    """Pickle a shipped game by its name and its hash instead of its tables, which are megabytes."""
-    origin = None if game.whole else getattr(game, _LOADED_FROM, None) or _ORIGINS.get(game.hash)
-    if origin is None or origin.folder.parent != _MODELS:
-        return game.__reduce__()
-    return _of_hash, (origin.name_in(origin.folder.name), game.hash)
-
-
-def _of_hash(name: str, value: str) -> Game:
-    """A shipped game that was pickled.
-
-    Raises:
-        GameError: this version of the package ships another one.
-    """
-    game = load_game(name)
-    if game.hash != value:
-        raise GameError(
-            f"game {name!r}: this was pickled with game {value[:12]}, and this version of the package ships {game.hash[:12]}; "
-            "make it again"
-        )
-    return game
-
-
-copyreg.pickle(Game, _reduced)
 
 
 def refits_of(game: Game) -> tuple[Game, ...]:
@@ -383,8 +494,8 @@ def refits_of(game: Game) -> tuple[Game, ...]:
     equal, opposite = (None, False) if origin is None else hands_of_variant(origin.variant)
     if origin is None or equal is not None:
         return ()
-    names = [variant_of(name, opposite=opposite) for name in variants(str(origin.folder)) if is_refit(name)]
-    return tuple(load_game(origin._replace(variant=name).name_in(str(origin.folder))) for name in names)
+    names = [variant_of(name, opposite=opposite) for name in variants(origin.folder) if is_refit(name)]
+    return tuple(game_of(origin._replace(variant=name)) for name in names)
 
 
 def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:
@@ -401,10 +512,11 @@ def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:
     weight = np.diff(game.threshold.astype(np.float64), axis=1, prepend=0, append=ONE) * np.exp(sigma * shift)
     limit = np.cumsum(weight, axis=1)[:, :3] / weight.sum(axis=1, keepdims=True) * ONE
     drawn = dataclasses.replace(game, threshold=np.minimum(np.rint(limit), ONE - 1).astype(np.uint16))
-    object.__setattr__(drawn, _LOADED_FROM, origin_of(game))
+    object.__setattr__(drawn, "origin", origin_of(game))
     return drawn
 
 
+@functools.lru_cache(maxsize=8)
 def real_strokes(game: Game) -> F64 | None:
     """``[E]`` real strokes behind each edge: those in the innermost cell of the data that its stroke belongs to.
 
@@ -413,23 +525,14 @@ def real_strokes(game: Game) -> F64 | None:
     Raises:
         GameError: the file of a model folder cannot be read.
     """
-    folder = folder_of(game)
-    if folder is None or not (folder / SUPPORT).is_file():
+    origin = origin_of(game)
+    if origin is None or not (origin.folder / SUPPORT).is_file():
         return None
+    name = f"{OPPOSITE}.strokes" if hands_of_variant(origin.variant)[1] else "strokes"
     try:
-        stamps = [(found.st_mtime_ns, found.st_size) for found in ((folder / name).stat() for name in (SUPPORT, CARD))]
-        origin = origin_of(game)
-        opposite = origin is not None and hands_of_variant(origin.variant)[1]
-        return _real_strokes(folder, len(game.edge_own), f"{OPPOSITE}.strokes" if opposite else "strokes", tuple(stamps))
+        return frozen(checked(read_model(origin.folder, SUPPORT).arrays[name], np.float64, (len(game.edge_own),)))
     except (OSError, KeyError, ValueError) as error:
-        raise GameError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
-
-
-@functools.lru_cache(maxsize=8)
-def _real_strokes(folder: Path, edges: int, name: str, stamps: tuple[tuple[int, int], ...]) -> F64:  # noqa: ARG001  a changed file is another key
-    found = checked(read_model(folder, SUPPORT).arrays[name], np.float64, (edges,)).copy()
-    found.setflags(write=False)  # every decision that a page shows asks for it
-    return found
+        raise GameError(f"{origin.folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
 
 
 def least_support(game: Game) -> int:
@@ -471,5 +574,5 @@ def resolve_game(game: Game | str | None, profile: str | None = None) -> Game:
         origin = origin_of(game)
         if origin is None or origin.variant not in (None, profile):
             raise GameError(f"profile {profile!r}: expected the game of a model, not a game of other tables or another variant")
-        return game if origin.variant == profile else load_game(f"{origin.folder}:{profile}")
+        return game if origin.variant == profile else game_of(Origin(origin.folder, profile))
     return load_game(f"{'default' if game is None else game}:{profile}")

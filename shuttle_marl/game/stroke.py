@@ -44,17 +44,14 @@ SHOTS: Final = (
     "cross-court-net-shot",
 )
 """Shot types; the first two are the serves."""
-HEIGHTS: Final = ("below", "above")
-"""Height of the contact relative to the top of the net."""
+HEIGHTS: Final = ("below", "above")  # height of the contact relative to the top of the net
 TECHNIQUES: Final = ("forehand", "backhand", "around-the-head")
 AROUND_THE_HEAD: Final = TECHNIQUES.index("around-the-head")
 
-ATTACKS: Final = ("smash", "half-smash")
-"""Shot types that cost effort."""
+ATTACKS: Final = ("smash", "half-smash")  # shot types that cost effort
 FRONT_COURT: Final = ("net-kill", "net-shot", "cross-court-net-shot")
 """Shot types that nobody can play from the back third of the court."""
-NET_SHOTS: Final = ("net-shot", "cross-court-net-shot")
-"""Shot types of a duel at the net."""
+NET_SHOTS: Final = ("net-shot", "cross-court-net-shot")  # shot types of a duel at the net
 
 N_SHOTS: Final = len(SHOTS)
 N_SERVES: Final = 2

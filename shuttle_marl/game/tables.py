@@ -17,56 +17,32 @@ receiver's changes nothing until the roles swap.
 import dataclasses
 import functools
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import content_hash, replace_file
-from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
-from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
-from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, Recovery, Waiting, in_the_middle, waiting_of
+from shuttle_marl.base.files import content_hash, parsed, replace_file
+from shuttle_marl.base.tensor_files import checked, read_tensors, tensor_bytes
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.draws import HURRY_ONE, ONE, with_fault_odds
+from shuttle_marl.game.layout import ALL, LONGEST_DUEL, GameError, Indices, Layout, layout
+from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, Recovery, Waiting, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
-from shuttle_marl.game.thresholds import ONE, with_fault_odds
 
 if TYPE_CHECKING:
     from shuttle_marl.game.pairs import People
+    from shuttle_marl.game.shipped import Origin
 
-ROOT: Final = 0
-"""The state in which every rally starts: the serve, struck from below the net."""
-HURRY_ONE: Final = 1 << 8
-"""Probability 1 of a hurried receiver in fixed point."""
-_TYPES: Final = {"threshold": np.uint16, "hurry": np.uint8}
-_NO_TABLES: Final = ("catalogue", "recovery", "people", "whole", "seat")
+ROOT: Final = 0  # the state in which every rally starts: the serve, struck from below the net
+_TYPES: Final[dict[str, tuple[Any, int]]] = {"threshold": (np.uint16, 3), "hurry": (np.uint8, 2)}
+_NO_TABLES: Final = ("catalogue", "recovery", "people", "whole", "seat", "origin")
 _MOST_LEVELS: Final = 8
 _MOST_ODDS: Final = 1 << 20
-
-
-class GameError(ShuttleError):
-    """Tables that cannot be read or do not form a game."""
-
-
-RECOVERY: Final = "recovery"
-"""In names of games: the one in which receivers choose where to wait (``default:recovery``, ``default:men-recovery``)."""
-
-
-class Origin(NamedTuple):
-    """The model and the variant that a game was loaded from."""
-
-    folder: Path
-    """The model folder."""
-    variant: str | None
-    """Name of the variant; None: the game of the model itself."""
-    recovery: bool = False
-    """Whether receivers choose where to wait."""
-
-    def name_in(self, model: str) -> str:
-        """Name of the game in a model of this name or folder."""
-        return ":".join(filter(None, (model, "-".join(filter(None, (self.variant, RECOVERY if self.recovery else None))))))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -86,6 +62,7 @@ class Game(Layout):
         people: the players of the game of a pair; None: both seats have the same tables, or these are those of one seat.
         whole: the game of the pair that these are the tables of one seat of; None: of none.
         seat: that seat.
+        origin: where the game was loaded from; None for any other, also for a changed copy.
     """
 
     threshold: U16
@@ -95,10 +72,11 @@ class Game(Layout):
     people: "People | None" = None
     whole: "Game | None" = None
     seat: int = 0
+    origin: "Origin | None" = dataclasses.field(default=None, init=False)
 
     def __post_init__(self) -> None:
         for name, array in self._arrays().items():
-            if not isinstance(array, np.ndarray) or array.dtype != _TYPES.get(name, np.int32):
+            if not isinstance(array, np.ndarray) or array.dtype != _TYPES.get(name, (np.int32, 0))[0]:
                 kind = getattr(array, "dtype", type(array).__name__)
                 raise GameError(f"table {name} of {kind}: expected uint16 for threshold, uint8 for hurry, int32 for the others")
             object.__setattr__(self, name, frozen(array))
@@ -116,10 +94,12 @@ class Game(Layout):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        if self.people is not None:
-            return _game_of_people, (self.people, self.hash)
         if self.whole is not None:
             return _game_of_seat, (self.whole, self.seat)
+        # The game of a pair and a shipped one are pickled by their names, because their tables are megabytes.
+        make = self.people.game if self.people is not None else None if self.origin is None else self.origin.loader
+        if make is not None:
+            return _made_again, (make, self.hash)
         arrays: dict[str, Any] = self._arrays()
         return functools.partial(Game, catalogue=self.catalogue, recovery=self.recovery, **arrays), ()
 
@@ -127,7 +107,7 @@ class Game(Layout):
         return self  # nothing in it can be changed
 
     def without(self, *strokes: str) -> "Game":
-        """The game in which some strokes are illegal; the catalogue and the states are those of this game.
+        """The game in which some strokes are illegal; the catalogue stays, and the states are those that still occur.
 
         Args:
             strokes: shot types such as ``net-shot``, or strokes of the catalogue.
@@ -140,32 +120,11 @@ class Game(Layout):
         if unknown:
             raise GameError(f"no stroke {unknown[0]!r}; shot types are: {', '.join(dict.fromkeys(shots.tolist()))}")
         removed: Bools = np.isin(shots, strokes) | np.isin(names, strokes)
-        legal: Bools = self.reply_mask & ~removed
-        # States after a removed stroke never occur; they keep their strokes, because every state has one.
-        emptied = np.asarray(self.reply_mask.any(axis=-1) & ~legal.any(axis=-1))
-        for incoming in np.flatnonzero(emptied.any(axis=-1) & ~np.append(removed, False)):
-            raise GameError(
-                f"no stroke is legal after {np.append(names, 'the start of a rally')[incoming]} without {', '.join(strokes)}"
-            )
-        legal |= self.reply_mask & emptied[..., None]
-        count = legal.sum(axis=-1, dtype=np.int32)
-        # Stretches of replies are shared by both lengths of the duel, except after net shots.
-        kept = np.zeros(len(self.reply_edge) + 1, dtype=np.bool_)
-        for incoming, longer, contact in np.ndindex(self.reply_start.shape):
-            first = int(self.reply_start[incoming, longer, contact])
-            replies = slice(first, first + int(self.reply_count[incoming, contact]))
-            kept[replies] = legal[incoming, contact, self.edge_incoming[self.reply_edge[replies]]]
-        start: I32 = (np.cumsum(kept) - kept)[self.reply_start].astype(np.int32)
-        state = self.base_pair_state
-        keep = legal[self.incoming(state), self.contact(state), self.base_pair_stroke]
-        return dataclasses.replace(
-            self,
-            reply_start=start,
-            reply_count=count,
-            reply_edge=self.reply_edge[kept[:-1]],
-            threshold=self.threshold[keep],
-            hurry=self.hurry[keep],
-        )
+        tables = layout(self.catalogue, self.reply_mask.any(axis=1) & ~removed, duels=self.counts_duels)
+        smaller = Layout(catalogue=self.catalogue, **tables)
+        own, incoming, contact, duel, _, _, hurried = smaller.observation(smaller.base_pair_state).T
+        pair = self.pair(self.state_of(own, incoming, contact, duel, hurried=hurried), smaller.base_pair_stroke)
+        return dataclasses.replace(self, **tables, threshold=self.threshold[pair], hurry=self.hurry[pair])
 
     @functools.cached_property
     def seats(self) -> "tuple[Game, Game]":
@@ -206,6 +165,11 @@ class Game(Layout):
         return self.recovery is not None
 
     @property
+    def n_decisions(self) -> int:
+        """Number of decisions: the stroke in each state, and with recovery the position where the opponent strikes in it."""
+        return self.n_states * (1 + self.hides)
+
+    @property
     def n_actions(self) -> int:
         """Number of actions: the n strokes, and in the game with recovery the nine positions behind them."""
         return self.n_strokes + N_POSITIONS * self.hides
@@ -219,7 +183,8 @@ class Game(Layout):
         """``[..., 9]`` probabilities of people's positions as receivers where a striker is in each state; see ``waiting``."""
         if self.recovery is None:
             return np.broadcast_to(np.eye(N_POSITIONS)[CENTRE], (*np.shape(state), N_POSITIONS))
-        return self.recovery.of_states(self, self.base(state)) / np.float64(CHOICE_ONE)
+        shot, area, base = self.incoming_shot(state), np.append(self.catalogue.area, N_AREAS), self.base(state)
+        return self.recovery.chosen[shot, area[self.own(base)], area[self.incoming(base)], self.contact(base), self.hurried(base)]
 
     @functools.cached_property
     def waiting(self) -> Waiting:
@@ -228,13 +193,7 @@ class Game(Layout):
         Raises:
             GameError: in the game of a pair, each seat has its own.
         """
-        if self.recovery is None:
-            return in_the_middle(self, self.limits, self.hurry)
-        if self.people is not None:
-            raise GameError(
-                f"the game of {self.people.title} has the tables of both players; take those of a seat, game.seats[0]"
-            )
-        return waiting_of(self, self.threshold, self.hurry, self.fault_odds, self.recovery)
+        return waiting_of(self)
 
     def chances(self, state: int, stroke: int, position: int) -> tuple[list[int], list[int]]:
         """How draws decide a legal stroke against a receiver at a feasible position.
@@ -330,9 +289,7 @@ class Game(Layout):
         parts = [self.catalogue.version.encode()]
         for name, array in self._arrays().items():
             parts += f"{name}{array.dtype.str}{array.shape}".encode(), np.ascontiguousarray(array).tobytes()
-        if self.recovery is not None:
-            parts.append(f"recovery {self.recovery.hash}".encode())
-        return content_hash(*parts)
+        return content_hash(*parts, *([] if self.recovery is None else [f"recovery {self.recovery.hash}".encode()]))
 
     def _check_layout(self) -> None:
         """Check that all indices are in range: compiled code reads the tables without bounds checks.
@@ -376,29 +333,22 @@ class Game(Layout):
             raise GameError("table threshold does not count the legal strokes of the states")
         if (legal[np.arange(len(legal)) != 1] == 0).any():
             raise GameError("a state other than the serve from above has no legal stroke")
-        if len(np.unique(np.stack([self.edge_own, self.edge_incoming, self.edge_duel]), axis=1).T) != len(self.edge_own):
+        if (self._edge_of[self.edge_own, self.edge_incoming, self.edge_duel] != np.arange(len(self.edge_own))).any():
             raise GameError("tables edge_own, edge_incoming and edge_duel name an edge twice")
         of, count = np.arange(starts.size), counts.ravel()
         place = np.repeat(of, count)
         edge = self.reply_edge[np.repeat(starts.ravel() - np.r_[0, np.cumsum(count)[:-1]], count) + np.arange(len(place))]
-        answered, longer, contact = place >> 2, (place >> 1) & 1, place & 1
-        stroke = self.edge_incoming[edge]
-        if (
-            (self.edge_own[edge] != answered).any()
-            or (stroke >= n).any()
-            or (self.catalogue.height[stroke] != contact).any()
-            or (np.diff(stroke)[np.diff(place) == 0] <= 0).any()
-        ):
+        answered, longer, contact, stroke = place >> 2, (place >> 1) & 1, place & 1, self.edge_incoming[edge]
+        height, is_net = np.append(self.catalogue.height, -1), np.append(self.catalogue.is_net_shot & self.counts_duels, False)
+        wrong = (self.edge_own[edge] != answered) | (height[stroke] != contact)
+        if wrong.any() or (np.diff(stroke)[np.diff(place) == 0] <= 0).any():
             raise GameError("tables reply_start and reply_edge do not lead to the replies of a stroke, in their order")
-        if self.counts_duels:
-            is_net = np.append(self.catalogue.is_net_shot, False)
-            duel = np.where(is_net[stroke], np.where(is_net[answered], LONGEST_DUEL - 1 + longer, 1), 0)
-            if (self.edge_duel[edge] != duel).any():
-                raise GameError("table edge_duel does not count the net shots in a row")
-        by_window = self.edge_incoming[self.reply_edge]
-        for first, second, size in zip(starts[:, 0].ravel(), starts[:, 1].ravel(), self.reply_count.ravel(), strict=True):
-            if first != second and (by_window[first : first + size] != by_window[second : second + size]).any():
-                raise GameError("table reply_start: the legal strokes of a state depend on the duel")
+        if (self.edge_duel[edge] != np.where(is_net[stroke], np.where(is_net[answered], LONGEST_DUEL - 1 + longer, 1), 0)).any():
+            raise GameError("table edge_duel does not count the net shots in a row")
+        legal = np.zeros((n + 1, 2, 2, n), dtype=np.bool_)
+        legal.reshape(-1, n)[place, stroke] = True
+        if (legal[:, 0] != legal[:, 1]).any():
+            raise GameError("table reply_start: the legal strokes of a state depend on the duel")
 
     def _arrays(self) -> dict[str, npt.NDArray[np.generic]]:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(Game) if field.name not in _NO_TABLES}
@@ -423,19 +373,18 @@ class Game(Layout):
         """
         try:
             header, arrays = read_tensors(path)
-            names = parsed(header["strokes"])
+            names, pairs = parsed(header["strokes"]), arrays["threshold"].shape[-1]
+            columns = {name: checked(arrays.pop(name), kind, (wide, pairs)) for name, (kind, wide) in _TYPES.items()}
             if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
                 raise ValueError("the strokes are no list of names")
             catalogue = Catalogue.from_names(names)
-            shape = Layout(catalogue=catalogue, **{name: a for name, a in arrays.items() if name not in (*_TYPES, "fault_odds")})
-            pairs = arrays["threshold"].shape[-1]
+            shape = Layout(catalogue=catalogue, **{name: array for name, array in arrays.items() if name != "fault_odds"})
             if shape.n_base_pairs != pairs:
                 raise ValueError(f"{shape.n_base_pairs} legal pairs with thresholds for {pairs}")
             order = np.argsort(shape.base_pair_edge, kind="stable")
-            for name, kind in _TYPES.items():
-                columns = checked(arrays[name], kind, (len(arrays[name]), pairs))
-                arrays[name] = np.empty(columns.T.shape, kind)
-                arrays[name][order] = np.cumsum(columns, axis=1, dtype=kind).T
+            for name, (kind, wide) in _TYPES.items():
+                arrays[name] = np.empty((pairs, wide), kind)
+                arrays[name][order] = np.cumsum(columns[name], axis=1, dtype=kind).T
             tables: dict[str, Any] = arrays
             game = cls(catalogue=catalogue, **tables)
         except (OSError, KeyError, IndexError, TypeError, ValueError, ShuttleError) as error:
@@ -445,15 +394,15 @@ class Game(Layout):
         return game
 
 
-def _game_of_people(people: "People", value: str) -> Game:
-    """The game of a pair that was pickled by its names.
+def _made_again(make: Callable[[], Game], value: str) -> Game:
+    """The game that was pickled by its name.
 
     Raises:
         GameError: the model has changed since.
     """
-    game = people.game()
+    game = make()
     if game.hash != value:
-        raise GameError(f"{people.title}: pickled with game {value[:12]}, and the model has {game.hash[:12]}; make it again")
+        raise GameError(f"{game!r}: pickled with game {value[:12]}, and this version of the model is another one; make it again")
     return game
 
 
@@ -463,3 +412,24 @@ def _game_of_seat(whole: Game, seat: int) -> Game:
 
 def _within(array: Ints, low: int, high: int) -> bool:
     return bool(((array >= low) & (array <= high)).all())
+
+
+def thresholds(p_good: F64, p_returned: F64, p_above: F64) -> U16:
+    """Fixed-point thresholds ``[P, 3]`` from the three probabilities, each rounded to the nearest 1/65536.
+
+    The first three outcomes together never reach 1, so the last one keeps at least 1/65536.
+    """
+    fault = 1 - p_good
+    winner = fault + p_good * (1 - p_returned)
+    below = winner + p_good * p_returned * (1 - p_above)
+    cumulative = np.rint(np.stack([fault, winner, below], axis=-1) * ONE)
+    if not np.isfinite(cumulative).all():
+        raise GameError("a probability of the dynamics is not a number; the model is damaged")
+    return np.clip(cumulative, 0, ONE - 1).astype(np.uint16)
+
+
+def hurry_units(p: F64) -> U8:
+    """Fixed-point probabilities of a hurried receiver, each rounded to the nearest 1/256 and at most 255/256."""
+    if not np.isfinite(p).all():
+        raise GameError("a probability of a hurried receiver is not a number; the model is damaged")
+    return np.clip(np.rint(p * HURRY_ONE), 0, HURRY_ONE - 1).astype(np.uint8)

@@ -5,14 +5,15 @@ Names are imported when first used, because numba takes longer to import than a 
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.core import KernelError, struck
     from shuttle_marl.kernel.matches import Matches, MatchResults, play_matches, wrong_outcomes
     from shuttle_marl.kernel.players import Players, pack
     from shuttle_marl.kernel.rally import MatchBatch, RallyBatch
-    from shuttle_marl.kernel.sampling import Assess, Distinct, RallySampler, play_rallies
+    from shuttle_marl.kernel.sampling import Assess, RallySampler, play_rallies
+    from shuttle_marl.kernel.table_play import Distinct
 
 __all__ = [
     "Assess",

@@ -19,8 +19,9 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.base.errors import OptionError, ShuttleError, whole_number
-from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2, POSITION_SHIFT
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.game import draws, scoring
+from shuttle_marl.game.draws import GOLDEN
 from shuttle_marl.game.recovery import CENTRE, N_POSITIONS
 from shuttle_marl.game.tables import Game
 
@@ -30,26 +31,12 @@ LOW_16: Final = np.uint64(0xFFFF)
 LOW_8: Final = np.uint64(0xFF)
 _VECTOR: Final = 32
 _SHIFT: Final = np.uint64(57)
-BLOCK: Final = 256
-"""Rows of a block: few enough that the results of one pass are in the first-level cache for the next."""
-OPEN: Final = 2
-"""Least outcome of a stroke after which the rally continues."""
+BLOCK: Final = 256  # rows of a block: few enough that the results of one pass are in the first-level cache for the next
+OPEN: Final = 2  # least outcome of a stroke after which the rally continues
 
 
 class KernelError(ShuttleError):
     """An argument that the kernel cannot take."""
-
-
-def checked_number(name: str, value: Any, least: int) -> int:
-    """Return a whole number that is at least ``least``.
-
-    Raises:
-        KernelError: the value is something else.
-    """
-    try:
-        return whole_number(name, value, least)
-    except OptionError as error:
-        raise KernelError(str(error)) from None
 
 
 def checked_array(
@@ -102,45 +89,31 @@ class Tables(NamedTuple):
             them the two chances of a hurried receiver, that of a return from below first; indexed by (own effort, base pair). In
             the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1. With recovery the R rows by
             position (:class:`~shuttle_marl.game.recovery.Waiting`) take the place of the base pairs.
-        seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
         recovery: 1 if receivers choose positions, else None, a type of its own: code is compiled for each game, and without a
             choice it reads no positions.
-        position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1.
-        place: ``[base states, 9]`` int8 number of each position among the feasible ones, else -1.
         head: ``[base states, 8]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
             ``rank`` and of ``mask`` with its legal strokes, first row by position, number of feasible positions, which are the
             rows from one stroke to the next, and the rows of ``mask`` with these positions and with both. Without recovery the
             first four, which stay in the cache.
-        inverse: 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication.
-        first: ``[B, 3]`` int32 of each block: first state, first legal pair, index of its first thresholds in ``limits``.
-        follows: ``[B, 2]`` int32 first state of the following block, after a stroke that is not an attack and after an attack.
-        efforts: ``[B, 2]`` int32 efforts of striker and receiver in each block.
-        arrival: ``[V]`` int32 four times the edge that follows each reply, plus 1 if the reply is an attack.
-        stroke: ``[V]`` int16 stroke of each reply.
-        incoming: ``[E]`` int16 incoming stroke of an edge.
-        own: ``[E]`` int16 own last stroke of an edge.
-        duel: ``[E]`` int8 net shots in a row that end with the incoming stroke.
-        rank: ``[2 (n + 1), n]`` int16 position of a stroke among the legal strokes, -1 if it is not legal.
-        mask: ``[M, m]`` bool legal actions; m is n (with recovery n + 9) rounded up to a multiple of 32.
     """
 
     limits: U64
-    seat: np.int64
+    seat: np.int64  # index of the first thresholds of seat 1; 0 if both seats strike with the same ones
     recovery: np.int64 | None
-    position: I8
-    place: I8
+    position: I8  # [base states, 9] its feasible positions in rising order, then -1
+    place: I8  # [base states, 9] number of each position among the feasible ones, else -1
     head: I32
-    inverse: np.uint64
-    first: I32
-    follows: I32
-    efforts: I32
-    arrival: I32
-    stroke: I16
-    incoming: I16
-    own: I16
-    duel: I8
-    rank: I16
-    mask: Bools
+    inverse: np.uint64  # 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication
+    first: I32  # [B, 3] of each block: first state, first legal pair, index of its first thresholds in `limits`
+    follows: I32  # [B, 2] first state of the following block, after a stroke that is not an attack and after an attack
+    efforts: I32  # [B, 2] efforts of striker and receiver in each block
+    arrival: I32  # [V] four times the edge that follows each reply, plus 1 if the reply is an attack
+    stroke: I16  # [V] stroke of each reply
+    incoming: I16  # [E] incoming stroke of an edge
+    own: I16  # [E] own last stroke of an edge
+    duel: I8  # [E] net shots in a row that end with the incoming stroke
+    rank: I16  # [2 (n + 1), n] position of a stroke among the legal strokes, -1 if it is not legal
+    mask: Bools  # [M, m] legal actions; m is n (with recovery n + 9) rounded up to a multiple of 32
 
 
 @functools.lru_cache(maxsize=8)
@@ -211,23 +184,14 @@ def _masks(strokes: Bools, feasible: Bools, row: I32) -> tuple[Bools, tuple[Ints
 
 
 class Legal(NamedTuple):
-    """Legal strokes of a state.
+    """Legal strokes of a state."""
 
-    Attributes:
-        block: effort block of the state.
-        n: number of legal strokes.
-        pair: first legal pair.
-        reply: index of the first reply.
-        limit: index of the first thresholds.
-        choices: number of thresholds of a stroke, one for each feasible position of the receiver; 1 without recovery.
-    """
-
-    block: np.uint64
-    n: int
-    pair: int
-    reply: int
-    limit: int
-    choices: int
+    block: np.uint64  # effort block of the state
+    n: int  # number of legal strokes
+    pair: int  # first legal pair
+    reply: int  # index of the first reply
+    limit: int  # index of the first thresholds
+    choices: int  # number of thresholds of a stroke, one for each feasible position of the receiver; 1 without recovery
 
 
 # Unsigned indices need no check for counting from the end.
@@ -322,12 +286,8 @@ def place_of(tables: Tables, s: int, position: int) -> int:
     return int64(tables.place[base_of(tables, s), np.uint64(position)]) if with_recovery(tables) else 0
 
 
-@inlined
-def mix(x: np.uint64) -> np.uint64:
-    """:func:`shuttle_marl.game.draws.mix` of one number."""
-    x = (x ^ (x >> np.uint64(30))) * MIX_1
-    x = (x ^ (x >> np.uint64(27))) * MIX_2
-    return x ^ (x >> np.uint64(31))
+mix: Final = cast("Callable[[np.uint64], np.uint64]", inlined(draws.mix))
+count_rally: Final = inlined(scoring.count_rally)
 
 
 @inlined
@@ -365,46 +325,23 @@ def uniform_choice(count: int, bits: np.uint64) -> int:
     return int64(((bits >> np.uint64(32)) * np.uint64(count)) >> np.uint64(32))
 
 
-@inlined
-def uniform_place(choices: int, bits: np.uint64) -> int:
-    """One of the feasible positions of the receiver with equal probabilities, by the draw of the stroke."""
-    return uniform_choice(choices, bits << POSITION_SHIFT)
-
-
 class Block(NamedTuple):
-    """Arrays ``[BLOCK]``, or longer ones, in which each pass leaves its results for the next.
+    """Arrays ``[BLOCK]``, or longer ones, in which each pass leaves its results for the next."""
 
-    Attributes:
-        bits: uint64 draw of the stroke.
-        player: int32 number of the striker among :class:`~shuttle_marl.kernel.players.Players`.
-        other: int32 the same of the receiver.
-        place: int32 number of the receiver's feasible position.
-        rank: int32 position of the stroke among the legal strokes.
-        effort: int32 effort block of the state.
-        pair: int32 first legal pair of the state, then that of the stroke.
-        reply: int32 index of its first reply, then of the stroke.
-        limit: int32 index of the thresholds of its first stroke, then of the stroke.
-        choices: int32 number of thresholds of a stroke.
-        limits: uint64 thresholds of the stroke.
-        arrival: int32 state of the next striker, contact below and not hurried.
-        outcome: int64 outcome, 0 to 5.
-        listed: int64 indices of rows, see :func:`list_where`.
-    """
-
-    bits: U64
-    player: I32
-    other: I32
-    place: I32
-    rank: I32
-    effort: I32
-    pair: I32
-    reply: I32
-    limit: I32
-    choices: I32
-    limits: U64
-    arrival: I32
-    outcome: I64
-    listed: I64
+    bits: U64  # draw of the stroke
+    player: I32  # number of the striker among `Players`
+    other: I32  # the same of the receiver
+    place: I32  # number of the receiver's feasible position
+    rank: I32  # position of the stroke among the legal strokes
+    effort: I32  # effort block of the state
+    pair: I32  # first legal pair of the state, then that of the stroke
+    reply: I32  # index of its first reply, then of the stroke
+    limit: I32  # index of the thresholds of its first stroke, then of the stroke
+    choices: I32  # number of thresholds of a stroke
+    limits: U64  # thresholds of the stroke
+    arrival: I32  # state of the next striker, contact below and not hurried
+    outcome: I64  # outcome, 0 to 5
+    listed: I64  # indices of rows, see `list_where`
 
 
 @inlined

@@ -14,26 +14,27 @@ import numpy as np
 from shuttle_marl.base.arrays import I8, I32, I64, U8, U16, U64, Bools, Intp
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.compiling import compiled, inlined
+from shuttle_marl.base.errors import whole_number
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import (
     LAGS,
     Policy,
     PolicyError,
     States,
+    TabulatedPolicy,
     called,
     checked_positions,
     checked_probabilities,
     drawn_strokes,
 )
-from shuttle_marl.game.rally.record import Rallies, stroke_dtype
+from shuttle_marl.game.rally import Rallies, stroke_dtype
 from shuttle_marl.game.recovery import CENTRE
-from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
+from shuttle_marl.game.scoring import BWF, Rules, RulesTuple
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import core
-from shuttle_marl.kernel.core import BLOCK, Tables, checked_array, checked_number, int64
+from shuttle_marl.kernel.core import BLOCK, Tables, checked_array, count_rally, int64
 from shuttle_marl.kernel.players import Players, check_players, choose, empty_players, pack
-from shuttle_marl.kernel.rows import Rows, draw_strokes, new_rows, part_of
+from shuttle_marl.kernel.rows import Rows, draw_strokes, move, new_rows, part_of
 from shuttle_marl.kernel.rows import play as strike
 
 _STROKES_A_MATCH: Final = 1600
@@ -41,8 +42,6 @@ _STROKES_A_MATCH: Final = 1600
 not compete for the same cache lines."""
 _REPORT_EVERY: Final = 64
 _NOT_GIVEN: Final = np.empty((2, 0), np.int64)
-
-_count_rally = inlined(count_rally)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,100 +96,51 @@ rally and ``number`` that of the stroke as :class:`~shuttle_marl.game.policy.Sta
 Wait = Callable[[I32, I32, I32, I32, I32, I32, I32], Intp]
 """The same of receivers, of whom entrant and seat are: ``[B]`` position of each. All that follows the seat is the striker's."""
 
-HURRIED_BIT: Final = 15
-"""Bit of a noted stroke that says whether its striker was hurried."""
-POSITION_BIT: Final = 11
+_HURRIED_BIT: Final = 15  # bit of a noted stroke that says whether its striker was hurried
+_POSITION_BIT: Final = 11
 """First of the four bits of a noted stroke that are the position of the receiver; the lower ones are the stroke."""
 
 
-class Log(NamedTuple):
-    """Rallies and strokes of M matches; rally r of match m is stored at ``[m, r]``.
+class _Log(NamedTuple):
+    """M matches: what is constant, the score, and the rallies and strokes so far."""
 
-    Attributes:
-        server: ``[M, R]`` uint8 seat that served each rally.
-        winner: ``[M, R]`` uint8 seat that won it.
-        reason: ``[M, R]`` uint8 outcome of its last stroke.
-        score: ``[M, R, 4]`` uint8 points of the seats and games of the seats before it.
-        length: ``[M, R]`` int32 its number of strokes; 0 if it was not played.
-        stroke: ``[M, N]`` uint16 every stroke, :data:`POSITION_BIT` and :data:`HURRIED_BIT`; N = 0 if strokes are not recorded.
-    """
-
-    server: U8
-    winner: U8
-    reason: U8
-    score: U8
-    length: I32
-    stroke: U16
-
-
-def new_log(matches: int, rules: Rules, strokes: int) -> Log:
-    """A log without rallies, with room for a number of strokes of each match."""
-    shape = matches, rules.max_rallies
-    server, winner, reason = (np.empty(shape, np.uint8) for _ in range(3))
-    stroke = np.empty((matches, strokes), np.uint16)
-    return Log(server, winner, reason, np.empty((*shape, 4), np.uint8), np.zeros(shape, np.int32), stroke)
-
-
-def rallies_of(log: Log, entrant: I32, n_strokes: int, recovery: bool) -> Rallies:
-    """The rallies of a log in the order of match, rally."""
-    played = log.length > 0
-    match, rally = np.nonzero(played)
-    of_matches = (row[:count] for row, count in zip(log.stroke, log.length.sum(axis=1), strict=True))
-    noted = np.concatenate([log.stroke[:0].ravel(), *of_matches])
-    return Rallies(
-        pairing=np.zeros(len(match), np.uint32),
-        match=match.astype(np.uint32),
-        rally=rally.astype(np.uint16),
-        policy=entrant[match].astype(np.uint16),
-        **{name: getattr(log, name)[played] for name in ("server", "winner", "reason", "score", "length")},
-        stroke=(noted & np.uint16((1 << POSITION_BIT) - 1)).astype(stroke_dtype(n_strokes)),
-        hurried=(noted >> HURRIED_BIT).astype(np.uint8),
-        waited=(noted >> POSITION_BIT & np.uint16(15)).astype(np.int8) if recovery else None,
-    )
-
-
-class _Counts(NamedTuple):
-    """``[M]`` number of rallies that have started, ``[M, 2]`` points of the seats in the current game, and their games."""
-
-    begun: I32
-    points: I32
-    games: I32
-
-
-class _Setup(NamedTuple):
-    """Constants of M matches: policies, ``[M, 2]`` entrants, ``[M]`` keys of the draws, and rules."""
-
-    players: Players
-    entrant: I32
-    key: U64
-    rules: RulesTuple
+    entrant: I32  # [M, 2] players of the seats
+    key: U64  # [M] keys of the draws
+    rules: RulesTuple  # when a game and a match are won
+    begun: I32  # [M] number of rallies that have started
+    points: I32  # [M, 2] points of the seats in the current game
+    games: I32  # [M, 2] their games
+    server: U8  # [M, R] seat that served each rally
+    winner: U8  # [M, R] seat that won it
+    reason: U8  # [M, R] outcome of its last stroke
+    score: U8  # [M, R, 4] points of the seats and games of the seats before it
+    length: I32  # [M, R] its number of strokes; 0 if it was not played
+    stroke: U16  # [M, N] every stroke, `_POSITION_BIT` and `_HURRIED_BIT`; N = 0 if strokes are not recorded
 
 
 @inlined
-def _begin_rally(lanes: Rows, lane: int, log: Log, counts: _Counts, match: int, key: np.uint64, server: int) -> None:
+def _begin_rally(lanes: Rows, lane: int, log: _Log, match: int, server: int) -> None:
     """Start the next rally of the match in a lane."""
-    r = counts.begun[match]
+    r = log.begun[match]
     log.server[match, r] = server
-    log.score[match, r, 0], log.score[match, r, 1] = counts.points[match, 0], counts.points[match, 1]
-    log.score[match, r, 2], log.score[match, r, 3] = counts.games[match, 0], counts.games[match, 1]
-    lanes.key[lane] = core.extend(key, 2 * r + server)
+    log.score[match, r, 0], log.score[match, r, 1] = log.points[match, 0], log.points[match, 1]
+    log.score[match, r, 2], log.score[match, r, 3] = log.games[match, 0], log.games[match, 1]
+    lanes.key[lane] = core.extend(log.key[match], 2 * r + server)
     lanes.state[lane] = 0
     lanes.stroke[lane] = 0
     lanes.striker[lane] = server
-    counts.begun[match] += 1
+    log.begun[match] += 1
 
 
 @compiled
-def _begin(lanes: Rows, log: Log, counts: _Counts, match_key: U64, first_server: I8) -> None:
-    for m in range(match_key.size):
+def _begin(lanes: Rows, log: _Log, first_server: I8) -> None:
+    for m in range(log.key.size):
         lanes.rally[m] = m
-        _begin_rally(lanes, m, log, counts, m, match_key[m], int64(first_server[m]))
+        _begin_rally(lanes, m, log, m, int64(first_server[m]))
 
 
 @compiled
-def _play(
-    tables: Tables, setup: _Setup, lanes: Rows, live: int, log: Log, counts: _Counts, step: int, given: I64
-) -> tuple[int, int]:
+def _play(tables: Tables, players: Players, lanes: Rows, live: int, log: _Log, step: int, given: I64) -> tuple[int, int]:
     """Play in the first ``live`` lanes until all matches are over or the capacity for strokes is reached.
 
     ``lanes.rally`` is the index of the match. All matches start together and never wait, so stroke n of each match is played in
@@ -199,7 +149,7 @@ def _play(
     Args:
         given: ``[2, live]`` ranks and positions of one stroke, which alone is played; ``[2, 0]``: the tables choose.
     """
-    entrant, keep, asked = setup.entrant, log.stroke.shape[1] > 0, given.shape[1] > 0
+    entrant, keep, asked = log.entrant, log.stroke.shape[1] > 0, given.shape[1] > 0
     block = core.new_block(live)
     while live > 0 and (not keep or step < log.stroke.shape[1]):
         part = part_of(lanes, 0, live)
@@ -214,11 +164,11 @@ def _play(
             for j in range(live):
                 match, seat = np.uint64(part.rally[j]), part.striker[j]
                 block.player[j], block.other[j] = entrant[match, np.uint64(seat)], entrant[match, np.uint64(1 - seat)]
-            choose(tables, setup.players, part.state, part.striker, block, live)
+            choose(tables, players, part.state, part.striker, block, live)
         if keep:
             for j in range(live):
-                noted = tables.stroke[np.uint64(block.reply[j])] | core.hurried_in(part.state[j]) << HURRIED_BIT
-                noted |= core.position_at(tables, part.state[j], block.place[j]) << POSITION_BIT
+                noted = tables.stroke[np.uint64(block.reply[j])] | core.hurried_in(part.state[j]) << _HURRIED_BIT
+                noted |= core.position_at(tables, part.state[j], block.place[j]) << _POSITION_BIT
                 log.stroke[np.uint64(part.rally[j]), step] = noted
         strike(tables, part, block)
         step += 1
@@ -226,20 +176,19 @@ def _play(
         for i in range(core.list_where(block, live, over=True) - 1, -1, -1):
             j = block.listed[i]
             m = lanes.rally[j]
-            r = counts.begun[m] - 1
+            r = log.begun[m] - 1
             outcome = block.outcome[j]
             winner = 1 - lanes.striker[j] if outcome == 1 else int64(lanes.striker[j])
             log.winner[m, r], log.reason[m, r], log.length[m, r] = winner, outcome, lanes.stroke[j]
-            counted = _count_rally(counts.points[m, winner], counts.points[m, 1 - winner], counts.games[m, winner], setup.rules)
-            counts.points[m, winner], counts.games[m, winner] = counted.points, counted.games
+            counted = count_rally(log.points[m, winner], log.points[m, 1 - winner], log.games[m, winner], log.rules)
+            log.points[m, winner], log.games[m, winner] = counted.points, counted.games
             if counted.game_won:
-                counts.points[m, 0] = counts.points[m, 1] = 0
-            if not counted.match_won:
-                _begin_rally(lanes, j, log, counts, m, setup.key[m], winner)
-                continue
-            live -= 1
-            lanes.rally[j], lanes.key[j], lanes.state[j] = lanes.rally[live], lanes.key[live], lanes.state[live]
-            lanes.stroke[j], lanes.striker[j] = lanes.stroke[live], lanes.striker[live]
+                log.points[m, 0] = log.points[m, 1] = 0
+            if counted.match_won:
+                live -= 1
+                move(lanes, live, j)
+            else:
+                _begin_rally(lanes, j, log, m, winner)
         if asked:
             break
     return live, step
@@ -249,25 +198,45 @@ class _Running:
     """Matches that are being played."""
 
     def __init__(self, game: Game, matches: Matches, players: Players, rules: Rules, *, keep: bool) -> None:
-        size = len(matches)
-        self.tables, self.lanes, self.live, self.step = core.tables_of(game), new_rows(max(1, size)), size, 0
-        self.setup = _Setup(players, matches.entrant, matches.key, rules.as_tuple)
-        self.log, games = new_log(size, rules, _STROKES_A_MATCH if keep else 0), np.zeros((size, 2), np.int32)
-        self.counts = _Counts(np.zeros(size, np.int32), np.zeros((size, 2), np.int32), games)
-        _begin(self.lanes, self.log, self.counts, matches.key, matches.first_server)
+        size, shape, room = len(matches), (len(matches), rules.max_rallies), _STROKES_A_MATCH * keep
+        self.tables, self.players, self.lanes, self.live, self.step = (
+            core.tables_of(game),
+            players,
+            new_rows(max(1, size)),
+            size,
+            0,
+        )
+        points, games = np.zeros((2, size, 2), np.int32)
+        server, winner, reason = np.empty((3, *shape), np.uint8)
+        score, length, stroke = np.empty((*shape, 4), np.uint8), np.zeros(shape, np.int32), np.empty((size, room), np.uint16)
+        begun, entrant, key = np.zeros(size, np.int32), matches.entrant, matches.key
+        self.log = _Log(entrant, key, rules.as_tuple, begun, points, games, server, winner, reason, score, length, stroke)
+        _begin(self.lanes, self.log, matches.first_server)
 
     def play(self, given: I64 = _NOT_GIVEN) -> None:
         """Play one stroke in each lane that is given, or by tables as many as there is room for."""
         if self.step == self.log.stroke.shape[1] > 0:
             self.log = self.log._replace(stroke=np.concatenate([self.log.stroke, np.empty_like(self.log.stroke)], axis=1))
-        args = (self.tables, self.setup, self.lanes, self.live, self.log, self.counts, self.step, given)
-        self.live, self.step = _play(*args)
+        self.live, self.step = _play(self.tables, self.players, self.lanes, self.live, self.log, self.step, given)
 
     def results(self) -> MatchResults:
-        """Games and rallies, after the end of all matches."""
-        tables = self.tables
-        rallies = rallies_of(self.log, self.setup.entrant, tables.rank.shape[1], tables.recovery is not None)
-        return MatchResults(self.counts.games, rallies)
+        """Games and rallies in the order of match, rally, after the end of all matches."""
+        log, played = self.log, self.log.length > 0
+        match, rally = np.nonzero(played)
+        of_matches = (row[:count] for row, count in zip(log.stroke, log.length.sum(axis=1), strict=True))
+        noted = np.concatenate([log.stroke[:0].ravel(), *of_matches])
+        waited = (noted >> _POSITION_BIT & np.uint16(15)).astype(np.int8)
+        rallies = Rallies(
+            pairing=np.zeros(len(match), np.uint32),
+            match=match.astype(np.uint32),
+            rally=rally.astype(np.uint16),
+            policy=log.entrant[match].astype(np.uint16),
+            **{name: getattr(log, name)[played] for name in ("server", "winner", "reason", "score", "length")},
+            stroke=(noted & np.uint16((1 << _POSITION_BIT) - 1)).astype(stroke_dtype(self.tables.rank.shape[1])),
+            hurried=(noted >> _HURRIED_BIT).astype(np.uint8),
+            waited=None if self.tables.recovery is None else waited,
+        )
+        return MatchResults(log.games, rallies)
 
 
 def play(
@@ -288,18 +257,18 @@ def play(
         progress: called from time to time with the number of strokes played since the last call.
     """
     run = _Running(game, matches, empty_players(game, 0), rules, keep=keep_strokes)
-    history, counts, unreported = np.full((len(matches), LAGS), game.n_strokes, np.int32), run.counts, 0
+    history, log, unreported = np.full((len(matches), LAGS), game.n_strokes, np.int32), run.log, 0
     while run.live:
         part = part_of(run.lanes, 0, run.live)
         match, state, seat, bits = part.rally, part.state.copy(), part.striker.astype(np.int32), draws.draw(part.key, part.stroke)
         history[match[part.stroke == 0]] = game.n_strokes
-        score = np.concatenate([counts.points[match].T, counts.games[match].T])
+        score = np.concatenate([log.points[match].T, log.games[match].T])
         situation = (score, history[match].T, part.stroke + np.int32(1))
         k = choose(matches.entrant[match, seat], state, draws.choice_draw(bits), seat, *situation)
-        position, drawn = np.full(run.live, CENTRE), draws.position_draw(bits)
+        drawn = draws.position_draw(bits)
         if game.hides and wait is not None:
             position = wait(matches.entrant[match, 1 - seat], state, drawn, 1 - seat, *situation)
-        elif game.hides:
+        else:
             position = drawn_strokes(game.people_positions(state), drawn)
         history[match] = np.column_stack([game.stroke_at(state, k), history[match, :-1]])
         unreported += run.live
@@ -335,7 +304,7 @@ def play_matches(
     players = policies if isinstance(policies, Players) else pack(policies, game)
     check_players(players, game)
     checked_array("entrant", matches.entrant, np.int32, (len(matches), 2), 0, len(players.cumulative) - 1)
-    workers = None if threads is None else checked_number("threads", threads, 1)
+    workers = None if threads is None else whole_number("threads", threads, 1)
 
     def play_from(first: int) -> MatchResults:
         part = Matches(**{f.name: getattr(matches, f.name)[first : first + BLOCK] for f in dataclasses.fields(Matches)})

@@ -8,9 +8,9 @@ import numpy as np
 from shuttle_marl.base.arrays import I32, U8, U16, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE, POSITION_SHIFT
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.core import (
     Block,
     KernelError,
@@ -24,28 +24,24 @@ from shuttle_marl.kernel.core import (
     with_recovery,
 )
 
-GUIDES: Final = 16
-"""Entries of the guide of a state: one for each value of the highest four bits of a choice."""
+GUIDES: Final = 16  # entries of the guide of a state: one for each value of the highest four bits of a choice
 _GUIDE_SHIFT: Final = np.uint16(12)
-_MOST_LEGAL: Final = 256
-"""Most legal strokes of a state: positions are stored as uint8."""
+_MOST_LEGAL: Final = 256  # most legal strokes of a state: positions are stored as uint8
 _CHOICE_ONE: Final = np.uint64(CHOICE_ONE)
-_PLACES: Final = N_POSITIONS - 1
-"""Positions whose cumulative probability is stored: the last one always has 65535."""
+_PLACES: Final = N_POSITIONS - 1  # positions whose cumulative probability is stored: the last one always has 65535
 
 
 class Players(NamedTuple):
     """K tabulated policies.
 
     Attributes:
-        cumulative: ``[K, P]`` uint16 cumulative probabilities, see :class:`shuttle_marl.game.tabulated.TabulatedPolicy`.
         guide: ``[K, S, GUIDES]`` uint8 position among the legal strokes at which the search of a choice starts, indexed by the
             highest four bits of the choice.
         waits: ``[K, S, 8]`` uint16 the same as ``cumulative`` for the feasible positions of each state in rising order, but the
             ninth, filled up with 65535; ``[K, 0, 8]`` in the game without recovery.
     """
 
-    cumulative: U16
+    cumulative: U16  # [K, P] cumulative probabilities, see `TabulatedPolicy`
     guide: U8
     waits: U16
 

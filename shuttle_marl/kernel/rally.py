@@ -11,21 +11,16 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
+from shuttle_marl.base.errors import whole_number
 from shuttle_marl.game import draws
+from shuttle_marl.game.draws import POSITION_SHIFT
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rules import IllegalStrokeError
-from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
+from shuttle_marl.game.scoring import BWF, Rules, RulesTuple
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import core
-from shuttle_marl.kernel.core import BLOCK, OPEN, Block, KernelError, Tables, checked_array, checked_number, int64
-from shuttle_marl.kernel.players import (
-    Players,
-    empty_players,
-    pack,
-    place_choice,
-    put_player,
-    table_choice,
-)
+from shuttle_marl.kernel.core import BLOCK, OPEN, Block, KernelError, Tables, checked_array, count_rally, int64
+from shuttle_marl.kernel.players import Players, empty_players, pack, place_choice, put_player, table_choice
 from shuttle_marl.kernel.rows import (
     DRAWN,
     ILLEGAL,
@@ -49,51 +44,29 @@ from shuttle_marl.kernel.rows import (
     play,
 )
 
-_count_rally = inlined(count_rally)
-
 
 class Opponents(NamedTuple):
-    """Opponents of a learner, row by row.
+    """Opponents of a learner, row by row."""
 
-    Attributes:
-        players: the K opponents.
-        seat: ``[B]`` int8 seat of the learner.
-        opponent: ``[B]`` int32 opponent in the current rally or match.
-        following: ``[B]`` int32 opponent in those that start from now on.
-        unseen: ``[B, 2]`` int64 rallies or matches that ended before the learner's first stroke: won and lost by the learner.
-    """
-
-    players: Players
-    seat: I8
-    opponent: I32
-    following: I32
-    unseen: I64
+    players: Players  # the K opponents
+    seat: I8  # [B] seat of the learner
+    opponent: I32  # [B] opponent in the current rally or match
+    following: I32  # [B] opponent in those that start from now on
+    unseen: I64  # [B, 2] rallies or matches that ended before the learner's first stroke: won and lost by the learner
 
 
 class MatchRows(NamedTuple):
-    """The matches of B rows, beside their rallies.
+    """The matches of B rows, beside their rallies."""
 
-    Attributes:
-        key: ``[B]`` uint64 key of the match's draws.
-        rally: ``[B]`` int64 number of the rally in its match.
-        points: ``[B, 2]`` int32 points of the seats in the current game; after the end of the match, in its last game.
-        games: ``[B, 2]`` int32 games of the seats.
-        server: ``[B]`` int8 seat that serves the rally; after the end of the match, its winner.
-        owed: ``[B]`` float32 reward for rallies that ended before the learner's first stroke.
-        reason: ``[B]`` int8 FAULT, WINNER or :data:`ILLEGAL`: how the last rally ended.
-        rules: when a game and a match are won.
-        each: 1 if every rally is rewarded, 0 if only the match is.
-    """
-
-    key: U64
-    rally: I64
-    points: I32
-    games: I32
-    server: I8
-    owed: F32
-    reason: I8
-    rules: RulesTuple
-    each: int
+    key: U64  # [B] key of the match's draws
+    rally: I64  # [B] number of the rally in its match
+    points: I32  # [B, 2] points of the seats in the current game; after the end of the match, in its last game
+    games: I32  # [B, 2] games of the seats
+    server: I8  # [B] seat that serves the rally; after the end of the match, its winner
+    owed: F32  # [B] reward for rallies that ended before the learner's first stroke
+    reason: I8  # [B] FAULT, WINNER or `ILLEGAL`: how the last rally ended
+    rules: RulesTuple  # when a game and a match are won
+    each: int  # 1 if every rally is rewarded, 0 if only the match is
 
 
 class _Work(NamedTuple):
@@ -107,12 +80,7 @@ class _Work(NamedTuple):
 
 @inlined
 def _new_work(size: int) -> _Work:
-    return _Work(
-        core.new_block(size),
-        np.empty(size, np.int64),
-        np.zeros(size, np.float32),
-        np.empty(size, np.int64),
-    )
+    return _Work(core.new_block(size), np.empty(size, np.int64), np.zeros(size, np.float32), np.empty(size, np.int64))
 
 
 # Arrays of these tuples are read where they are used: a local name for one, across branches, costs a count of its references.
@@ -139,7 +107,7 @@ def _end_stroke(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcom
     if not over:
         return np.float32(0)
     matches.reason[i] = outcome
-    counted = _count_rally(matches.points[i, winner], matches.points[i, 1 - winner], matches.games[i, winner], matches.rules)
+    counted = count_rally(matches.points[i, winner], matches.points[i, 1 - winner], matches.games[i, winner], matches.rules)
     matches.points[i, winner], matches.games[i, winner] = counted.points, counted.games
     rows.live[i] = not counted.match_won
     if counted.match_won:
@@ -253,23 +221,13 @@ def _reset(
 @inlined
 def _decide(tables: Tables, opponents: Opponents, part: Rows, first: int, rank: I16, place: I16, block: Block) -> None:
     """Split the learner's actions of a block into strokes and positions, and let the opponents choose the others."""
-    for r in range(_list_deciding(opponents, part, first, block, strikes=True)):
-        j = block.listed[r]
-        place[j] = place_choice(opponents.players, opponents.opponent[first + j], part.state[j], block.bits[j])
-    for r in range(_list_deciding(opponents, part, first, block, strikes=False)):
-        j = block.listed[r]
-        s, opponent, place[j] = part.state[j], opponents.opponent[first + j], rank[j]
-        rank[j] = table_choice(opponents.players, opponent, s, core.legal_strokes(tables, s).pair, block.bits[j])
-
-
-@inlined
-def _list_deciding(opponents: Opponents, part: Rows, first: int, block: Block, strikes: bool) -> int:
-    """List the rows whose learner is to strike, or those whose learner is to choose a position; returns their number."""
-    listed = 0
     for j in range(part.state.size):
-        block.listed[listed] = j
-        listed += (part.striker[j] == opponents.seat[first + j]) == strikes
-    return listed
+        s, opponent, bits = part.state[j], opponents.opponent[first + j], block.bits[j]
+        if part.striker[j] == opponents.seat[first + j]:
+            place[j] = place_choice(opponents.players, opponent, s, bits)
+        else:
+            place[j] = rank[j]
+            rank[j] = table_choice(opponents.players, opponent, s, core.legal_strokes(tables, s).pair, bits)
 
 
 @inlined
@@ -319,8 +277,7 @@ def _step(
             _decide(tables, opponents, part, first, ranks, places, block)
         for j in range(size):
             core.put_stroke(tables, block, j, core.legal_strokes(tables, part.state[j]), ranks[j], part.striker[j])
-            if core.with_recovery(tables):
-                block.place[j] = places[j]
+            block.place[j] = places[j]
         play(tables, part, block)
         if opponents is not None:
             _count(tables, rows, matches, opponents, work, first, results)
@@ -350,8 +307,7 @@ def _run(tables: Tables, rows: Rows, serving: Serving, strokes: int, start: int,
             for j in range(count):
                 legal = core.legal_strokes(tables, part.state[j])
                 core.put_stroke(tables, block, j, legal, core.uniform_choice(legal.n, block.bits[j]), part.striker[j])
-                if core.with_recovery(tables):
-                    block.place[j] = core.uniform_place(legal.choices, block.bits[j])
+                block.place[j] = core.uniform_choice(legal.choices, block.bits[j] << POSITION_SHIFT)
             play(tables, part, block)
             for i in range(core.list_where(block, count, over=True)):
                 begin(rows, first + block.listed[i], serving)
@@ -373,7 +329,7 @@ class RallyBatch:
         threads: number of threads; does not change results.
 
     Raises:
-        KernelError: no opponent, one of another game, a seat that is neither 0 nor 1, or an invalid number.
+        KernelError: no opponent, one of another game, or a seat that is neither 0 nor 1.
     """
 
     matches: MatchRows | None = None
@@ -391,7 +347,7 @@ class RallyBatch:
     ) -> None:
         if server not in (None, 0, 1):
             raise KernelError(f"server {server!r}: expected 0, 1, or None for a random server")
-        self.game, self.rows, self.threads = game, new_rows(batch), checked_number("threads", threads, 1)
+        self.game, self.rows, self.threads = game, new_rows(batch), whole_number("threads", threads, 1)
         self._tables, self._server = core.tables_of(game), DRAWN if server is None else int(server)
         seats = np.asarray(seat)
         if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
@@ -486,7 +442,7 @@ class RallyBatch:
 
     def run(self, strokes: int) -> None:
         """Let every row play a number of random legal strokes by itself; rallies that end are followed by the next."""
-        strokes, serving = checked_number("strokes", strokes, 0), self._serving()
+        strokes, serving = whole_number("strokes", strokes, 0), self._serving()
         in_slices(lambda a, b: _run(self._tables, self.rows, serving, strokes, a, b), len(self), self.threads)
 
     def new_observations(self) -> Observations:
@@ -502,12 +458,11 @@ class RallyBatch:
         self._check(observed)
         in_slices(lambda a, b: observe_rows(self._tables, self.rows, self._other, observed, a, b), len(self), self.threads)
 
-    def random_strokes(self) -> I64:
-        """``[B]`` a random legal stroke or position of each row, by the draw of its next stroke."""
-        return self.random_actions()[0]
-
     def random_actions(self) -> tuple[I64, I64]:
-        """:meth:`random_strokes`, and ``[B]`` a random position of each receiver, for rows without opponents."""
+        """``[B]`` a random legal stroke or position of each row, by the draw of its next stroke.
+
+        And ``[B]`` a random position of each receiver, for rows without opponents.
+        """
         stroke, position = np.empty(len(self), np.int64), np.zeros(len(self), np.int64)
         args = (self._tables, self.rows, self._other, stroke, position)
         in_slices(lambda a, b: choose_uniform(*args, a, b), len(self), self.threads)
@@ -560,8 +515,7 @@ class RallyBatch:
         Raises:
             KernelError: wrong shape, not integers, or an infeasible position; or positions that are not needed or missing.
         """
-        needed = self.game.hides and not self.n_opponents
-        if needed != (position is not None):
+        if (position is not None) != (self.game.hides and not self.n_opponents):
             raise KernelError("positions are for rows without opponents in the game with recovery, and needed there")
         if position is None:
             return np.zeros(len(self), np.int16)
@@ -599,7 +553,7 @@ class MatchBatch(RallyBatch):
         matches: score, server and draws of each row.
 
     Raises:
-        KernelError: no opponent, one of another game, a seat that is neither 0 nor 1, or an invalid number.
+        KernelError: no opponent, one of another game, or a seat that is neither 0 nor 1.
     """
 
     def __init__(
@@ -612,7 +566,7 @@ class MatchBatch(RallyBatch):
         each_rally: bool = False,
         **options: Any,
     ) -> None:
-        size = checked_number("batch", batch, 1)
+        size = whole_number("batch", batch, 1)
         self.matches: MatchRows = MatchRows(
             key=np.empty(size, np.uint64),
             rally=np.zeros(size, np.int64),

@@ -11,17 +11,17 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import compiled, inlined
+from shuttle_marl.base.errors import whole_number
+from shuttle_marl.game.draws import POSITION_SHIFT
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.kernel import core
-from shuttle_marl.kernel.core import BLOCK, Block, Tables, checked_number
+from shuttle_marl.kernel.core import BLOCK, Block, Tables
 
 ILLEGAL: Final = 2
 """Reason of the end of a match that was lost by an illegal stroke; otherwise FAULT or WINNER, the outcome of the last stroke."""
 
-DRAWN: Final = -1
-"""The server is random."""
-_LEAST_ROWS: Final = 1024
-"""Fewest rows for which a thread is worthwhile."""
+DRAWN: Final = -1  # the server is random
+_LEAST_ROWS: Final = 1024  # fewest rows for which a thread is worthwhile
 
 Server = Literal[0, 1] | None
 
@@ -32,42 +32,31 @@ class Rows(NamedTuple):
     Attributes:
         state: ``[B]`` int32 state of the striker; after the end of a rally the state that would follow its last stroke, contact
             below and not hurried.
-        striker: ``[B]`` int8 seat of the striker.
-        stroke: ``[B]`` int32 strokes played in this rally.
-        rally: ``[B]`` int64 number of the rally; its draws follow from the seed and this number.
-        key: ``[B]`` uint64 key of the rally's draws.
-        live: ``[B]`` bool whether the rally continues.
     """
 
     state: I32
-    striker: I8
-    stroke: I32
-    rally: I64
-    key: U64
-    live: Bools
+    striker: I8  # [B] seat of the striker
+    stroke: I32  # [B] strokes played in this rally
+    rally: I64  # [B] number of the rally; its draws follow from the seed and this number
+    key: U64  # [B] key of the rally's draws
+    live: Bools  # [B] whether the rally continues
 
 
 class Serving(NamedTuple):
-    """Start of the next rallies.
+    """Start of the next rallies."""
 
-    Attributes:
-        seed_key: key of the seed.
-        server: seat that serves, or :data:`DRAWN`.
-        reset: whether rows whose rally is over start the next one in the same step.
-    """
-
-    seed_key: np.uint64
-    server: int
-    reset: bool
+    seed_key: np.uint64  # key of the seed
+    server: int  # seat that serves, or `DRAWN`
+    reset: bool  # whether rows whose rally is over start the next one in the same step
 
 
 def new_rows(batch: int) -> Rows:
     """Rows before their first rally: row b plays rallies b, b + B, b + 2 B, …
 
     Raises:
-        KernelError: fewer than one row.
+        OptionError: fewer than one row.
     """
-    batch = checked_number("batch", batch, 1)
+    batch = whole_number("batch", batch, 1)
     return Rows(
         state=np.zeros(batch, np.int32),
         striker=np.zeros(batch, np.int8),
@@ -82,13 +71,16 @@ def new_rows(batch: int) -> Rows:
 def part_of(rows: Rows, first: int, last: int) -> Rows:
     """Views of rows ``first`` up to ``last``."""
     return Rows(
-        rows.state[first:last],
-        rows.striker[first:last],
-        rows.stroke[first:last],
-        rows.rally[first:last],
-        rows.key[first:last],
+        rows.state[first:last], rows.striker[first:last], rows.stroke[first:last], rows.rally[first:last], rows.key[first:last],
         rows.live[first:last],
-    )
+    )  # fmt: skip
+
+
+@inlined
+def move(rows: Rows, i: int, to: int) -> None:
+    """Move the rally of row i to another row."""
+    rows.state[to], rows.striker[to], rows.stroke[to] = rows.state[i], rows.striker[i], rows.stroke[i]
+    rows.rally[to], rows.key[to] = rows.rally[i], rows.key[i]
 
 
 @inlined
@@ -158,8 +150,7 @@ def find_places(tables: Tables, rows: Rows, position: I64, place: I16, first: in
         place[i] = tables.place[base, np.uint64(position[i])] if found else -1
 
 
-TOKENS: Final = 7
-"""Number of tokens of an observation; one more in the game with recovery."""
+TOKENS: Final = 7  # number of tokens of an observation; one more in the game with recovery
 
 
 class Observations(NamedTuple):
@@ -182,17 +173,11 @@ NO_OBSERVATIONS: Final = Observations(np.empty((0, TOKENS), np.int32), np.empty(
 
 
 class Output(NamedTuple):
-    """Results of a step.
+    """Results of a step."""
 
-    Attributes:
-        reward: ``[B]`` float32.
-        done: ``[B]`` bool whether the rally or match is over.
-        observed: observations after the step, or :data:`NO_OBSERVATIONS`.
-    """
-
-    reward: F32
-    done: Bools
-    observed: Observations
+    reward: F32  # [B] float32
+    done: Bools  # [B] whether the rally or match is over
+    observed: Observations  # observations after the step, or `NO_OBSERVATIONS`
 
 
 @inlined
@@ -249,7 +234,7 @@ def choose_uniform(tables: Tables, rows: Rows, other: I8, action: I64, position:
         for j in range(part.state.size):
             legal = core.legal_strokes(tables, part.state[j])
             chosen[j] = core.stroke_of(tables, legal, core.uniform_choice(legal.n, block.bits[j]))
-            waited = core.position_at(tables, part.state[j], core.uniform_place(legal.choices, block.bits[j]))
+            waited = core.position_at(tables, part.state[j], core.uniform_choice(legal.choices, block.bits[j] << POSITION_SHIFT))
             position[begin_block + j] = waited
             if waits(tables, rows, other, begin_block + j):
                 chosen[j] = tables.rank.shape[1] + waited

@@ -9,24 +9,25 @@ summed for each state and stroke, positive and negative ones apart: the clipped 
 its gradient over distinct pairs is that over all strokes.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, I32, I64, Bools, Floats, Ints
+from shuttle_marl.base.arrays import F32, I32, I64, Floats, Ints
+from shuttle_marl.base.errors import whole_number
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally.record import Rallies, stroke_dtype
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import Rallies, stroke_dtype
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import table_play
-from shuttle_marl.kernel.core import KernelError, Tables, checked_array, checked_number, tables_of
+from shuttle_marl.kernel.core import BLOCK, KernelError, Tables, checked_array, tables_of
 from shuttle_marl.kernel.players import empty_players, pack, put_player
-from shuttle_marl.kernel.table_play import Learned, Played, StrokeList, Tape
+from shuttle_marl.kernel.rows import new_rows
+from shuttle_marl.kernel.table_play import Distinct, Learned, Played, StrokeList, Tape
 
 Assess = Callable[[I32], tuple[F32, F32]]
 """Maps states ``[U]`` to logits of all strokes ``[U, n]`` and values to the striker ``[U]``.
@@ -35,49 +36,9 @@ With recovery it maps decisions, states or S plus the state in which the opponen
 ``[U, n + 9]`` and values to the player who decides.
 """
 
-_ROOM: Final = 8
-"""Strokes on the tape for each stroke that is asked for; memory that is not written costs nothing."""
+_ROOM: Final = 8  # strokes on the tape for each stroke that is asked for; memory that is not written costs nothing
 _WHOLE: Final = 1 << 16
-_GUESS: Final = 4.0
-"""Initial guess of the learner's strokes per rally."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Distinct:
-    """N strokes of a learner as U distinct states and R rows of distinct strokes.
-
-    A stroke has one row for its positive advantages and one for its negative advantages. With recovery states are decisions, see
-    :data:`Assess`, and position p is stroke n + p.
-
-    Attributes:
-        state: ``[U]`` int32 states.
-        visits: ``[U]`` float32 number of strokes in each state.
-        returns: ``[U]`` float32 mean lambda-return in each state.
-        start: ``[U + 1]`` int64 first row of each state.
-        row: ``[R]`` int64 index of the state of each row.
-        stroke: ``[R]`` int64 catalogue index.
-        log_probability: ``[R]`` float32 log-probability of the stroke when it was played.
-        advantage: ``[R]`` float32 sum of the advantages.
-        strokes: N.
-        deviation: standard deviation of the N advantages.
-        rallies: number of rallies.
-        won: number of rallies that the learner won against opponents.
-        played: number of strokes of both players.
-    """
-
-    state: I32
-    visits: F32
-    returns: F32
-    start: I64
-    row: I64
-    stroke: I64
-    log_probability: F32
-    advantage: F32
-    strokes: int
-    deviation: float
-    rallies: int
-    won: int
-    played: int
+_GUESS: Final = 4.0  # initial guess of the learner's strokes per rally
 
 
 class RallySampler:
@@ -114,7 +75,8 @@ class RallySampler:
         for number, policy in enumerate(opponents, start=1):
             put_player(players, number, policy, game)
         # Numbers of decisions and of their options, see table_play.
-        states, pairs = (1 + game.hides) * game.n_states, game.n_pairs + N_POSITIONS * game.n_states * game.hides
+        states = game.n_decisions
+        pairs = game.n_pairs + N_POSITIONS * (states - game.n_states)
         self._learned = Learned(players, np.zeros(pairs, np.float32), np.zeros(states, np.float32), np.zeros(states, np.int32))
         self._sums = table_play.Sums(
             np.zeros((pairs, 3), np.float32), np.zeros((states, 2), np.float32), np.zeros(states, np.int32), np.zeros(7)
@@ -227,17 +189,8 @@ class RallySampler:
     def _discard(self) -> None:
         """Drop strokes that were collected but not taken, also after an error of the network."""
         if self._untaken:
-            visited = self._sums.visited[: int(self._sums.total[6])]
-            self._sums.state[visited] = 0
-            self._sums.pair[self._pairs(visited)] = 0
+            self._sums.state[:] = self._sums.pair[:] = 0
             self._untaken = False
-
-    def _pairs(self, decisions: I32) -> I64:
-        """Numbers of the options of some decisions, see table_play."""
-        states = self.game.n_states
-        own, positions = decisions[decisions < states], decisions[decisions >= states].astype(np.int64) - states
-        behind = self.game.n_pairs + N_POSITIONS * positions[:, None] + np.arange(N_POSITIONS)
-        return np.concatenate([self.game.pairs(own)[1], behind.ravel()])
 
     def _finish(self, rallies: int, assess: Assess) -> None:
         """Play the next rallies to their end and add them up."""
@@ -247,10 +200,10 @@ class RallySampler:
         waiting = len(self._played.key) + np.arange(rallies)
         self._played = Played._make([np.r_[getattr(self._played, name), getattr(new, name)] for name in Played._fields])
         self._next += rallies
-        missing = np.empty(2 * rallies, np.int32)
+        missing, lanes = np.empty(2 * rallies, np.int32), new_rows(BLOCK)
         while len(waiting):
             collected = table_play.Collected(self._sums, self.strokes, self._listed, self._gae_lambda, self._shaping)
-            args = (self._tables, self._learned, schedule, self._played, waiting, self._tape, missing, collected)
+            args = (self._tables, self._learned, schedule, self._played, waiting, lanes, self._tape, missing, collected)
             left, wanted = table_play.advance(*args)
             waiting = waiting[:left]
             if left and not wanted:
@@ -283,31 +236,25 @@ class RallySampler:
         """
         known, self._untaken = self._known, False
         states = np.sort(known) if order is None else known[np.asarray(order)]
-        room = 2 * min(len(self._pairs(states)), int(self._sums.total[0]))
-        out = table_play.DistinctArrays(
+        count, rallies, won, total, squares, played = self._sums.total[:6].tolist()
+        room = 2 * int(count)  # of which only what is written takes memory
+        out = Distinct(
+            state=states,
+            visits=np.empty(len(states), np.float32),
+            returns=np.empty(len(states), np.float32),
             start=np.empty(len(states) + 1, np.int64),
             row=np.empty(room, np.int64),
             stroke=np.empty(room, np.int64),
             log_probability=np.empty(room, np.float32),
             advantage=np.empty(room, np.float32),
-            visits=np.empty(len(states), np.float32),
-            returns=np.empty(len(states), np.float32),
-        )
-        rows = table_play.take(self._tables, self._learned, self._sums, states, out)
-        by_row = {name: getattr(out, name)[:rows] for name in ("row", "stroke", "log_probability", "advantage")}
-        count, rallies, won, total, squares, played = self._sums.total[:6].tolist()
-        return Distinct(
-            state=states,
-            visits=out.visits,
-            returns=out.returns,
-            start=out.start,
-            **by_row,
             strokes=int(count),
             deviation=math.sqrt(max(squares / count - (total / count) ** 2, 0.0)),
             rallies=int(rallies),
             won=int(won),
             played=int(played),
         )
+        rows = table_play.take(self._tables, self._learned, self._sums, out)
+        return out._replace(**{name: getattr(out, name)[:rows] for name in ("row", "stroke", "log_probability", "advantage")})
 
     @property
     def count(self) -> int:
@@ -316,18 +263,14 @@ class RallySampler:
 
     @property
     def numbers(self) -> I64:
-        """``[R]`` numbers of the rallies of the last iteration."""
-        return np.arange(self._first, self._next, dtype=np.int64)
-
-    def served(self, numbers: Ints) -> Bools:
-        """``[R]`` whether rallies of the last iteration start with a serve."""
-        return self._played.served[np.asarray(numbers) - self._first]
+        """``[R]`` numbers of the rallies of the last iteration that begin with a serve."""
+        return self._first + np.flatnonzero(self._played.served)
 
     def record(self, numbers: Ints, *, figures: bool = False) -> Rallies:
         """Rallies of the last iteration, for a log; to be called before the next iteration.
 
         Args:
-            numbers: ``[R]`` of :attr:`numbers`, of those that begin with a serve.
+            numbers: ``[R]`` of :attr:`numbers`.
             figures: whether to return ``log_probability`` and ``value`` of the learner's strokes.
 
         Returns:
@@ -350,16 +293,16 @@ def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], 
         The rallies; ``match`` is their number, ``policy`` 0 and 1.
 
     Raises:
-        KernelError: fewer than one rally, or a policy of another game.
+        KernelError: a policy of another game.
     """
-    numbers = np.arange(checked_number("rallies", n, 1), dtype=np.int64)
+    numbers = np.arange(whole_number("rallies", n, 1), dtype=np.int64)
     none, tables = np.empty(0, np.float32), tables_of(game)
     learned = Learned(pack(policies, game), none, none, np.ones(2 * game.n_states, np.int32))
     schedule = table_play.Schedule(np.ones(1, np.int32), np.zeros(0, np.int32), 0, draws.stream(seed)[0], 1)
-    played, tape, waiting = table_play.new_played(n), table_play.new_tape(16 * n), numbers.copy()
+    played, tape, waiting, lanes = table_play.new_played(n), table_play.new_tape(16 * n), numbers.copy(), new_rows(BLOCK)
     table_play.begin(schedule, 0, played)
     while len(waiting):
-        left, _ = table_play.advance(tables, learned, schedule, played, waiting, tape, np.empty(0, np.int32), None)
+        left, _ = table_play.advance(tables, learned, schedule, played, waiting, lanes, tape, np.empty(0, np.int32), None)
         waiting, tape = waiting[:left], doubled(tape) if left else tape
     return _rallies_of(tables, learned, played, tape, numbers, 0, figures=False)
 

@@ -5,11 +5,11 @@ Names are imported when first used: the statistics take longer to import than a 
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.league.entrants import LeagueConfig, LeagueError, default_pool
-    from shuttle_marl.league.ratings import bradley_terry
+    from shuttle_marl.league.ranking import bradley_terry
     from shuttle_marl.league.run import LeagueRun, run_league
 
 __all__ = ["LeagueConfig", "LeagueError", "LeagueRun", "bradley_terry", "default_pool", "run_league"]

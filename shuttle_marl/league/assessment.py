@@ -1,26 +1,40 @@
-"""Assessment of a tournament beyond its ranking: the meta-game of the entrants, cycles, and the robustness of the ranks."""
+"""Assessment of a tournament beyond its ranking: meta-game, cycles, robustness of the ranks, and styles of the entrants."""
 
 import dataclasses
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypedDict
 
 import numpy as np
-from scipy.stats import kendalltau, rankdata
 
 from shuttle_marl.base.arrays import F64, Intp
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.meta_games import alpha_rank, maximal_lottery, nash_average
-from shuttle_marl.league.ranking import ExactOdds, Standing, played_cells
-from shuttle_marl.league.ratings import ELO, Misfit, misfit, prior_wins, wins_of
-from shuttle_marl.league.style import Style
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.league.ranking import ELO, ExactOdds, Misfit, Standing, misfit, played_cells, prior_wins, wins_of
 from shuttle_marl.league.tournament import PairResult
+from shuttle_marl.policy.registry import tabulated
 
 ANCHOR: Final = "minimax"
 """Perfect play, which can have all the weight in an equilibrium; meta-games are also solved without it."""
 _MOST_CYCLES: Final = 20
 _SURE: Final = 5e-7
 _DECIMALS: Final = 6
+_TOLERANCE: Final = 1e-7
+PEOPLE: Final = "bc"
+AXES: Final[dict[str, tuple[str, ...]]] = {
+    "smash": ("smash", "half-smash"),
+    "drop": ("drop",),
+    "clear": ("clear",),
+    "lift": ("lift",),
+    "block": ("block",),
+    "net shot": ("net-shot", "cross-court-net-shot"),
+    "net kill": ("net-kill",),
+    "drive, push": ("drive", "push"),
+}
+"""Shot types of each axis; serves belong to none."""
 
 
 MetaGame = dict[str, dict[str, float]]
@@ -38,16 +52,20 @@ class Cycle(TypedDict):
     match_win: tuple[float, float, float]
 
 
-class Stability(TypedDict):
-    """Ranks of N entrants with a table by the exact fraction of matches won: ``[N]`` in the game itself, ``[R, N]`` in R refits.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Style:
+    """Style of a policy.
 
-    ``kendall_tau``: ``[R]`` agreement of the two, from -1 (reversed) to 1 (the same order).
+    Attributes:
+        likeness: overlap with ``bc``: sum of the smaller of the two probabilities of every stroke, averaged over the states of
+            ``bc`` in self-play; 1 for ``bc``.
+        rally_length: expected number of strokes of a rally against ``bc``.
+        shots: fraction of each of :data:`AXES` among the strokes after the serve, against ``bc``.
     """
 
-    players: list[str]
-    rank: list[int]
-    rank_in_refits: list[list[int]]
-    kendall_tau: list[float]
+    likeness: float
+    rally_length: float
+    shots: dict[str, float]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,7 +78,6 @@ class Assessment:
         misfit: of the ratings to the P pairings that were played.
         games: meta-games by description: of all, and without :data:`ANCHOR`.
         cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
-        stability: None without results in refits.
     """
 
     names: tuple[str, ...]
@@ -70,7 +87,6 @@ class Assessment:
     games: dict[str, MetaGame]
     cyclic_share: float
     cycles: list[Cycle]
-    stability: Stability | None
     styles: Mapping[str, Style]
 
 
@@ -92,7 +108,6 @@ def assess(
         games=meta_games([name for name in pool if name in rated], pool, win),
         cyclic_share=cyclic_share(win),
         cycles=cycles(pool, win),
-        stability=stability(exact),
         styles=styles,
     )
 
@@ -164,22 +179,35 @@ def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
     ]
 
 
-def stability(exact: ExactOdds) -> Stability | None:
-    """Stability of the exact ranks in refits of the game; None without refits."""
-    if not exact.away_shares.size:
-        return None
-    known = np.flatnonzero(~np.isnan(exact.away_shares).any(axis=0))
-    match = exact.match[np.ix_(known, known)]
-    home = _ranks(match.sum(axis=1) - match.diagonal())
-    away = [_ranks(shares[known]) for shares in exact.away_shares]
-    tau = [float(kendalltau(home, ranks).statistic) if len(known) > 1 else math.nan for ranks in away]
-    return {"players": [exact.names[i] for i in known], "rank": home, "rank_in_refits": away, "kendall_tau": tau}
+def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style]:
+    """Styles of policies by name; empty if the game has no ``bc``."""
+    from shuttle_marl.exact import moved, visits  # noqa: PLC0415  numba
+    from shuttle_marl.exact.profile import induced  # noqa: PLC0415  numba
 
+    try:
+        (people,) = tabulated(PEOPLE, game)
+    except PolicyError:
+        return {}
+    usual = people.pair_probabilities()
+    theirs = people if game.opposite is game else moved(people, game.opposite)
+    chain = induced(theirs)
+    met = visits(people, theirs, tolerance=_TOLERANCE).states
+    weight = game.of_pairs((met[0] + met[1]) / (met[0] + met[1]).sum())
 
-def _ranks(fractions: F64) -> list[int]:
-    """``[N]`` ranks from 1 for the largest fraction; ties share the better rank."""
-    ranks: list[int] = rankdata(-fractions, method="min").astype(np.intp).tolist()
-    return ranks
+    def style(policy: TabulatedPolicy) -> Style:
+        seen = visits(policy, theirs, tolerance=_TOLERANCE, chains=(induced(policy), chain))
+        mix = dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))
+        rallying = sum(mix[shot] for shots in AXES.values() for shot in shots)
+        return Style(
+            likeness=round(float((weight * np.minimum(usual, policy.pair_probabilities())).sum()), _DECIMALS),
+            rally_length=round(seen.rally_length, _DECIMALS),
+            shots={
+                axis: round(sum(mix[shot] for shot in shots) / rallying, _DECIMALS) if rallying else 0.0
+                for axis, shots in AXES.items()
+            },
+        )
+
+    return dict(zip(tables, in_threads(style, tables.values()), strict=True))
 
 
 def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, Any]:
@@ -198,7 +226,6 @@ def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, 
         "meta_games": assessment.games,
         "cyclic_share": assessment.cyclic_share,
         "cycles": assessment.cycles,
-        "stability": assessment.stability,
         "styles": {name: dataclasses.asdict(style) for name, style in assessment.styles.items()},
     }
     plain: dict[str, Any] = json.loads(

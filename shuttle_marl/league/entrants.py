@@ -6,34 +6,30 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
+import msgspec
 import numpy as np
-import tyro
 
 from shuttle_marl.base.arrays import I32, Intp
-from shuttle_marl.base.bounds import Count, CountOrZero, Seed, Within, check_bounds
 from shuttle_marl.base.errors import ShuttleError, suggesting
+from shuttle_marl.base.files import Count, CountOrZero, Seed, check_bounds
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.policy import HistoryError, Policy, PolicyError, reads_score
+from shuttle_marl.game.policy import HistoryError, Policy, PolicyError, TabulatedPolicy, hash_of, reads_score, tabulate
 from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.kernel.matches import ask, ask_position
-from shuttle_marl.policy import history, registry
+from shuttle_marl.policy import baselines, registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
-from shuttle_marl.policy.registry import UnrequestedError, resolve, resolve_recorded
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Sampling
 
 MOST_MATCHES: Final = 10_000_000
 """Largest number of matches of a pairing, whose rallies are held in memory until it is finished."""
-_MOST_WORKERS: Final = 256
-_MOST_ELO: Final = 1000
 _OWN_PLAYERS: Final = 6
 """Number of individual players in the default pool; ``--pool`` takes any number."""
 ANCHORS: Final = ("minimax", "best-response:bc")
 """Solved policies of the default pool, reference points of the scale."""
 TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
-"""Trained agents of the default pool; see docs/training.md."""
 
 
 PAIRINGS: Final = "pairings.jsonl"
@@ -54,14 +50,14 @@ class LeagueConfig:
     pool: tuple[str, ...] = ()
     """Entrants by name (see `docs/league.md`); default: behaviour-cloned players, scripted styles, random, trained agents, and
     the solved anchors."""
-    matches: Annotated[int, Within(low=2, high=MOST_MATCHES, text=f"an even number from 2 to {MOST_MATCHES:,}")] = 1000
+    matches: Annotated[int, msgspec.Meta(ge=2, le=MOST_MATCHES)] = 1000
     """Matches of every pair; even, because each is played twice with the same draws and the seats swapped."""
     format: Format = "round-robin"
     """Round robin: every pair. Gauntlet: the first entrant of the pool against every other. Swiss: rounds between entrants with
     similar scores."""
     rounds: CountOrZero = 0
     """Rounds of a Swiss tournament; 0: the binary logarithm of the number of entrants."""
-    decide: Annotated[float | None, Within(above=0, high=_MOST_ELO, text=f"Elo points above 0, up to {_MOST_ELO}")] = None
+    decide: Annotated[float, msgspec.Meta(gt=0, le=1000)] | None = None
     """Stop a pairing with an entrant that has no table when a sequential test has decided which entrant is better, with errors of
     5 % at this difference in Elo points; default: play all matches."""
     seed: Seed = 0
@@ -70,8 +66,6 @@ class LeagueConfig:
     """Run folder; default: runs/league-SEED, with a number appended if that exists."""
     resume: bool = False
     """Continue the unfinished run in --out, or else the latest one of this seed."""
-    extend: bool = False
-    """Add entrants to the run in --out, with otherwise the same flags: only the missing pairings are played."""
     overwrite: bool = False
     """Replace the run in --out."""
     record: str = "all"
@@ -89,13 +83,7 @@ class LeagueConfig:
     """Points of a game: 21 (best of three, the rules of the sport), or its trials: 15 (best of three), 11 (best of five)."""
     exact: bool = True
     """Also compute exact results of every pair, best responses, and styles; takes seconds per entrant."""
-    away: bool = False
-    """Also solve all pairs in the refits of the game, which shows how the ranking depends on the recorded matches. Changes no
-    other figure; takes some minutes."""
-    holes: CountOrZero = 0
-    """Number of top entrants for which the report shows the states in which they lose most to their best response; takes a few
-    seconds each, and changes no figure."""
-    workers: Annotated[int, Within(low=1, high=_MOST_WORKERS, text=f"1 to {_MOST_WORKERS}")] = 1
+    workers: Annotated[int, msgspec.Meta(ge=1, le=256)] = 1
     """Threads that play pairings of policies with tables; results do not depend on it."""
     ray: str | None = None
     """Play pairings of policies with tables on a Ray cluster: local (Ray on this machine), auto (the cluster that this machine
@@ -104,35 +92,25 @@ class LeagueConfig:
     """Matches played in lockstep; affects speed and memory; results do not depend on it."""
     policy_timeout: float = POLICY_TIMEOUT
     """Seconds that a program may take for one stroke before it forfeits; 0 for no limit."""
-    grown: tyro.conf.Suppress[tuple[int, ...]] = ()
-    """Numbers of entrants before entrants were added; set when a run is continued."""
 
     def __post_init__(self) -> None:
         Sampling.parse(self.record)
         check_bounds(self, LeagueError)
         if self.matches % 2:
             raise LeagueError(f"--matches {self.matches}: expected an even number")
-        if not self.exact and (self.away or self.holes):
-            raise LeagueError("--away and --holes need exact results; leave out --no-exact")
         if self.date is not None and self.players is None:
             raise LeagueError(f"--date {self.date}: is the day of the skill of --players; give both")
-        if self.players is not None and self.holes:
-            raise LeagueError("--holes is not available with --players, whose seats have different strokes")
         twice = sorted({name for name in self.pool if self.pool.count(name) > 1})
         if twice:
             raise LeagueError(f"--pool names {', '.join(twice)} twice; name every entrant once")
         if self.rounds and self.format != "swiss":
             raise LeagueError(f"--rounds {self.rounds}: only with --format swiss")
-        if self.extend and (self.out is None or not self.pool):
-            raise LeagueError("--extend adds the entrants of --pool to the run in --out; give both")
-        if self.extend and (self.overwrite or self.format == "swiss"):
-            raise LeagueError("--extend adds to a round robin or a gauntlet; not available with --overwrite or --format swiss")
-        if len(self.pool) == 1 and not self.extend:
+        if len(self.pool) == 1:
             raise LeagueError(f"--pool {self.pool[0]}: a tournament needs two entrants or more")
 
     def fixed(self) -> dict[str, Any]:
         """All options that affect the results, as JSON."""
-        names = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "rules", "grown")
+        names = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "rules")
         pair = ("players", "date") if self.players is not None else ()
         fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in (*names, *pair)}))
         return fixed
@@ -155,7 +133,7 @@ def default_pool(game: Game) -> tuple[str, ...]:
     game enter: players of its model, and agents that were trained on it.
     """
     names = registry.names(game.seats[0])
-    bc = [name for name in names if name.partition(":")[0] == "bc" and name != history.NAME]
+    bc = [name for name in names if name.partition(":")[0] == "bc" and name != baselines.REMEMBERING]
     others = ("attacking", "defensive", "safe", "random", *TRAINED, *ANCHORS)
     return (*bc[: 1 + _OWN_PLAYERS], *(name for name in others if name in names))
 
@@ -182,20 +160,14 @@ class Entrant:
         return "" if self.table is None else hash_of(self.table, self.opposite or self.table)
 
 
-def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
-    """Resolve an entrant and evaluate it in every state.
-
-    Args:
-        requested: whether the user gave the name; names from the files of a run are untrusted.
+def enter(name: str, game: Game) -> Entrant:
+    """Resolve an entrant that the user named, and evaluate it in every state.
 
     Raises:
-        PolicyError: no policy has that name, it would run code or open files that the user did not request, or it reads the rally
-            so far. A policy that raises or returns an invalid distribution is entered, and forfeits.
+        PolicyError: no policy has that name, or it reads the rally so far. A policy that raises or returns an invalid
+            distribution is entered, and forfeits.
     """
-    try:
-        policies = [(resolve if requested else resolve_recorded)(name, seat) for seat in dict.fromkeys(game.seats)]
-    except UnrequestedError as error:
-        raise PolicyError(f"{error}; to allow it, repeat it in --pool") from error
+    policies = [resolve(name, seat) for seat in dict.fromkeys(game.seats)]
     policy = policies[0]
     try:
         if reads_score(policy):

@@ -9,7 +9,7 @@ the day.
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -17,48 +17,19 @@ import pyarrow as pa
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.exact import Odds, Sensitivity, sensitivity
-from shuttle_marl.game.pairs import pair_game, people_of
+from shuttle_marl.exact import Odds, sensitivity
+from shuttle_marl.game.pairs import COMPONENTS, GROUPS, Day, Skill, load_skill, pair_game, people_of
 from shuttle_marl.game.shipped import Profile, model_folder
-from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, Skill, load_skill
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.baselines import imitation
-from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.registry import tabulated
 from shuttle_marl.reports.summary import AnalysisError, met, rally_table
 
-
-def slopes_by_group(found: Sensitivity, skill: Skill) -> list[F64]:
-    """``[3, 7]`` for the strokes of each seat: derivatives by the general offset and those of the groups of shots."""
-
-    def by_group(win: F64) -> F64:
-        groups = np.stack([win[:, skill.group == group].sum(axis=1) for group in range(len(GROUPS))], axis=1)
-        return np.concatenate([win.sum(axis=1, keepdims=True), groups], axis=1)
-
-    return [by_group(win) for win in found.win]
-
-
-def skill_error(pair: Game, slopes: Sequence[F64]) -> float:
-    """Standard deviation of the probability of winning a rally by the uncertainty of both players' skill."""
-    people = people_of(pair)
-    both = (people.players, people.players[::-1])
-    variances = (people.skill.variances(*names, people.date) for names in both)
-    return math.sqrt(sum(float((slope**2 * each).sum()) for slope, each in zip(slopes, variances, strict=True)))
-
-
-def _moved(odds: Odds, by: float) -> Odds:
-    serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
-    return dataclasses.replace(odds, serving=serving, receiving=receiving)
-
-
 _NORMAL: Final = 1.959964
-"""97.5 % quantile of the normal distribution."""
 _TOLERANCE: Final = 1e-6
 _REASONS: Final = 8
-"""Number of reasons of a prediction."""
 _SIDES: Final = ("strokes", "strokes received")
 GENERAL: Final = "general"
-"""Name of the offset that all groups of shots share."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -130,46 +101,32 @@ def players_of(discipline: Profile, game: str = "default", some: Sequence[str] =
 
 
 def predict_pairs(
-    players: Sequence[str],
-    *,
-    game: str = "default",
-    date: Day = None,
-    policy: str | None = None,
-    progress: Callable[[], object] | None = None,
-) -> list[Prediction]:
-    """Predict the result of every pair of players.
+    players: Sequence[str], *, game: str = "default", date: Day = None, policy: str | None = None
+) -> Iterator[Prediction]:
+    """Predict the result of each of the ``N (N - 1) / 2`` pairs of players.
 
     Args:
         date: day of the skill; None: the last one known.
         policy: name of the policy of all players; None: each imitated (``bc:NAME``), or ``bc`` where the model has no choices of
             the player.
-        progress: called when one of the ``N (N - 1) / 2`` pairs is solved.
 
     Raises:
         GameError: a player is unknown, or two are not of one discipline.
         PolicyError: the policy does not exist.
     """
-
-    def solved(names: tuple[str, str]) -> Prediction:
-        return predict(pair_game(*names, date=date, game=game), policy)
-
-    found = []
-    for prediction in in_threads(solved, itertools.combinations(players, 2)):
-        found.append(prediction)
-        if progress is not None:
-            progress()
-    return found
+    return in_threads(lambda names: predict(pair_game(*names, date=date, game=game), policy), itertools.combinations(players, 2))
 
 
 def predict(pair: Game, policy: str | None = None) -> Prediction:
     """Predict the result of one pair; arguments and errors as for :func:`predict_pairs`."""
     people = people_of(pair)
     names = [policy or imitation(player, tables) for player, tables in zip(people.players, pair.seats, strict=True)]
-    first, second = (tabulate(resolve(name, game), game) for name, game in zip(names, pair.seats, strict=True))
-    found = sensitivity(first, second, tolerance=_TOLERANCE)
-    odds, skill = found.value.odds(), people.skill
-    slopes = slopes_by_group(found, skill)
-    width = _NORMAL * skill_error(pair, slopes)
+    first, second = (tabulated(name, seat)[0] for name, seat in zip(names, pair.seats, strict=True))
+    found, skill = sensitivity(first, second, tolerance=_TOLERANCE), people.skill
+    odds, slopes = found.value.odds(), [_by_group(win, skill) for win in found.win]
+    both = (people.players, people.players[::-1])
+    variances = (skill.variances(*who, people.date) for who in both)
+    width = _NORMAL * math.sqrt(sum(float((slope**2 * each).sum()) for slope, each in zip(slopes, variances, strict=True)))
     return Prediction(
         players=people.players,
         hash=pair.hash,
@@ -181,6 +138,17 @@ def predict(pair: Game, policy: str | None = None) -> Prediction:
         match_high=_moved(odds, width).match(),
         reasons=_reasons(pair, slopes),
     )
+
+
+def _by_group(win: F64, skill: Skill) -> F64:
+    """``[3, 7]`` derivatives by the general offset and those of the groups of shots."""
+    groups = np.stack([win[:, skill.group == group].sum(axis=1) for group in range(len(GROUPS))], axis=1)
+    return np.concatenate([win.sum(axis=1, keepdims=True), groups], axis=1)
+
+
+def _moved(odds: Odds, by: float) -> Odds:
+    serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
+    return dataclasses.replace(odds, serving=serving, receiving=receiving)
 
 
 def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:

@@ -1,34 +1,239 @@
-"""Ranking of the entrants of a tournament: ratings with intervals, exact figures, and their tables.
+"""Ranking of the entrants of a tournament: Bradley-Terry ratings with intervals, exact figures, and their tables.
 
-Exact figures are the limits of the sampled ones for infinitely many matches.
+Model: entrant i beats j with probability 1 / (1 + exp(theta_j - theta_i)) (Bradley & Terry, Biometrika 1952). It is
+fitted to all matches at once, so unlike Elo updates it does not depend on their order. Intervals resample cells, because the two
+matches of a cell have the same random numbers and are dependent. Exact figures are the limits for infinitely many matches.
 """
 
+import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from scipy.stats import binomtest
+from scipy.sparse.csgraph import connected_components
+from scipy.stats import binomtest, chi2
 
-from shuttle_marl.base.arrays import F64, Intp
-from shuttle_marl.exact.fixed_point import TOLERANCE
+from shuttle_marl.base.arrays import F64, Bools, Intp
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.entrants import Entrant
-from shuttle_marl.league.ratings import ELO, TAILS, exact_ratings, rank_intervals, ratings
 from shuttle_marl.league.tournament import COUNTS, PairResult
 
-if TYPE_CHECKING:
-    from shuttle_marl.exact.away import Spread, Values
-
+ELO: Final = 400 / np.log(10)
+"""Elo points for a unit of theta: 400 points are odds of ten to one."""
+_TAILS: Final = (2.5, 97.5)
+_STEPS: Final = 200
+_FIXED_PRIOR: Final = 0.1
+_INDEPENDENT: Final = np.array([0.25, 0.5, 0.25])
+"""Probabilities of zero, one and two matches won in a cell between equals, if the matches are independent."""
+_AT_ONCE: Final = 1 << 21
+_SURE: Final = 5e-7
+"""Exact odds are rounded to six decimals; probabilities are clipped to this distance from 0 and 1, so ratings are finite."""
 _DECIMALS: Final = 6
 """Decimals of figures in files: coarser than the error bound, so that files are identical on all machines."""
-_AWAY: Final = 1e-7
-"""Error bound of odds in refits; refits differ by more."""
+_NAN: Final = float("nan")
+
+
+def bradley_terry(wins: F64, start: F64 | None = None) -> F64:
+    """Fit ratings by a damped Newton's method on the likelihood.
+
+    Args:
+        wins: ``[..., n, n]`` matches that i won against j, the same pairings in all; the diagonal is ignored. The graph of wins
+            must be strongly connected within each component, or the maximum is infinite; :func:`prior_wins` ensures it.
+        start: ``[n]`` initial theta; affects the running time only.
+
+    Returns:
+        ``[..., n]`` theta, with mean 0; entrants without matches have 0.
+    """
+    n = wins.shape[-1]
+    diagonal = np.eye(n, dtype=bool)
+    wins = np.where(diagonal, 0.0, wins)
+    played = wins + np.swapaxes(wins, -1, -2)
+    anchor = _anchor(np.asarray(played.reshape(-1, n, n).any(axis=0)))
+    theta = np.zeros(wins.shape[:-1]) if start is None else np.broadcast_to(start, wins.shape[:-1])
+    for _ in range(_STEPS):
+        probability = 1 / (1 + np.exp(theta[..., None, :] - theta[..., :, None]))
+        gradient = (wins - played * probability).sum(axis=-1)
+        curvature = played * probability * (1 - probability)
+        hessian = anchor - curvature
+        hessian[..., diagonal] += curvature.sum(axis=-1)
+        step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
+        # A full Newton step may diverge; a step of this length never lowers the likelihood (Bach, EJS 2010).
+        longest = np.maximum(np.ptp(step, axis=-1, keepdims=True), 1e-300)
+        theta = theta + step * (np.log1p(longest) / longest)
+        if longest.max(initial=0) < 1e-9:
+            break
+    centred: F64 = theta - theta.mean(axis=-1, keepdims=True)
+    return centred
+
+
+def _anchor(met: Bools) -> F64:
+    """``[n, n]`` term of the curvature that fixes the mean of each connected component, which the likelihood leaves open."""
+    _, part = connected_components(met, directed=False)
+    together = part[:, None] == part
+    return np.asarray(together / together.sum(axis=1))
+
+
+def wins_of(cells: F64, pairs: Intp, n: int) -> F64:
+    """``[..., n, n]`` matches won, for :func:`bradley_terry`.
+
+    Args:
+        cells: ``[..., P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
+        pairs: ``[P, 2]`` the entrants of each pairing.
+    """
+    wins = np.zeros((*cells.shape[:-2], n, n))
+    wins[..., pairs[:, 0], pairs[:, 1]] = cells[..., 1] + 2 * cells[..., 2]
+    wins[..., pairs[:, 1], pairs[:, 0]] = cells[..., 1] + 2 * cells[..., 0]
+    return wins
+
+
+def prior_wins(wins: F64) -> F64:
+    """``[n, n]`` pseudo-wins of Jeffreys' prior (Firth, Biometrika 1993); their sum is n - 1.
+
+    Ratings of unbeaten entrants become finite, and the first-order bias of the maximum is removed. A fixed number of pseudo-wins
+    for each pair would shrink the strongest entrants towards the others.
+    """
+    played = wins + wins.T
+    prior = np.where(played > 0, 0.5, 0.0)
+    theta = bradley_terry(wins + prior)
+    for _ in range(_STEPS):
+        curvature, covariance = _information(played, theta)
+        variance = covariance.diagonal()[:, None] + covariance.diagonal() - 2 * covariance
+        following = np.where(played > 0, curvature * variance / 2, 0.0)
+        change = np.abs(following - prior).max(initial=0)
+        prior = following
+        if change < 1e-9:
+            break
+        theta = bradley_terry(wins + prior, theta)
+    return prior
+
+
+def _information(played: F64, theta: F64) -> tuple[F64, F64]:
+    """``[n, n]`` curvature of each pair's likelihood, and the covariance of the ratings."""
+    probability = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
+    curvature = played * probability * (1 - probability)
+    np.fill_diagonal(curvature, 0)
+    # No pseudo-inverse, because rounding makes the zero eigenvalue tiny and its inverse huge.
+    return curvature, np.asarray(np.linalg.inv(_anchor(played > 0) + np.diag(curvature.sum(axis=1)) - curvature))
+
+
+def expected_share(theta: F64, pairs: Intp) -> F64:
+    """``[P]`` probability that the first entrant of a pairing wins a match, by the ratings."""
+    return np.asarray(1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]])))
+
+
+def ratings(cells: F64, pairs: Intp, n: int, rng: np.random.Generator, replicates: int = 1000) -> tuple[F64, F64]:
+    """Ratings and their Bayesian bootstrap (Rubin, Ann. Statist. 1981) over cells of two dependent matches.
+
+    Args:
+        cells: ``[P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
+        pairs: ``[P, 2]`` the entrants of each pairing.
+        replicates: number B of bootstrap samples.
+
+    Returns:
+        ``[n]`` theta and ``[B, n]`` theta.
+    """
+    wins = wins_of(cells, pairs, n)
+    prior = prior_wins(wins)
+    theta = bradley_terry(wins + prior)
+    # The prior is resampled too, so unobserved outcomes are possible; a tenth of it is fixed, so that all ratings are finite.
+    drawn_prior = (1 - _FIXED_PRIOR) * prior[pairs[:, 0], pairs[:, 1], None] * _INDEPENDENT
+    weights = cells + drawn_prior + 1e-12
+    drawn = np.array([rng.dirichlet(weight, size=replicates) for weight in weights]).reshape(-1, replicates, 3).swapaxes(0, 1)
+    drawn = drawn * weights.sum(axis=1)[:, None]
+    together = max(1, _AT_ONCE // max(1, n * n))
+    parts = [wins_of(drawn[first : first + together], pairs, n) for first in range(0, replicates, together)]
+    return theta, np.concatenate([bradley_terry(part + _FIXED_PRIOR * prior, theta) for part in parts])
+
+
+def exact_ratings(match: F64) -> F64:
+    """Limit of the sampled ratings as the number of matches of every pair grows.
+
+    Args:
+        match: ``[n, n]`` probability that the entrant of the row wins a match against that of the column; NaN where
+            there are no exact odds.
+
+    Returns:
+        ``[n]`` theta, with mean 0 over entrants with odds; NaN for the others.
+    """
+    known = np.flatnonzero(~np.isnan(match).all(axis=1))
+    theta = np.full(len(match), np.nan)
+    if len(known):
+        theta[known] = bradley_terry(match[np.ix_(known, known)].clip(_SURE, 1 - _SURE))
+    return theta
+
+
+def rank_intervals(theta: F64, drawn: F64) -> Intp:
+    """95 % confidence intervals of the ranks (Mogstad, Romano, Shaikh & Wilhelm, Rev. Econ. Stud. 2024).
+
+    Percentiles of bootstrapped ranks are too narrow where entrants are nearly equal. Here a rank is bounded by the numbers of
+    entrants that are significantly above and below, by simultaneous intervals of the differences to all others.
+
+    Args:
+        theta: ``[n]`` ratings.
+        drawn: ``[B, n]`` bootstrap samples of them.
+
+    Returns:
+        ``[n, 2]`` lowest and highest rank, from 1 for the best.
+    """
+    n = len(theta)
+    found = np.empty((n, 2), dtype=np.intp)
+    for i in range(n):
+        others = np.arange(n) != i
+        lead = theta[i] - theta[others]
+        noise = drawn[:, i, None] - drawn[:, others] - lead
+        deviation = noise.std(axis=0)
+        known = deviation > 0
+        largest = (np.abs(noise[:, known]) / deviation[known]).max(axis=1, initial=0)
+        margin = np.percentile(largest, 95) * deviation
+        found[i] = 1 + (known & (lead < -margin)).sum(), n - (known & (lead > margin)).sum()
+    return found
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Misfit:
+    """Goodness of fit of the ratings to the results of P pairings.
+
+    Attributes:
+        share: ``[P]`` fraction of the matches that the first entrant won.
+        expected: ``[P]`` the same by the ratings.
+        z: ``[P]`` their difference in standard errors, corrected for the correlation within cells.
+        statistic: sum of squared z.
+        degrees: degrees of freedom, pairings - (entrants - 1) in each connected component.
+        p: p-value of the chi-squared test of the Bradley-Terry model; NaN without degrees of freedom.
+    """
+
+    share: F64
+    expected: F64
+    z: F64
+    statistic: float
+    degrees: int
+    p: float
+
+
+def misfit(cells: F64, pairs: Intp, theta: F64) -> Misfit:
+    """Goodness of fit; arguments as in :func:`ratings`."""
+    total = cells.sum(axis=1)
+    won = np.array([0.0, 0.5, 1.0])
+    share = cells @ won / total
+    expected = expected_share(theta, pairs)
+    # The two matches of a cell are not independent; their effect on the variance is estimated over all pairings.
+    independent = (share * (1 - share) / 2 * total).sum()
+    within = (cells * (won - share[:, None]) ** 2).sum()
+    factor = max(within / independent, 1e-3) if independent else 1.0
+    z = (share - expected) / np.sqrt(factor * expected * (1 - expected) / (2 * total))
+    n, (first, second) = len(theta), pairs.T
+    graph = np.zeros((n, n), dtype=bool)
+    graph[first, second] = True
+    links = n - connected_components(graph, directed=False)[0]
+    degrees = len(pairs) - links
+    statistic = float((z**2).sum())
+    p = float(chi2.sf(statistic, degrees)) if degrees else _NAN
+    return Misfit(share=share, expected=expected, z=z, statistic=statistic, degrees=degrees, p=p)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,8 +245,6 @@ class ExactOdds:
         exploitability: ``[N]`` gain of the best response, as a value from 0 to 1.
         normalised_score: ``[N]`` 0 for ``bc``, 1 for the best response to it, by rallies won against ``bc``; NaN for all if the
             game has no ``bc``.
-        away: ``[N]`` fraction of matches won against all others with a table, in refits of the game; None if not requested.
-        away_shares: ``[R, N]`` the same in each of the R refits; empty if not requested.
         problem: reason why there are no figures; empty if there are.
     """
 
@@ -49,118 +252,55 @@ class ExactOdds:
     match: F64
     exploitability: F64
     normalised_score: F64
-    away: "Spread | None" = None
-    away_shares: F64 = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     problem: str = ""
 
     def share(self, name: str, opponents: Sequence[str]) -> float:
         """Expected fraction of matches won against the opponents that have a table; NaN if none has."""
         shares = self.match[self.names.index(name), [self.names.index(other) for other in opponents]]
         known = shares[~np.isnan(shares)]
-        return float(known.mean()) if len(known) else float("nan")
+        return float(known.mean()) if len(known) else _NAN
 
     def pair(self, names: tuple[str, str]) -> float:
         """Probability that the first of two entrants wins a match; NaN if one has no table."""
         return float(self.match[self.names.index(names[0]), self.names.index(names[1])])
 
 
-def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] = (), rules: Rules = BWF) -> ExactOdds:
-    """Solve every pair of entrants, and the best response to each.
+def unknown(names: Sequence[str], problem: str = "") -> ExactOdds:
+    """No exact figures."""
+    nothing = np.full(len(names), np.nan)
+    match = np.full((len(names), len(names)), np.nan)
+    return ExactOdds(names=tuple(names), match=match, exploitability=nothing, normalised_score=nothing.copy(), problem=problem)
 
-    Args:
-        refits: two or more refits of the game, in which the pairs are solved too; empty: skipped.
-    """
+
+def exact_odds(game: Game, entrants: Sequence[Entrant], rules: Rules = BWF) -> ExactOdds:
+    """Solve every pair of entrants, and the best response to each; in the game of a pair, means over both seats."""
     from shuttle_marl.exact import ExactError  # noqa: PLC0415  numba
-
-    n, at = len(entrants), [i for i, entrant in enumerate(entrants) if entrant.table is not None]
-    blank = ExactOdds(
-        names=tuple(entrant.name for entrant in entrants),
-        match=np.full((n, n), np.nan),
-        exploitability=np.full(n, np.nan),
-        normalised_score=np.full(n, np.nan),
-    )
-    if not at:
-        return blank
-    try:
-        figures = _figures if game.people is None else _figures_of_both_seats
-        found, in_refit = figures(game, [entrants[i] for i in at], rules)
-        away, shares = _away(n, at, refits, in_refit) if refits else (None, blank.away_shares)
-    except ExactError as error:
-        return dataclasses.replace(blank, problem=str(error))
-    for name, figure in found.items():
-        # Adding 0 turns a rounded -0.0 into 0.0.
-        getattr(blank, name)[np.ix_(*[at] * figure.ndim)] = np.round(figure, _DECIMALS) + 0.0
-    return dataclasses.replace(blank, away=away, away_shares=shares)
-
-
-def _figures(game: Game, entrants: Sequence[Entrant], rules: Rules) -> tuple[dict[str, F64], Callable[[Game], F64]]:
-    """Figures of M entrants by name, and the function from a refit to ``[M, M]`` matches won there."""
-    from shuttle_marl.exact import moved  # noqa: PLC0415  numba
-    from shuttle_marl.exact.known import best_odds, crossplay  # noqa: PLC0415  numba
+    from shuttle_marl.exact.odds import best_odds, crossplay, pair_odds  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
-    tables = [entrant.table for entrant in entrants if entrant.table is not None]
+    names = [entrant.name for entrant in entrants]
+    at = [i for i, entrant in enumerate(entrants) if entrant.table is not None]
+    both = ([entrants[i].table for i in at], [entrants[i].opposite for i in at])
+    seats = [known for tables in both if (known := [table for table in tables if table is not None])]
+    if not at:
+        return unknown(names)
     try:
-        scorer = Scorer(game)
-    except PolicyError:
-        scorer = None  # a game without behaviour-cloned players
-    everyone, m = tables.copy(), len(tables)
-    if scorer is not None and all(table.hash != scorer.reference.hash for table in tables):
-        everyone.append(scorer.reference)
-    odds = crossplay(everyone)
-    found = {"match": odds.match(rules)[:m, :m], "exploitability": np.array([each.value for each in best_odds(tables)])}
-    if scorer is not None:
-        reference = [table.hash for table in everyone].index(scorer.reference.hash)
-        scores = [scorer.normalised(float(share)) for share in odds.rally[:m, reference]]
-        found["normalised_score"] = np.array([np.nan if score is None else score for score in scores])
-    return found, lambda refit: crossplay([moved(each, refit.seats[0]) for each in tables], tolerance=_AWAY).match(rules)
-
-
-def _figures_of_both_seats(
-    game: Game,  # noqa: ARG001
-    entrants: Sequence[Entrant],
-    rules: Rules,
-) -> tuple[dict[str, F64], Callable[[Game], F64]]:
-    """The same in the game of a pair: means over both seats of each entrant."""
-    from shuttle_marl.exact import moved  # noqa: PLC0415  numba
-    from shuttle_marl.exact.known import best_odds  # noqa: PLC0415  numba
-
-    tables = [(e.table, e.opposite) for e in entrants if e.table is not None and e.opposite is not None]
-    gains = [[odds.value for odds in best_odds([both[seat] for both in tables])] for seat in (0, 1)]
-
-    def in_refit(refit: Game) -> F64:
-        first, second = refit.seats
-        return _both_seats([(moved(a, first), moved(b, second)) for a, b in tables], rules, _AWAY)
-
-    return {"match": _both_seats(tables, rules), "exploitability": np.mean(gains, axis=0)}, in_refit
-
-
-def _both_seats(tables: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]], rules: Rules, tolerance: float = TOLERANCE) -> F64:
-    """``[N, N]`` probability that the row wins a match against the column, half of the time from each seat."""
-    from shuttle_marl.exact.known import crossplay  # noqa: PLC0415  numba
-
-    win = crossplay([first for first, _ in tables], [second for _, second in tables], tolerance=tolerance).match(rules)
-    return np.asarray((win + 1 - win.T) / 2)
-
-
-def _away(n: int, at: Sequence[int], refits: Sequence[Game], match: Callable[[Game], F64]) -> "tuple[Spread, F64]":
-    """``[N]`` fraction of matches won against all others over refits, and ``[R, N]`` in each; NaN without a table.
-
-    Args:
-        at: indices of the M entrants with a table.
-        match: ``[M, M]`` probability that the row wins a match against the column in a refit.
-    """
-    from shuttle_marl.exact.away import over  # noqa: PLC0415  numba
-
-    def shares(refit: Game) -> "dict[str, Values]":
-        win, share = match(refit), np.full(n, np.nan)
-        share[at] = np.round((win.sum(axis=1) - win.diagonal()) / max(1, len(at) - 1), _DECIMALS)
-        each.append(share)
-        return {"share": share}
-
-    each: list[F64] = []
-    # Refits are solved one after another, because the pairs of one use all cores.
-    return over(refits, shares, at_once=1)["share"], np.array(each)
+        gains = [[odds.value for odds in best_odds(tables)] for tables in seats]
+        win = crossplay(*seats).match(rules)
+        found = {"match": win if len(seats) == 1 else (win + 1 - win.T) / 2, "exploitability": np.mean(gains, axis=0)}
+        if game.people is None:
+            with contextlib.suppress(PolicyError):  # a game without behaviour-cloned players
+                scorer = Scorer(game)
+                against = pair_odds([(table, scorer.reference) for table in seats[0]])
+                scores = [scorer.normalised(odds.rally) for odds in against]
+                found["normalised_score"] = np.array([np.nan if score is None else score for score in scores])
+    except ExactError as error:
+        return unknown(names, str(error))
+    exact = unknown(names)
+    for name, figure in found.items():
+        # Adding 0 turns a rounded -0.0 into 0.0.
+        getattr(exact, name)[np.ix_(*[at] * figure.ndim)] = np.round(figure, _DECIMALS) + 0.0
+    return exact
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -179,8 +319,6 @@ class Standing:
         share_low: lower end of its 95 % Wilson interval.
         share_high: upper end.
         exact_share: exact expected fraction of matches won against the opponents that have a table; NaN if there are none.
-        away_share: mean of the same in refits of the game, against all others; NaN if not requested.
-        away_low, away_high: its 95 % prediction interval for one more refit.
         exploitability: gain of the best response to the entrant, as a value from 0 to 1; NaN without a table.
         normalised_score: by rallies won against ``bc``: 0 for ``bc``, 1 for the best response to it; NaN without a table.
     """
@@ -200,9 +338,6 @@ class Standing:
     receiving: float
     forfeits: int
     exact_share: float = math.nan
-    away_share: float = math.nan
-    away_low: float = math.nan
-    away_high: float = math.nan
     exploitability: float = math.nan
     normalised_score: float = math.nan
     rating_exact: float = math.nan
@@ -212,22 +347,49 @@ class Standing:
 
 def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: ExactOdds | None = None) -> list[Standing]:
     """Rank the entrants by rating, best first, with exact figures if given."""
+    exact = exact or unknown(pool)
     played, cells, pairs = played_cells(pool, results)
     theta, drawn = ratings(cells, pairs, len(pool), np.random.default_rng(seed))
-    rating, (low, high) = ELO * theta, np.percentile(ELO * drawn, TAILS, axis=0)
     present = np.unique(pairs)
-    intervals = dict(zip(present.tolist(), rank_intervals(theta[present], drawn[:, present]).tolist(), strict=True))
-    standings = {
-        i: _standing(name, played, sum(name in r.forfeit for r in results), (rating[i], low[i], high[i]))
-        for i, name in enumerate(pool)
-    }
-    order = sorted(standings, key=lambda i: (standings[i].forfeits, -np.nan_to_num(standings[i].rating, nan=-np.inf), i))
-    exact_rating = {} if exact is None else dict(zip(exact.names, ELO * exact_ratings(exact.match), strict=True))
+    rated = np.full((3, len(pool)), np.nan)
+    rated[:, present] = np.stack([ELO * theta, *np.percentile(ELO * drawn, _TAILS, axis=0)])[:, present]
+    ranks = np.zeros((len(pool), 2), dtype=np.intp)
+    ranks[present] = rank_intervals(theta[present], drawn[:, present])
+    limits = ELO * exact_ratings(exact.match)
+    forfeits = [sum(name in result.forfeit for result in results) for name in pool]
+    order = sorted(range(len(pool)), key=lambda i: (forfeits[i], -np.nan_to_num(rated[0, i], nan=-np.inf), i))
     found = []
-    for place, i in enumerate(order):
-        first, last = intervals.get(i, (0, 0))
-        standing = dataclasses.replace(standings[i], rank=place + 1, rank_low=first, rank_high=last)
-        found.append(standing if exact is None else _with_exact(standing, played, exact, float(exact_rating[standing.player])))
+    for place, i in enumerate(order, 1):
+        name, at = pool[i], exact.names.index(pool[i])
+        met = [result for result in played if name in result.names]
+        own = [result.seen_by(name) for result in met]
+        count = {c: sum(counts[c] for counts in own) for c in COUNTS}
+        matches, wins = count["matches"], count["wins"]
+        low, high = binomtest(wins, matches).proportion_ci(method="wilson") if matches else (_NAN, _NAN)
+        found.append(
+            Standing(
+                rank=place,
+                player=name,
+                rating=float(rated[0, i]),
+                rating_low=float(rated[1, i]),
+                rating_high=float(rated[2, i]),
+                rating_exact=round(float(limits[at]), _DECIMALS),  # removes differences between machines
+                rank_low=int(ranks[i, 0]),
+                rank_high=int(ranks[i, 1]),
+                matches=matches,
+                wins=wins,
+                share=_ratio(wins, matches),
+                share_low=float(low),
+                share_high=float(high),
+                rally_share=_ratio(count["points_won"], count["rallies"]),
+                serving=_ratio(count["served_won"], count["served"]),
+                receiving=_ratio(count["points_won"] - count["served_won"], count["rallies"] - count["served"]),
+                forfeits=forfeits[i],
+                exact_share=exact.share(name, [other for result in met for other in result.names if other != name]),
+                exploitability=float(exact.exploitability[at]),
+                normalised_score=float(exact.normalised_score[at]),
+            )
+        )
     return found
 
 
@@ -237,48 +399,6 @@ def played_cells(pool: Sequence[str], results: Sequence[PairResult]) -> tuple[li
     place = {name: i for i, name in enumerate(pool)}
     pairs = np.array([[place[name] for name in r.names] for r in played], dtype=np.intp).reshape(-1, 2)
     return played, np.array([r.cells for r in played], dtype=np.float64).reshape(-1, 3), pairs
-
-
-def _standing(name: str, played: Sequence[PairResult], forfeits: int, rating: tuple[float, float, float]) -> Standing:
-    own = [result.seen_by(name) for result in played if name in result.names]
-    count = {c: sum(counts[c] for counts in own) for c in COUNTS}
-    matches, wins = count["matches"], count["wins"]
-    low, high = binomtest(wins, matches).proportion_ci(method="wilson") if matches else (math.nan, math.nan)
-    nothing = float("nan")
-    shown = [float(x) for x in rating] if matches else [nothing] * 3
-    return Standing(
-        rank=0,
-        player=name,
-        rating=shown[0],
-        rating_low=shown[1],
-        rating_high=shown[2],
-        matches=matches,
-        wins=wins,
-        share=_ratio(wins, matches),
-        share_low=float(low),
-        share_high=float(high),
-        rally_share=_ratio(count["points_won"], count["rallies"]),
-        serving=_ratio(count["served_won"], count["served"]),
-        receiving=_ratio(count["points_won"] - count["served_won"], count["rallies"] - count["served"]),
-        forfeits=forfeits,
-    )
-
-
-def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOdds, rating: float) -> Standing:
-    name, i = standing.player, exact.names.index(standing.player)
-    opponents = [other for result in played if name in result.names for other in result.names if other != name]
-    share, low, high = (math.nan,) * 3 if exact.away is None else np.array(dataclasses.astuple(exact.away))[:, i].tolist()
-    return dataclasses.replace(
-        standing,
-        away_share=share,
-        away_low=low,
-        away_high=high,
-        exact_share=exact.share(name, opponents),
-        # Rounding removes differences between machines.
-        rating_exact=round(rating, _DECIMALS),
-        exploitability=float(exact.exploitability[i]),
-        normalised_score=float(exact.normalised_score[i]),
-    )
 
 
 def ranking_table(standings: Sequence[Standing]) -> pa.Table:
@@ -323,4 +443,4 @@ def results_table(results: Sequence[PairResult], exact: ExactOdds | None = None)
 
 
 def _ratio(part: int, whole: int) -> float:
-    return part / whole if whole else float("nan")
+    return part / whole if whole else _NAN

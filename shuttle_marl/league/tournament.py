@@ -13,10 +13,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.base.cluster import Cluster, Shared, Task
+from shuttle_marl.base.cluster import Cluster
 from shuttle_marl.base.files import StoredCount
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.matches import Matches, play
@@ -25,18 +25,7 @@ from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers
 if TYPE_CHECKING:
     from shuttle_marl.kernel import Players
 
-COUNTS = (
-    "matches",
-    "wins",
-    "games_won",
-    "games_lost",
-    "points_won",
-    "points_lost",
-    "served",
-    "served_won",
-    "rallies",
-    "strokes",
-)
+COUNTS = ("matches", "wins", "games_won", "games_lost", "points_won", "points_lost", "served", "served_won", "rallies", "strokes")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,12 +49,6 @@ class Pairing:
     def swapped(self) -> bool:
         """Whether the second entrant has seat 0 in match 0, which the entrant does whose name sorts first."""
         return self.names[0] > self.names[1]
-
-
-def round_robin(pool: Sequence[str]) -> list[Pairing]:
-    """Every pair of a pool once."""
-    pairs = itertools.combinations(range(len(pool)), 2)
-    return [Pairing(number=n, entrants=(a, b), names=(pool[a], pool[b])) for n, (a, b) in enumerate(pairs)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -113,16 +96,12 @@ def forfeited(pairing: Pairing, by: Sequence[str], reason: str) -> PairResult:
     """The result of a pairing that an entrant forfeited."""
     nothing = dict.fromkeys(COUNTS, 0)
     return PairResult(
-        pairing=pairing.number,
-        names=pairing.names,
-        seats=(nothing, dict(nothing)),
-        forfeit=tuple(by),
-        reason=reason,
+        pairing=pairing.number, names=pairing.names, seats=(nothing, dict(nothing)), forfeit=tuple(by), reason=reason
     )
 
 
 def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
-    """StoredCount the rallies of matches of a pairing; the winner of a match won its last rally.
+    """Count the rallies of matches of a pairing; the winner of a match won its last rally.
 
     Args:
         rallies: of complete cells in order, as they were played or as they were read from a rally log.
@@ -164,9 +143,7 @@ def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
     )
 
 
-def stages(
-    pool: Sequence[str], form: Format, results: Sequence[PairResult], *, rounds: int = 0, grown: Sequence[int] = ()
-) -> list[list[Pairing]]:
+def stages(pool: Sequence[str], form: Format, results: Sequence[PairResult], *, rounds: int = 0) -> list[list[Pairing]]:
     """The stages of a tournament that its results so far determine.
 
     Args:
@@ -174,27 +151,21 @@ def stages(
             similar scores who have not met yet.
         results: of the pairings that were played, in order; they determine the next round of a Swiss tournament.
         rounds: number of rounds of a Swiss tournament; 0: the binary logarithm of the pool's size.
-        grown: sizes of the pool of a round robin or a gauntlet before entrants were added; each addition is a stage with the
-            missing pairings.
 
     Returns:
         The pairings of each stage, numbered consecutively.
     """
     if form == "swiss":
         return _swiss(pool, results, min(rounds or math.ceil(math.log2(len(pool))), len(pool) - 1))
-    found: list[list[Pairing]] = []
-    before = 0
-    for size in (*grown, len(pool)):
-        if form == "gauntlet":
-            pairs = [(0, b) for b in range(max(1, before), size)]
-        else:
-            pairs = [(a, b) for a, b in itertools.combinations(range(size), 2) if b >= before]
-        found.append(_pairings(pool, pairs, sum(map(len, found))))
-        before = size
-    return found
+    return [round_robin(pool) if form == "round-robin" else _pairings(pool, [(0, b) for b in range(1, len(pool))])]
 
 
-def _pairings(pool: Sequence[str], pairs: Sequence[tuple[int, int]], first: int) -> list[Pairing]:
+def round_robin(pool: Sequence[str]) -> list[Pairing]:
+    """Every pair of a pool once."""
+    return _pairings(pool, [*itertools.combinations(range(len(pool)), 2)])
+
+
+def _pairings(pool: Sequence[str], pairs: Sequence[tuple[int, int]], first: int = 0) -> list[Pairing]:
     return [Pairing(number=n, entrants=(a, b), names=(pool[a], pool[b])) for n, (a, b) in enumerate(pairs, first)]
 
 
@@ -251,14 +222,10 @@ def _partners(order: list[int], played: set[tuple[int, int]]) -> list[tuple[int,
 _MATCHES_A_LOOK: Final = 32
 """Matches between two evaluations of a sequential test; fixed, because these decide which matches are played."""
 ERROR: Final = 0.05
-"""Probability of each of the two errors, at the two hypotheses."""
 BOUND: Final = math.log((1 - ERROR) / ERROR)
-"""Log-likelihood ratio at which a test ends."""
 _CELL_SCORES: Final = np.array([0.0, 0.5, 1.0])
 _LEAST_COUNT: Final = 1e-3
-"""StoredCount of a result that never occurred, as in fishtest."""
-Progress = Callable[[int], None]
-"""Called now and then with the number of strokes since the last call."""
+"""Count of a result that never occurred, as in fishtest."""
 Block = tuple[PairResult, list[Rallies]]
 """A finished pairing and those of its rallies that are recorded, in order."""
 
@@ -293,9 +260,9 @@ def groups(pairings: Sequence[Pairing], matches: int, batch: int, alone: set[int
         yield group
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class MatchOptions:
-    """How the pairings of a tournament are played.
+@dataclasses.dataclass(eq=False)
+class Tournament:
+    """A tournament that is being played.
 
     Attributes:
         matches: number of matches of every pairing, even.
@@ -304,8 +271,14 @@ class MatchOptions:
         sample: selects the rallies that are returned; None: all.
         decide: Elo points of the sequential test that stops pairings with an entrant without a table, see :func:`decided`; None:
             all matches are played.
+        workers: number of threads that play pairings of tables; compiled code does not hold the interpreter's lock.
+        cluster: plays them instead of threads; policies without a table play in this process.
+        threads: of compiled code in a pairing; None: one for each core.
     """
 
+    game: Game
+    entrants: Sequence[Entrant]
+    _: dataclasses.KW_ONLY
     matches: int
     seed: int
     batch: int = 8192
@@ -313,68 +286,49 @@ class MatchOptions:
     sample: Callable[[Rallies], Rallies] | None = None
     rules: Rules = BWF
     decide: float | None = None
+    workers: int = 1
+    cluster: Cluster | None = None
+    threads: int | None = None
 
-
-class Tournament:
-    """A tournament that is being played.
-
-    Args:
-        workers: number of threads that play pairings of tables; compiled code does not hold the interpreter's lock.
-        cluster: plays them instead of threads; policies without a table play in this process.
-    """
-
-    def __init__(
-        self,
-        game: Game,
-        entrants: Sequence[Entrant],
-        options: MatchOptions,
-        *,
-        workers: int = 1,
-        cluster: Cluster | None = None,
-    ) -> None:
-        self._game, self._entrants, self._options = game, entrants, options
-        self._workers, self._cluster = workers if cluster is None else cluster.slots, cluster
-        tabulated = np.array([entrant.table is not None for entrant in entrants])
+    def __post_init__(self) -> None:
+        self.batch = max(2, self.batch - self.batch % 2)
+        if self.cluster is not None:
+            self.workers = self.cluster.slots
+        tabulated = np.array([entrant.table is not None for entrant in self.entrants])
         self._table_of = np.where(tabulated, np.cumsum(tabulated) - 1, -1).astype(np.int32)
         """``[N]`` index of each entrant among those that have a table; -1 without one."""
-        self._threads: int | None = None
-        self._batch = max(2, options.batch - options.batch % 2)
 
-    def play(self, pairings: Sequence[Pairing], progress: Progress | None = None) -> Iterator[list[Block]]:
-        """Play pairings in order; the blocks of one list were played in the same batch.
-
-        Args:
-            progress: see :data:`Progress`.
-        """
+    def play(self, pairings: Sequence[Pairing]) -> Iterator[list[Block]]:
+        """Play pairings in order; the blocks of one list were played in the same batch."""
         # A policy that fails aborts its batch, so the batch holds no other matches.
         alone = {p.number for p in pairings if self._reads_score(p)}
-        matches = self._options.matches
         waiting: collections.deque[Callable[[], list[Block]]] = collections.deque()
-        with ThreadPoolExecutor(self._workers) as threads:
-            a_worker = -(-len(pairings) * matches // self._workers)  # work for every worker
-            for group in groups(pairings, matches, min(self._batch, a_worker), alone):
+        shared: Any = None
+        with ThreadPoolExecutor(self.workers) as threads:
+            a_worker = -(-len(pairings) * self.matches // self.workers)  # work for every worker
+            for group in groups(pairings, self.matches, min(self.batch, a_worker), alone):
                 untabulated = group[0].number in alone
                 # Results are returned in the order of the schedule, and few wait in memory.
-                while waiting and (untabulated or len(waiting) >= 2 * self._workers):
+                while waiting and (untabulated or len(waiting) >= 2 * self.workers):
                     yield waiting.popleft()()
                 if untabulated:
-                    yield self._play_alone(group, progress)
-                elif self._cluster is not None:
-                    waiting.append(functools.partial(_counted, self._cluster.submit(_play_remote, self._shared, group), progress))
-                elif self._workers == 1:
-                    yield self._play_group(group, progress)
+                    yield self._play_alone(group)
+                elif self.cluster is not None:
+                    shared = shared or self.cluster.share(self)
+                    waiting.append(self.cluster.submit(_play_remote, shared, group))
+                elif self.workers == 1:
+                    yield self._play_group(group)
                 else:
                     _ = self._players  # packed once, before the threads start
-                    waiting.append(threads.submit(self._play_group, group, progress).result)
+                    waiting.append(threads.submit(self._play_group, group).result)
             while waiting:
                 yield waiting.popleft()()
 
     def __getstate__(self) -> dict[str, Any]:
         """State for another process: tables, but no policies, which may be code."""
         _ = self._players
-        alone = ("_cluster", "_shared", "_strikers")
-        state = {name: value for name, value in self.__dict__.items() if name not in alone}
-        return {**state, "_entrants": (), "_threads": 1}
+        state = {name: value for name, value in self.__dict__.items() if name != "_strikers"}
+        return {**state, "cluster": None, "entrants": (), "threads": 1}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # Unpickled arrays are read-only and have equal but not identical dtypes: the kernel accepts neither.
@@ -384,95 +338,78 @@ class Tournament:
     def _reads_score(self, pairing: Pairing) -> bool:
         return bool((self._table_of[list(pairing.entrants)] < 0).any())
 
-    def _play_alone(self, group: Sequence[Pairing], progress: Progress | None) -> list[Block]:
-        """Play a pairing with an entrant that may fail."""
-        failed = [self._entrants[i] for i in group[0].entrants if self._entrants[i].failure]
+    def _play_alone(self, group: Sequence[Pairing]) -> list[Block]:
+        failed = [self.entrants[i] for i in group[0].entrants if self.entrants[i].failure]
         if failed:
             return [(forfeited(group[0], [e.name for e in failed], "; ".join(e.failure for e in failed)), [])]
         try:
-            return self._play_group(group, progress)
+            return self._play_group(group)
         except ForfeitError as error:
             return [(forfeited(group[0], [error.name], error.reason), [])]
 
-    def _play_group(self, group: Sequence[Pairing], progress: Progress | None) -> list[Block]:
+    def _play_group(self, group: Sequence[Pairing]) -> list[Block]:
         blocks: dict[Pairing, Block] = {}
-        options = self._options
         # Several pairings fit into one batch; a single one may take several batches.
-        tested = options.decide is not None and self._reads_score(group[0])
-        step = _MATCHES_A_LOOK if tested else self._batch
-        for first in range(0, options.matches, step):
-            last = min(first + step, options.matches)
-            rallies = self._rallies(group, first, last, progress)
+        tested = self.decide is not None and self._reads_score(group[0])
+        step = _MATCHES_A_LOOK if tested else self.batch
+        for first in range(0, self.matches, step):
+            last = min(first + step, self.matches)
+            rallies = self._rallies(group, first, last)
             bounds = np.searchsorted(rallies.pairing, [p.number for p in group] + [group[-1].number + 1])
             for pairing, begin, end in zip(group, bounds[:-1], bounds[1:], strict=True):
                 part = rallies.slice(int(begin), int(end))
                 result = tally(pairing, part, pairing.entrants[0])
-                recorded = [] if not options.keep_strokes else [part if options.sample is None else options.sample(part)]
+                recorded = [] if not self.keep_strokes else [part if self.sample is None else self.sample(part)]
                 before = blocks.get(pairing)
                 blocks[pairing] = (before[0] + result, [*before[1], *recorded]) if before else (result, recorded)
-            if tested and options.decide is not None and decided(blocks[group[0]][0].cells, options.decide):
+            if tested and self.decide is not None and decided(blocks[group[0]][0].cells, self.decide):
                 break
         return list(blocks.values())
 
-    def _rallies(self, group: Sequence[Pairing], first: int, last: int, progress: Progress | None) -> Rallies:
+    def _rallies(self, group: Sequence[Pairing], first: int, last: int) -> Rallies:
         """Matches ``first`` up to ``last`` of every pairing of a group."""
-        matches = join([matches_of(pairing, self._options.seed, first, last) for pairing in group])
+        matches = join([matches_of(pairing, self.seed, first, last) for pairing in group])
         if any(self._reads_score(pairing) for pairing in group):  # policies are called for every stroke
-            rules, keep = self._options.rules, self._options.keep_strokes
             choose, wait = self._strikers.choose, self._strikers.wait
-            played = play(self._game, matches, choose, wait, rules=rules, keep_strokes=keep, progress=progress).rallies
+            rules, keep = self.rules, self.keep_strokes
+            played = play(self.game, matches, choose, wait, rules=rules, keep_strokes=keep).rallies
         else:
-            played = self._play_tables(matches, progress)
+            played = self._play_tables(matches)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)
         in_group, match = np.divmod(played.match, last - first)
         policy = matches.entrant[played.match].astype(np.uint16)
         return dataclasses.replace(played, pairing=number[in_group], match=(first + match).astype(np.uint32), policy=policy)
 
-    def _play_tables(self, matches: Matches, progress: Progress | None) -> Rallies:
+    def _play_tables(self, matches: Matches) -> Rallies:
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
         # The tables of seat 1 in the game of a pair are behind those of seat 0.
-        second = (self._table_of >= 0).sum() if self._game.people is not None else 0
+        second = (self._table_of >= 0).sum() if self.game.people is not None else 0
         entrant = self._table_of[matches.entrant] + np.array([0, second], dtype=np.int32)
         seated = Matches(entrant=entrant, first_server=matches.first_server, key=matches.key)
-        options = self._options
         return play_matches(
-            self._game,
+            self.game,
             seated,
             self._players,
-            rules=options.rules,
-            keep_strokes=options.keep_strokes,
-            threads=self._threads,
-            progress=progress,
+            rules=self.rules,
+            keep_strokes=self.keep_strokes,
+            threads=self.threads,
         ).rallies
-
-    @functools.cached_property
-    def _shared(self) -> "Shared[Tournament]":
-        assert self._cluster is not None
-        return self._cluster.share(self)
 
     @functools.cached_property
     def _players(self) -> "Players":
         """The tables of all entrants that have one, in order; see :func:`shuttle_marl.league.entrants.seat_tables`."""
         from shuttle_marl.kernel import pack  # noqa: PLC0415  numba is slow to import
 
-        return pack([table for table in seat_tables(self._game, self._entrants) if table is not None], self._game)
+        return pack([table for table in seat_tables(self.game, self.entrants) if table is not None], self.game)
 
     @functools.cached_property
     def _strikers(self) -> Strikers:
-        return Strikers(self._game, self._entrants)
+        return Strikers(self.game, self.entrants)
 
 
 def _play_remote(tournament: Tournament, group: Sequence[Pairing]) -> list[Block]:
-    return tournament._play_group(group, None)
-
-
-def _counted(task: Task[list[Block]], progress: Progress | None) -> list[Block]:
-    """Results of a task of a cluster, whose strokes are counted on arrival."""
-    blocks = task.result()
-    if progress is not None:
-        progress(sum(counts["strokes"] for result, _ in blocks for counts in result.seats))
-    return blocks
+    return tournament._play_group(group)
 
 
 def share_of(elo: float) -> float:

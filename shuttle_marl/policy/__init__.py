@@ -5,20 +5,19 @@ Names are imported when first used, because what measures policies needs numba.
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.policy.baselines import ScriptedPolicy
     from shuttle_marl.policy.foreign import FunctionPolicy
     from shuttle_marl.policy.plain_network import NetworkPolicy, from_network, from_sb3, save_network
     from shuttle_marl.policy.registry import Family, names, register, resolve, resolve_recorded
-    from shuttle_marl.policy.scorecard import SampledOdds, Scorecard, Scorer, sample
+    from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
 __all__ = [
     "Family",
     "FunctionPolicy",
     "NetworkPolicy",
-    "SampledOdds",
     "Scorecard",
     "Scorer",
     "ScriptedPolicy",
@@ -28,7 +27,6 @@ __all__ = [
     "register",
     "resolve",
     "resolve_recorded",
-    "sample",
     "save_network",
 ]
 

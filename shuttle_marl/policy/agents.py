@@ -15,27 +15,20 @@ from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import FileReadError, hash_in, problem, read_sealed, replace_with_card
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.game.pairs import trained_game, without_recovery, without_skill
-from shuttle_marl.game.policy import Policy, PolicyError
-from shuttle_marl.game.shipped import folder_of
-from shuttle_marl.game.tables import RECOVERY, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.policy import Policy, PolicyError, TabulatedPolicy
+from shuttle_marl.game.shipped import RECOVERY, folder_of
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.computed import cached_table
 
 NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"
 ALGORITHMS: Final = ("ppo", "a2c", "sac")
-"""Algorithms of shipped agents, the first part of their names."""
 AGENTS: Final = "agents"
 """Subfolder of a model with its agents."""
 
 
 def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -> None:
-    """Write the folder of an agent.
-
-    Args:
-        network: content of ``network.safetensors``.
-        card: its fields; the hashes are added.
-    """
+    """Write the folder of an agent: the content of ``network.safetensors``, and a card, to which hashes are added."""
     fields = {"game": game.hash, "catalogue": game.catalogue.version, **card}
     replace_with_card(folder / CARD, fields, {NETWORK: network})
 

@@ -1,29 +1,39 @@
-"""Policies that take seconds to compute, and the cache of their tables: perfect, robust and human-like play, best responses.
+"""Tables of policies: computed ones (perfect, robust and human-like play, best responses), those made of others, and stored ones.
 
 Tables of solved policies and of trained agents are cached by everything that they depend on. Numba is imported when a policy is
 solved.
 """
 
 import contextlib
+import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
 from typing import Final
 
+import numpy as np
 import zstandard
 
+from shuttle_marl.base.arrays import Floats
 from shuttle_marl.base.cache import Cache, key_of
-from shuttle_marl.base.files import content_hash
-from shuttle_marl.exact.version import sources_hash
-from shuttle_marl.game.policy import Policy, PolicyError
+from shuttle_marl.base.files import content_hash, problem, read_file, replace_file
+from shuttle_marl.game.policy import (
+    Policy,
+    PolicyError,
+    TabulatedPolicy,
+    TemperedPolicy,
+    cumulative_positions,
+    from_pair_probabilities,
+    tabulate,
+)
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import is_refit, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 
 TYPICAL_TAU: Final = 0.05
 """Cost of the listed KL-regularised equilibrium, which wins about as often as perfect play in refits of the game."""
-_CACHE: Final = Cache("tables", 256)
-"""Some hundred MB."""
+_CACHE: Final = Cache("tables", 256)  # some hundred MB
 
 
 def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -> TabulatedPolicy:
@@ -32,7 +42,7 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
     Args:
         key: everything that the result depends on besides the game and the source code of game, solvers and policies.
     """
-    name = key_of(game.hash, key, sources_hash())
+    name = key_of(game.hash, key)
     for content in _CACHE.read([name]).values():
         with contextlib.suppress(ValueError, zstandard.ZstdError, PolicyError):  # written by another version
             return TabulatedPolicy.unpacked(content, game, key)
@@ -41,12 +51,23 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
     return table
 
 
-@functools.lru_cache(maxsize=4)
-def minimax_policy(game: Game) -> TabulatedPolicy:
-    """The minimax policy of a game, or of a player in the game of a pair."""
-    from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba
+@functools.lru_cache(maxsize=8)
+def minimax_policy(game: Game, kind: str | None = None) -> TabulatedPolicy:
+    """``minimax``, of a game or of a player in the game of a pair; ``minimax:robust`` has the best worst case over its refits.
 
-    return cached_table(game, f"minimax {game.opposite.hash}", lambda: solve(game).policy[0])
+    Raises:
+        PolicyError: ``kind`` is neither None nor ``robust``, or the game has no refits for robust play.
+    """
+    from shuttle_marl.exact.optimal import solve, solve_robust  # noqa: PLC0415  numba
+
+    if kind is None:
+        return cached_table(game, f"minimax {game.opposite.hash}", lambda: solve(game).policy[0])
+    if kind != "robust":
+        raise PolicyError(f"policy minimax:{kind}: expected minimax or minimax:robust")
+    if not (others := refits_of(game)):
+        raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
+    key = " ".join(["robust", *(other.hash for other in others)])
+    return cached_table(game, key, lambda: solve_robust([game, *others]).policy)
 
 
 def best_response_policy(policy: TabulatedPolicy) -> TabulatedPolicy:
@@ -55,22 +76,6 @@ def best_response_policy(policy: TabulatedPolicy) -> TabulatedPolicy:
 
     key = f"best-response {policy.game.hash} {policy.hash}"
     return cached_table(policy.game.opposite, key, lambda: best_response(policy).policy)
-
-
-@functools.lru_cache(maxsize=4)
-def robust_policy(game: Game) -> TabulatedPolicy:
-    """The policy with the best worst case over a game and its refits.
-
-    Raises:
-        PolicyError: the game has no refits.
-    """
-    from shuttle_marl.exact.optimal import solve_robust  # noqa: PLC0415  numba
-
-    others = refits_of(game)
-    if not others:
-        raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
-    key = " ".join(["robust", *(other.hash for other in others)])
-    return cached_table(game, key, lambda: solve_robust([game, *others]).policy)
 
 
 @functools.lru_cache(maxsize=4)
@@ -98,17 +103,6 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     )
 
 
-def load_minimax(kind: str | None, game: Game) -> Policy:
-    """``minimax`` (None) or ``minimax:robust``.
-
-    Raises:
-        PolicyError: ``kind`` is unknown, or the game has no refits for robust play.
-    """
-    if kind not in (None, "robust"):
-        raise PolicyError(f"policy minimax:{kind}: expected minimax or minimax:robust")
-    return minimax_policy(game) if kind is None else robust_policy(game)
-
-
 def minimax_names(game: Game) -> tuple[str, ...]:
     """Listed names; ``minimax:robust`` if the game has refits."""
     origin = origin_of(game)
@@ -132,3 +126,84 @@ def load_human(argument: str | None, game: Game) -> Policy:
             f"policy human:{argument or ''}: expected human:TAU or human:TAU:PLAYER with a number TAU above 0, such as human:0.05"
         )
     return human_policy(cost, player or None, game)
+
+
+def mixture(policies: Sequence[TabulatedPolicy], probabilities: Sequence[float] | Floats) -> TabulatedPolicy:
+    """The mean of policies of a game in every state, in strokes and positions.
+
+    It draws one of them for every choice and not once a rally, so it is a policy of the game, and exact figures are its own.
+
+    Args:
+        probabilities: ``[K]`` probabilities of the policies.
+    """
+    mixed = [(policy, float(p)) for policy, p in zip(policies, probabilities, strict=True) if p > 0]
+    if len(mixed) == 1:
+        return mixed[0][0]
+    game = mixed[0][0].game
+    blocks = (sum(p * policy.block_probabilities(block) for policy, p in mixed) for block in range(game.n_blocks))
+    mean = from_pair_probabilities(game, np.concatenate(list(blocks)))
+    if all(policy.waits is None for policy, _ in mixed):
+        return mean
+    from shuttle_marl.exact.profile import positions_of  # noqa: PLC0415  numba
+
+    positions = np.sum([p * positions_of(policy) for policy, p in mixed], axis=0)
+    return dataclasses.replace(mean, waits=cumulative_positions(positions))
+
+
+def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
+    """The policy with stroke probabilities p^(1 / temperature), normalised.
+
+    The entropy bonus lets a learner play strokes that are nearly optimal; a temperature below 1 makes them rare.
+    """
+    return tabulate(TemperedPolicy(policy, temperature), policy.game)
+
+
+def deterministic(policy: TabulatedPolicy) -> TabulatedPolicy:
+    """The policy that always makes the likeliest choice of another one, of strokes and of positions."""
+    pure = sharpened(policy, 0.0)
+    if policy.game.recovery is None:
+        return pure
+    from shuttle_marl.exact.profile import positions_of  # noqa: PLC0415  numba
+
+    likeliest = np.eye(N_POSITIONS)[positions_of(policy).argmax(axis=1)]
+    return dataclasses.replace(pure, waits=cumulative_positions(likeliest))
+
+
+def policy_file(folder: Path, digest: str) -> Path:
+    """File of the policy of a hash."""
+    return folder / f"{digest}.zst"
+
+
+class StoredPolicies:
+    """Tables of policies in a folder."""
+
+    def __init__(self, folder: Path, game: Game) -> None:
+        self.folder, self.game = folder, game
+
+    def save(self, policy: TabulatedPolicy) -> str:
+        """Save a policy unless it exists, and return its hash."""
+        path = policy_file(self.folder, policy.hash)
+        if not path.exists():
+            replace_file(path, policy.packed())
+        return policy.hash
+
+    def read(self, digest: str) -> TabulatedPolicy:
+        """Read the policy of a hash.
+
+        Raises:
+            PolicyError: it is missing, damaged, of another game, or does not have this hash.
+        """
+        path = policy_file(self.folder, digest)
+        try:
+            policy = TabulatedPolicy.unpacked(read_file(path, 4 * self.game.n_pairs), self.game, str(path))
+        except (OSError, ValueError, zstandard.ZstdError) as error:
+            raise PolicyError(f"{path}: the policy cannot be read ({problem(error)}); run again what wrote it") from error
+        if policy.hash != digest:
+            raise PolicyError(f"{path}: the table was changed: its hash is {policy.hash[:12]}; run again what wrote it")
+        return policy
+
+    def prune(self, retained: Collection[str]) -> None:
+        """Delete all policies except those of the given hashes."""
+        for path in self.folder.glob("*.zst"):
+            if path.stem not in retained:
+                path.unlink(missing_ok=True)

@@ -1,21 +1,23 @@
 """User policies: Python code ``module:attribute``, and programs ``program:COMMAND`` under a time limit.
 
-Code in this process cannot be stopped safely, so a policy that may hang plays as a program.
+Code in this process cannot be stopped safely, so a policy that may hang plays as a program. By the hashes of user code, a resumed
+run does not mix the results of two versions.
 """
 
 import contextlib
 import contextvars
 import dataclasses
+import hashlib
 import importlib
 import inspect
 import json
 import math
 import operator
+import shlex
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Final
 
 import numpy as np
@@ -27,10 +29,9 @@ from shuttle_marl.game.policy import Policy, PolicyError, States
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 
-PROTOCOL: Final = 1
-"""Version of the messages to programs."""
-_AHEAD: Final = 64
-"""Number of decisions that are sent before their answers are read, so few that all answers fit into a pipe."""
+PACKAGE: Final = Path(__file__).parents[1]
+PROTOCOL: Final = 1  # version of the messages to programs
+_AHEAD: Final = 64  # number of decisions that are sent before their answers are read, so few that all answers fit into a pipe
 
 
 class ModuleMissingError(PolicyError):
@@ -53,6 +54,17 @@ class FunctionPolicy:
         return self.function(states)
 
 
+@contextlib.contextmanager
+def blaming(what: str) -> Iterator[None]:
+    """Context in which whatever foreign code raises, ``sys.exit`` too, becomes a PolicyError that begins with ``what``."""
+    try:
+        yield
+    except (KeyboardInterrupt, PolicyError):
+        raise
+    except BaseException as error:
+        raise PolicyError(f"{what} raised {described(error)}") from error
+
+
 def import_attribute(name: str) -> Any:
     """The attribute ``module:attribute``; the module may be in the current folder.
 
@@ -60,16 +72,26 @@ def import_attribute(name: str) -> Any:
         PolicyError: the module or the attribute does not exist, or importing it raised.
     """
     module_name, _, attribute = name.partition(":")
-    module = _import(name, module_name)
-    try:
-        return operator.attrgetter(attribute)(module)
-    except AttributeError as error:
-        hint = did_you_mean(attribute, [known for known in vars(module) if not known.startswith("_")], cutoff=0.5)
-        raise PolicyError(f"policy {name!r}: module {module_name!r} has no {attribute!r}{hint}") from error
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise PolicyError(f"policy {name!r}: finding it in its module raised {described(error)}") from error
+    here = str(Path.cwd())
+    if here not in sys.path:
+        # Last, so that files of the user hide no installed module; permanent, because the policy may import more later.
+        sys.path.append(here)
+    with blaming(f"policy {name!r}: importing its module"):
+        try:
+            module = importlib.import_module(module_name)
+        except ModuleNotFoundError as error:
+            if (module_name + ".").startswith(f"{error.name}."):
+                raise ModuleMissingError(
+                    f"policy {name!r}: no module {module_name!r} in the current folder or installed"
+                ) from error
+            raise PolicyError(f"policy {name!r}: its module needs {error.name!r}, which is not installed") from error
+    with blaming(f"policy {name!r}: finding it in its module"):
+        try:
+            found = operator.attrgetter(attribute)(module)
+        except AttributeError as error:
+            hint = did_you_mean(attribute, [known for known in vars(module) if not known.startswith("_")], cutoff=0.5)
+            raise PolicyError(f"policy {name!r}: module {module_name!r} has no {attribute!r}{hint}") from error
+    return found
 
 
 def from_module(name: str, game: Game) -> Policy:
@@ -83,8 +105,15 @@ def from_module(name: str, game: Game) -> Policy:
         PolicyError: the module or the attribute does not exist, raises, or is not a policy.
     """
     thing = import_attribute(name)
-    if inspect.isclass(thing):
-        thing = _instance(name, thing, game)
+    make: Any = thing if inspect.isclass(thing) else None
+    if make is not None:
+        with blaming(f"policy {name!r}: making it"):
+            try:
+                inspect.signature(make).bind()
+            except TypeError:
+                thing = make(game)
+            else:
+                thing = make()
     if callable(getattr(thing, "probabilities", None)):
         return thing
     if callable(thing):
@@ -93,36 +122,6 @@ def from_module(name: str, game: Game) -> Policy:
         f"policy {name!r} is a {type(thing).__name__}; expected an object or class with a method probabilities(states), "
         "or a function from states to an array [B, n] of probabilities"
     )
-
-
-def _import(name: str, module_name: str) -> ModuleType:
-    here = str(Path.cwd())
-    if here not in sys.path:
-        # Last, so that files of the user hide no installed module; permanent, because the policy may import more later.
-        sys.path.append(here)
-    try:
-        return importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        if (module_name + ".").startswith(f"{error.name}."):
-            raise ModuleMissingError(f"policy {name!r}: no module {module_name!r} in the current folder or installed") from error
-        raise PolicyError(f"policy {name!r}: its module needs {error.name!r}, which is not installed") from error
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # sys.exit too
-        raise PolicyError(f"policy {name!r}: importing its module raised {described(error)}") from error
-
-
-def _instance(name: str, cls: Callable[..., Any], game: Game) -> Any:
-    try:
-        try:
-            inspect.signature(cls).bind()
-        except TypeError:
-            return cls(game)
-        return cls()
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # sys.exit too
-        raise PolicyError(f"policy {name!r}: making it raised {described(error)}") from error
 
 
 POLICY_TIMEOUT: Final = 10.0
@@ -253,3 +252,36 @@ class ProgramPolicy:
             raise self._program.failed(
                 f"it answered {shown!r}; expected an id and a stroke or probabilities of strokes"
             ) from error
+
+
+def source_hashes(name: str) -> dict[str, str]:
+    """SHA-256 of the code behind a name, by the file or the package.
+
+    Args:
+        name: ``module:attribute``, whose module was imported; ``program:COMMAND``; or a name with files in its parts, such as
+            ``table:FILE``. A module of a package, and code of this one, counts with the whole package, any other file alone:
+            what it imports, and data that the code reads, are not seen.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    head, _, rest = name.partition(":")
+    module = getattr(sys.modules.get(head), "__file__", None)
+    if module is not None and head != "program":
+        levels = head.count(".") + (Path(module).name == "__init__.py")
+        return _hashes(Path(module).parents[levels - 1] if levels else Path(module))
+    parts = rest.split(":")
+    if head == "program":
+        with contextlib.suppress(ValueError):  # quotation marks that do not close
+            parts = shlex.split(rest)
+    return _hashes(*(Path(part) for part in parts if Path(part).is_file()))
+
+
+def _hashes(*paths: Path) -> dict[str, str]:
+    """Of files, and of packages by their folders."""
+    hashes = {}
+    for path in (PACKAGE if path.is_relative_to(PACKAGE) else path for path in paths):
+        files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
+        content = b"".join(f"{file.relative_to(path.parent).as_posix()}\0".encode() + file.read_bytes() for file in files)
+        hashes[path.name] = hashlib.sha256(content).hexdigest()
+    return hashes

@@ -19,17 +19,14 @@ from shuttle_marl.base.compiling import cached
 from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 
 _WEIGHT_BITS: Final = 22
-_EXACT_BITS: Final = 53
-"""Number of bits of the integers that are exact in float64."""
-_LEAST_EXPONENT: Final = -900
-"""Least exponent of the largest number of a factor, so that its unit is a float64."""
+_EXACT_BITS: Final = 53  # number of bits of the integers that are exact in float64
+_LEAST_EXPONENT: Final = -900  # least exponent of the largest number of a factor, so that its unit is a float64
 _HIGHEST: Final = float(np.finfo(np.float32).max)
 _PARTS: Final = 8
 
@@ -37,15 +34,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _LOG2E: Final = 1.4426950408889634
 _LN2_HIGH: Final = 0.693147180369123816490
-_LN2_LOW: Final = 1.90821492927058770002e-10
-"""ln 2 as a number of 33 bits, whose small multiples are exact, and the remainder."""
+_LN2_LOW: Final = 1.90821492927058770002e-10  # ln 2 as a number of 33 bits, whose small multiples are exact, and the remainder
 _TERMS: Final = 14
 _INVERSE: Final = tuple(1.0 / n for n in range(1, _TERMS + 1))
-_SMALLEST: Final = -700.0
-"""Least difference of a logit to the highest one: a probability of 10^-304."""
+_SMALLEST: Final = -700.0  # least difference of a logit to the highest one: a probability of 10^-304
 _BIAS: Final = 1023
-_FRACTION_BITS: Final = 52
-"""Bias of the exponent of a float64, and the number of bits below it."""
+_FRACTION_BITS: Final = 52  # bias of the exponent of a float64, and the number of bits below it
 
 
 def _compiled(function: F) -> F:
@@ -177,8 +171,7 @@ class PolicyNetwork:
         return waits.reshape(-1, N_POSITIONS)
 
 
-_Layer = tuple[tuple[F64, float], F64]
-"""Rounded weights of a layer and their unit, and its biases."""
+_Layer = tuple[tuple[F64, float], F64]  # rounded weights of a layer and their unit, and its biases
 
 
 def _logits(vectors: F64, efforts: F64, hidden: "list[_Layer]", last: tuple[F64, F64]) -> tuple[F64, float]:
@@ -196,10 +189,10 @@ def _logits(vectors: F64, efforts: F64, hidden: "list[_Layer]", last: tuple[F64,
     highest = _spread(vectors, efforts, x)
     for layer, bias in hidden:
         x, unit = _product(x, layer, highest)
-        far, highest = _rectify(x, unit, bias)
+        far, highest = _affine(x, unit, bias, 0.0)
         farthest = max(farthest, far)
     x, unit = _product(x, _rounded(last[0]), highest)
-    return x, max(farthest, _shift(x, unit, last[1]))
+    return x, max(farthest, _affine(x, unit, last[1], -np.inf)[0])
 
 
 def _number(layer: str) -> int:
@@ -225,7 +218,7 @@ def _product(x: F64, weight: tuple[F64, float], highest: float) -> tuple[F64, fl
     factor, unit = weight
     terms = max(1, factor.shape[1] - 1).bit_length()
     x_unit = _unit(highest, _EXACT_BITS - _WEIGHT_BITS - terms)
-    _round_to(x, 1 / x_unit)
+    np.rint(np.multiply(x, 1 / x_unit, out=x), out=x)
     return x @ factor.T, x_unit * unit
 
 
@@ -249,11 +242,11 @@ def _spread(base: F64, efforts: F64, out: F64) -> float:
 
 
 @_compiled
-def _rectify(x: F64, unit: float, bias: F64) -> tuple[float, float]:
-    """Multiply ``[N, W]`` by a unit, add ``[W]`` and apply ReLU, in place.
+def _affine(x: F64, unit: float, bias: F64, least: float) -> tuple[float, float]:
+    """Multiply ``[N, W]`` by a unit, add ``[W]`` and raise to ``least``, 0 for ReLU, in place.
 
     Returns:
-        The largest absolute value before ReLU and the largest number after it.
+        The largest absolute value before that and the largest number after it.
     """
     farthest = highest = 0.0
     for row in range(len(x)):
@@ -261,30 +254,9 @@ def _rectify(x: F64, unit: float, bias: F64) -> tuple[float, float]:
         for i in range(values.size):
             value = values[i] * unit + bias[i]
             farthest = max(farthest, abs(value))
-            values[i] = max(value, 0.0)
-            highest = max(highest, value)
+            values[i] = max(value, least)
+            highest = max(highest, values[i])
     return farthest, highest
-
-
-@_compiled
-def _shift(x: F64, unit: float, bias: F64) -> float:
-    """Multiply ``[N, W]`` by a unit and add ``[W]`` in place; returns the largest absolute value."""
-    farthest = 0.0
-    for row in range(len(x)):
-        values = x[row]
-        for i in range(values.size):
-            values[i] = values[i] * unit + bias[i]
-            farthest = max(farthest, abs(values[i]))
-    return farthest
-
-
-@_compiled
-def _round_to(x: F64, per_unit: float) -> None:
-    """Round numbers to multiples of a unit, in place."""
-    for row in range(len(x)):
-        values = x[row]
-        for i in range(values.size):
-            values[i] = np.rint(values[i] * per_unit)
 
 
 @_compiled

@@ -27,10 +27,11 @@ from safetensors.numpy import save
 from shuttle_marl.base.arrays import F32, F64, I32, Bools
 from shuttle_marl.base.errors import described
 from shuttle_marl.base.extras import install_hint
-from shuttle_marl.base.files import problem, read_file, replace_file
-from shuttle_marl.base.tensor_files import parsed, read_tensors
-from shuttle_marl.game.observation import RALLY_WIDTH, features, with_efforts
+from shuttle_marl.base.files import parsed, problem, read_file, replace_file
+from shuttle_marl.base.tensor_files import read_tensors
+from shuttle_marl.game.layout import RALLY_WIDTH, features, with_efforts
 from shuttle_marl.game.policy import Policy, PolicyError, States
+from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import Game
 
 Inputs = Literal["observation", "tokens"]
@@ -46,16 +47,13 @@ FUNCTIONS: Final[dict[str, Callable[[F64], F64]]] = {
 }
 """Activations between the layers of a file."""
 _TORCH_NAMES: Final = dict(zip(("ReLU", "Tanh", "Sigmoid", "LeakyReLU", "ELU", "SiLU"), FUNCTIONS, strict=True))
-_NO_EFFECT: Final = ("Dropout", "Identity", "Flatten")
-"""Modules without effect in evaluation mode."""
+_NO_EFFECT: Final = ("Dropout", "Identity", "Flatten")  # modules without effect in evaluation mode
 _REMEDY: Final = (
     f"a file holds Linear modules with one of {', '.join(_TORCH_NAMES)} between them, the same everywhere and with its default "
     "settings; play other networks through from_network and module:attribute"
 )
-_TOLERANCE: Final = 1e-5
-"""Largest difference between a network and its file."""
-_COMPARED: Final = 512
-"""Number of random observations on which they are compared."""
+_TOLERANCE: Final = 1e-5  # largest difference between a network and its file
+_COMPARED: Final = 512  # number of observations on which they are compared, half of them of the shipped game, half random
 _SB3_POLICIES: Final = (
     "stable_baselines3.common.policies",
     "stable_baselines3.dqn.policies",
@@ -64,10 +62,8 @@ _SB3_POLICIES: Final = (
 """Modules of the policies of Stable-Baselines3 whose architecture is known."""
 _SB3_SETTINGS: Final = ("net_arch", "activation_fn", "ortho_init", "optimizer_class", "optimizer_kwargs")
 """Settings of these policies that are understood here, or have no effect on the trained policy."""
-_LARGEST: Final = 1 << 27
-"""Largest size of the weights in an archive [bytes]."""
-_ROWS: Final = 4096
-"""Batch size of the network."""
+_LARGEST: Final = 1 << 27  # largest size of the weights in an archive [bytes]
+_ROWS: Final = 4096  # batch size of the network
 _features: Final = functools.lru_cache(maxsize=4)(features)
 
 
@@ -158,35 +154,22 @@ def _called(module: Any) -> Callable[[npt.NDArray[Any]], Any]:
     return call
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Layers:
-    """A chain of linear layers.
-
-    Attributes:
-        linear: weights ``[out, in]`` and biases ``[out]``.
-        function: name of the activation, see :data:`FUNCTIONS`.
-    """
-
-    linear: tuple[tuple[F64, F64], ...]
-    function: str
-
-    def __call__(self, seen: npt.NDArray[Any]) -> F64:
-        """``[B, out]`` of the last layer."""
-        x = seen.astype(np.float64)
-        for i, (weight, bias) in enumerate(self.linear):
-            x = (FUNCTIONS[self.function](x) if i else x) @ weight.T + bias
-        return x
+def _layers(linear: Sequence[tuple[F64, F64]], function: str, seen: npt.NDArray[Any]) -> F64:
+    """``[B, out]`` of the last of a chain of linear layers with weights ``[out, in]`` and biases ``[out]``."""
+    x = seen.astype(np.float64)
+    for i, (weight, bias) in enumerate(linear):
+        x = (FUNCTIONS[function](x) if i else x) @ weight.T + bias
+    return x
 
 
 def save_network(module: Any, path: Path | str) -> None:
     """Write a network to a safetensors file, which is played as ``torch:FILE``.
 
-    The modules that compute the output are recorded in a call, and the policy of the file is compared with that of the network on
-    random observations.
+    The modules are recorded in a call, and the policy of the file is compared with that of the network on observations.
 
     Args:
-        module: PyTorch module whose output is that of a chain of ``Linear`` modules with one kind of module between them: ReLU,
-            Tanh, Sigmoid, LeakyReLU, ELU or SiLU with its default settings. Modules outside of the chain are not saved.
+        module: PyTorch module that calls a chain of ``Linear`` modules with one kind of module between them: ReLU, Tanh, Sigmoid,
+            LeakyReLU, ELU or SiLU with its default settings.
 
     Raises:
         PolicyError: the network computes something else, which the message names.
@@ -198,6 +181,9 @@ def save_network(module: Any, path: Path | str) -> None:
     width = next((part.in_features for part in linear if part.in_features in widths), RALLY_WIDTH)
     rng = np.random.default_rng(0)
     seen = (rng.random((_COMPARED, width)) * rng.integers(0, 2, (_COMPARED, width))).astype(np.float32)
+    # A rule beside the modules may look at numbers that random ones never are, such as those of a serve, the first state.
+    real = features(default_game())
+    seen[::2, -RALLY_WIDTH:] = real[np.r_[0, rng.integers(0, len(real), _COMPARED // 2 - 1)]]
     try:
         chain = _recorded(module, seen)
         arrays: dict[str, npt.NDArray[Any]] = {}
@@ -219,29 +205,19 @@ def save_network(module: Any, path: Path | str) -> None:
 
 
 def _recorded(module: Any, seen: F32) -> list[Any]:
-    """Call a network on ``[B, W]`` inputs and record the modules that compute its output: linear ones and activations in turn.
+    """Call a network on ``[B, W]`` inputs and record the modules that it calls: linear ones and activations in turn.
 
     Raises:
-        ValueError: the output is not that of such a chain. The network may raise others.
+        ValueError: they are no such chain. The network may raise others.
     """
-    calls: list[tuple[Any, Any, Any]] = []
-    leaves = [part for part in module.modules() if not list(part.children())]
-    hooks = [part.register_forward_hook(lambda *call: calls.append(call)) for part in [*leaves, module]]
+    chain: list[Any] = []
+    leaves = [part for part in module.modules() if not list(part.children()) and type(part).__name__ not in _NO_EFFECT]
+    hooks = [part.register_forward_hook(lambda part, *_: chain.append(part)) for part in leaves]
     try:
         _called(module)(seen.copy())
     finally:
         for hook in hooks:
             hook.remove()
-    # From the output back to the input: each module must be given the very tensor that the one before returned.
-    _, (start,), current = calls.pop()
-    chain: list[Any] = []
-    for part, given, result in reversed(calls):
-        if result is current:
-            current = given[0] if len(given) == 1 else None
-            chain[:0] = [] if type(part).__name__ in _NO_EFFECT else [part]
-    if current is not start:
-        where = f"the input of {chain[0]}" if chain else "its output"
-        raise ValueError(f"{where} is computed outside of its modules, such as a sum, a product or a function")
     kinds = [type(part).__name__ for part in chain]
     if set(kinds[::2]) != {"Linear"} or len(kinds) % 2 == 0 or not set(kinds[1::2]) <= set(_TORCH_NAMES):
         raise ValueError(f"it computes {', '.join(map(str, chain))}")
@@ -393,4 +369,4 @@ def _network(
         raise ValueError(
             f"it reads {width} numbers; expected the {RALLY_WIDTH} of an observation, alone or behind a mask of {strokes} strokes"
         )
-    return NetworkPolicy(Layers(tuple(layers), function), "observation", greedy, masked=width != RALLY_WIDTH)
+    return NetworkPolicy(functools.partial(_layers, layers, function), "observation", greedy, masked=width != RALLY_WIDTH)

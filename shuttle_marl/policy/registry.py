@@ -22,13 +22,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.errors import described, did_you_mean
-from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TemperedPolicy, UniformPolicy
+from shuttle_marl.base.errors import did_you_mean
+from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TabulatedPolicy, TemperedPolicy, UniformPolicy, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy import agents, baselines, computed, history
+from shuttle_marl.policy import agents, baselines, computed
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
-from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, current_limit, from_module
+from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, blaming, current_limit, from_module
 from shuttle_marl.policy.plain_network import from_sb3, load_weights
 
 Load = Callable[[str | None, Game], Policy]
@@ -37,9 +36,7 @@ Opponents = str | Policy | Sequence[str | Policy]
 """Name of a policy, a policy, or several of either."""
 
 ENTRY_POINTS: Final = "shuttle_marl.policies"
-"""Group of the entry points of installed packages with families."""
-_MOST_NESTED: Final = 8
-"""Largest nesting depth of names, as in ``best-response:best-response:bc``; each level solves a game."""
+_MOST_NESTED: Final = 8  # largest nesting depth of names, as in best-response:best-response:bc; each level solves a game
 
 
 class UnrequestedError(PolicyError):
@@ -147,12 +144,8 @@ def _plugged_in(key: str) -> Family | None:
     point = _entry_points().get(key)
     if point is None:
         return None
-    try:
+    with blaming(f"policies {key!r}: entry point {point.value}"):
         family = point.load()
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise PolicyError(f"policies {key!r}: entry point {point.value} raised {described(error)}") from error
     if not isinstance(family, Family):
         raise PolicyError(f"policies {key!r}: entry point {point.value} is a {type(family).__name__}, expected a Family")
     return family
@@ -258,7 +251,6 @@ def _resolve_plain(name: str, game: Game) -> Policy:
 
 
 def _plain(key: str, policy: Policy, about: str) -> None:
-
     def load(argument: str | None, _: Game) -> Policy:
         if argument is not None:
             raise PolicyError(f"policy {key}:{argument}: {key!r} takes nothing behind a colon; write {key}")
@@ -268,7 +260,7 @@ def _plain(key: str, policy: Policy, about: str) -> None:
 
 
 def _with_argument(
-    form: str, example: str, expected: str, load: Callable[[str, Game], Policy], about: str, names: Names = lambda _: ()
+    form: str, example: str, expected: str, about: str, load: Callable[[str, Game], Policy], names: Names = lambda _: ()
 ) -> None:
     """Register a family whose names need an argument; names from files are resolved if the argument is the name of a policy."""
     key, _, argument = form.partition(":")
@@ -284,17 +276,19 @@ def _with_argument(
 
 _BC_ABOUT: Final = {
     "bc": "the average player of the data, imitated",
-    history.NAME: "the same with a memory of the rally, for simulated matches that look real; has no table",
+    baselines.REMEMBERING: "the same with a memory of the rally, for simulated matches that look real; has no table",
 }
 
 
 def _load_bc(player: str | None, game: Game) -> Policy:
-    return history.load(game) if f"bc:{player}" == history.NAME else baselines.load(player, game)
+    return baselines.load_remembering(game) if f"bc:{player}" == baselines.REMEMBERING else baselines.load(player, game)
 
 
 def _bc_names(game: Game) -> list[str]:
-    average = [name for name in _BC_ABOUT if (history if name == history.NAME else baselines).known_for(game)]
-    return [*average, *(f"bc:{player}" for player in baselines.players(game))] if baselines.known_for(game) else []
+    if not baselines.known_for(game):
+        return []
+    remembering = [baselines.REMEMBERING] if baselines.remembers(game) else []
+    return ["bc", *remembering, *(f"bc:{player}" for player in baselines.players(game))]
 
 
 register(
@@ -309,7 +303,7 @@ for _key, _rules in STYLES.items():
 _plain("random", UniformPolicy(), "every legal stroke equally likely")
 register(
     "minimax",
-    computed.load_minimax,
+    lambda kind, game: computed.minimax_policy(game, kind),
     computed.minimax_names,
     about=lambda name: "best play in the model" if name == "minimax" else "best worst case over the game and its refits",
     from_data=True,
@@ -323,35 +317,32 @@ register(
     from_data=True,
 )
 _with_argument(
-    "best-response:POLICY", "bc", "the name of a policy",
+    "best-response:POLICY", "bc", "the name of a policy", "best response to another policy, solved exactly",
     lambda name, game: computed.best_response_policy(tabulate(resolve(name, game.opposite), game.opposite)),
-    "best response to another policy, solved exactly",
     names=lambda game: ("best-response:bc",) if baselines.known_for(game) else (),
 )  # fmt: skip
 for _key in agents.ALGORITHMS:
     _load, _names = functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key)
     register(_key, _load, _names, about=agents.about, from_data=True)
 _with_argument(
-    "agent:FOLDER", "runs/ppo-0/agent", "the folder of a trained agent",
+    "agent:FOLDER", "runs/ppo-0/agent", "the folder of a trained agent", "trained agent, from the folder of its run",
     lambda folder, game: agents.load_agent(Path(folder), game),
-    "trained agent, from the folder of its run",
 )  # fmt: skip
 _with_argument(
-    "torch:FILE", "mine.safetensors", "a file", lambda file, _: load_weights(Path(file)),
+    "torch:FILE", "mine.safetensors", "a file",
     "network of your own from its weights: linear layers with one activation function, saved by save_network",
+    lambda file, _: load_weights(Path(file)),
 )  # fmt: skip
 _with_argument(
-    "sb3:FILE", "mine.zip", "an archive", lambda file, _: from_sb3(file),
-    "PPO, MaskablePPO, A2C or DQN that Stable-Baselines3 or sb3-contrib saved",
+    "sb3:FILE", "mine.zip", "an archive", "PPO, MaskablePPO, A2C or DQN that Stable-Baselines3 or sb3-contrib saved",
+    lambda file, _: from_sb3(file),
 )  # fmt: skip
 _with_argument(
-    "program:COMMAND", "./player", "a command", lambda command, game: ProgramPolicy(command, game, current_limit()),
+    "program:COMMAND", "./player", "a command",
     "program of your own in any language, asked for every stroke in lines of JSON",
+    lambda command, game: ProgramPolicy(command, game, current_limit()),
 )  # fmt: skip
 _with_argument(
-    "table:FILE",
-    "FILE",
-    "a file",
+    "table:FILE", "FILE", "a file", "policy kept as a table",
     lambda file, game: dataclasses.replace(TabulatedPolicy.load(Path(file), game.average), game=game),
-    "policy kept as a table",
-)
+)  # fmt: skip

@@ -14,27 +14,23 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
-from shuttle_marl.base.arrays import I32, Bools, Intp
-from shuttle_marl.exact.away import Spread, over
+from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.known import best_odds
-from shuttle_marl.exact.lists import averaged, cells_of, lists
 from shuttle_marl.exact.match import Odds, normalised_score
-from shuttle_marl.exact.occupancy import Visits, visits
+from shuttle_marl.exact.occupancy import Visits, policy_regret, visits
+from shuttle_marl.exact.odds import Spread, best_odds, over
 from shuttle_marl.exact.optimal import Solution, best_response, solve
-from shuttle_marl.exact.play import impossible, play, unusual
+from shuttle_marl.exact.play import averaged, cells_of, impossible, lists, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved
-from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, reads_score
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.policy import Policy, TabulatedPolicy, reads_score, tabulate
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.shipped import real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel.matches import Matches, ask, ask_position
+from shuttle_marl.kernel.matches import Choose, Matches, ask, ask_position
 from shuttle_marl.kernel.matches import play as play_asked
-from shuttle_marl.policy.mixtures import deterministic
+from shuttle_marl.policy.computed import deterministic
 from shuttle_marl.policy.registry import resolve
 
 REFERENCE: Final = "bc"
@@ -43,15 +39,13 @@ HEADLINES: Final = ("rally_win_vs_bc", "match_win_vs_bc", "exploitability")
 """Figures of a scorecard that are also computed away from home."""
 FEW_STROKES: Final = 5
 """A stroke with fewer examples in the data counts as thin."""
-_AWAY: Final = 1e-6
-"""Error bound of values away from home, far below the differences between refits."""
+_AWAY: Final = 1e-6  # error bound of values away from home, far below the differences between refits
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
 Watch = Callable[[Rallies], None]
 """Receives the rallies of a batch of matches; policy 0 is the sampled policy, policy 1 its opponent."""
 
 _Z: Final = NormalDist().inv_cdf(0.975)
-_BATCH: Final = 1 << 12
-"""Number of matches that are played in lockstep."""
+_BATCH: Final = 1 << 12  # number of matches that are played in lockstep
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -137,12 +131,6 @@ class Scorer:
         return solve(self.game, tolerance=self.tolerance)
 
     @functools.cached_property
-    def _thin(self) -> Bools | None:
-        """``[base pairs]`` whether the data hold fewer than :data:`FEW_STROKES` examples; None if unknown."""
-        behind = real_strokes(self.game)
-        return None if behind is None else behind[self.game.base_pair_edge] < FEW_STROKES
-
-    @functools.cached_property
     def reference_best(self) -> Odds:
         """Odds of the best response to ``bc`` against it."""
         return best_odds([self.reference], tolerance=self.tolerance)[0]
@@ -205,10 +193,8 @@ class Scorer:
         )
 
     def _thin_share(self, seen: Visits) -> float | None:
-        if self._thin is None:
-            return None
-        played = seen.base_pairs(0).sum(axis=0)
-        return float(played[self._thin].sum() / played.sum())
+        behind, played = real_strokes(self.game), seen.base_pairs(0).sum(axis=0)
+        return None if behind is None else float(played[behind[self.game.base_pair_edge] < FEW_STROKES].sum() / played.sum())
 
     def _headlines(self, policy: TabulatedPolicy, refit: Game) -> dict[str, float]:
         """The figures :data:`HEADLINES` of a policy in a refit."""
@@ -219,107 +205,54 @@ class Scorer:
         return dict(zip(HEADLINES, (odds.rally, odds.match(), gain), strict=True))
 
     def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
-        key = draws.pairing_key(name, REFERENCE)
-        played = sample(policy, self.reference, matches=matches, seed=seed, key=key, watch=watch)
+        """The figures of matches against ``bc``; seats and the first serve are balanced over four matches."""
+        opponent, key = self.reference, draws.pairing_key(name, REFERENCE)
+
+        def asking(of_table: Callable[[I32, I32], Intp], of_policy: Callable[..., Intp]) -> Choose:
+            """Choices of both; entrant 0 is the policy, entrant 1 the table."""
+
+            def choose(entrant: I32, state: I32, draw: I32, player: I32, score: I32, *_: I32) -> Intp:
+                found = of_table(state, draw)
+                asked = np.flatnonzero(entrant == 0)
+                if len(asked):
+                    found[asked] = of_policy(policy, self.game, state[asked], draw[asked], player[asked], score[:, asked])
+                return found
+
+            return choose
+
+        choose, wait = asking(opponent.choose, ask), asking(opponent.choose_position, ask_position)
+        rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
+        for first in range(0, matches, _BATCH):
+            number = np.arange(first, min(first + _BATCH, matches))
+            seat = number & 1
+            seated = Matches(
+                entrant=np.stack([seat, 1 - seat], axis=1).astype(np.int32),
+                first_server=((number >> 1) & 1).astype(np.int8),
+                key=draws.stream(seed, key, number),
+            )
+            games, played = play_asked(self.game, seated, choose, wait, keep_strokes=watch is not None)
+            match = first + played.match
+            if watch is not None:
+                watch(dataclasses.replace(played, match=match))
+            rallies += np.bincount(match, minlength=matches)
+            won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
+            strokes += int(played.length.sum())
+            wins += int((games.argmax(axis=1) == seat).sum())
+        share = float(won.sum() / rallies.sum())
+        # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent, unlike rallies.
+        spread = _Z * math.sqrt(float(((won - share * rallies) ** 2).sum())) / float(rallies.sum())
+        interval = binomtest(wins, matches).proportion_ci(method="wilson")  # Wilson, J. Am. Stat. Assoc. 1927
         return Scorecard(
             policy=name,
             sampled=True,
-            rally_win_vs_bc=played.rally,
-            match_win_vs_bc=played.match,
-            normalised_score=self.normalised(played.rally),
-            rally_length_vs_bc=played.strokes / played.rallies,
-            matches=played.matches,
-            rally_interval=played.rally_interval,
-            match_interval=played.match_interval,
+            rally_win_vs_bc=share,
+            match_win_vs_bc=wins / matches,
+            normalised_score=self.normalised(share),
+            rally_length_vs_bc=strokes / int(rallies.sum()),
+            matches=matches,
+            rally_interval=(max(0.0, share - spread), min(1.0, share + spread)),
+            match_interval=(float(interval.low), float(interval.high)),
         )
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SampledOdds:
-    """Fractions of sampled matches and rallies won, with 95 % intervals.
-
-    Attributes:
-        rally_interval: its interval; matches are independent, the rallies of a match are not.
-        match_interval: its interval (Wilson, J. Am. Stat. Assoc. 1927).
-    """
-
-    matches: int
-    rallies: int
-    strokes: int
-    rally: float
-    rally_interval: tuple[float, float]
-    match: float
-    match_interval: tuple[float, float]
-
-
-def sample(
-    policy: Policy,
-    opponent: TabulatedPolicy,
-    *,
-    matches: int,
-    seed: int = 0,
-    key: int = 0,
-    watch: Watch | None = None,
-) -> SampledOdds:
-    """Play matches of a policy against a tabulated one; seats and the first serve are balanced over four matches.
-
-    The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.matches.play`.
-
-    Args:
-        key: of the pairing, see :func:`shuttle_marl.game.draws.pairing_key`.
-        watch: called with the matches, see :data:`Watch`.
-
-    Raises:
-        PolicyError: the policy raised, or returned no distribution over the legal strokes.
-    """
-
-    def choose(entrant: I32, state: I32, draw: I32, striker: I32, score: I32, *_: I32) -> Intp:
-        """Strokes of both; entrant 0 is the policy, entrant 1 the table."""
-        strokes = opponent.choose(state, draw)
-        asked = np.flatnonzero(entrant == 0)
-        if len(asked):
-            mine = state[asked], draw[asked], striker[asked], score[:, asked]
-            strokes[asked] = ask(policy, opponent.game, *mine)
-        return strokes
-
-    def wait(entrant: I32, state: I32, draw: I32, receiver: I32, score: I32, *_: I32) -> Intp:
-        """Positions of both, in the game with recovery."""
-        positions = opponent.choose_position(state, draw)
-        asked = np.flatnonzero(entrant == 0)
-        if len(asked):
-            positions[asked] = ask_position(policy, opponent.game, state[asked], draw[asked], receiver[asked], score[:, asked])
-        return positions
-
-    rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
-    for first in range(0, matches, _BATCH):
-        number = np.arange(first, min(first + _BATCH, matches))
-        seat = number & 1
-        seated = Matches(
-            entrant=np.stack([seat, 1 - seat], axis=1).astype(np.int32),
-            first_server=((number >> 1) & 1).astype(np.int8),
-            key=draws.stream(seed, key, number),
-        )
-        games, played = play_asked(opponent.game, seated, choose, wait, keep_strokes=watch is not None)
-        match = first + played.match
-        if watch is not None:
-            watch(dataclasses.replace(played, match=match))
-        rallies += np.bincount(match, minlength=matches)
-        won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
-        strokes += int(played.length.sum())
-        wins += int((games.argmax(axis=1) == seat).sum())
-    share = float(won.sum() / rallies.sum())
-    # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent.
-    interval = binomtest(wins, matches).proportion_ci(method="wilson")
-    spread = _Z * math.sqrt(float(((won - share * rallies) ** 2).sum())) / float(rallies.sum())
-    return SampledOdds(
-        matches=matches,
-        rallies=int(rallies.sum()),
-        strokes=strokes,
-        rally=share,
-        rally_interval=(max(0.0, share - spread), min(1.0, share + spread)),
-        match=wins / matches,
-        match_interval=(float(interval.low), float(interval.high)),
-    )
 
 
 _SURE: Final = 0.99

@@ -5,16 +5,15 @@
 the format.
 """
 
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
-from shuttle_marl.recording.reader import Derived, RallyLog, export
+from shuttle_marl.recording.log_file import recover
+from shuttle_marl.recording.reader import RallyLog, export
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder, RecordRallies
-from shuttle_marl.recording.recover import recover
 from shuttle_marl.recording.replay import Replay, replay
 
 __all__ = [
     "SINGLE_RALLY",
-    "Derived",
     "LogHeader",
     "Pair",
     "Player",

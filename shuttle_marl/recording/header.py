@@ -12,9 +12,10 @@ from shuttle_marl import __version__
 from shuttle_marl.base.arrays import U64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import seal, unsealed
+from shuttle_marl.game.draws import extend
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.pairs import Looks, looks_of, pair_game
-from shuttle_marl.game.rally.record import OPTIONAL, Rallies
+from shuttle_marl.game.rally import OPTIONAL, Rallies
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import shipped_game
 from shuttle_marl.game.tables import Game
@@ -78,17 +79,12 @@ class Pair:
     @classmethod
     def of(cls, game: Game) -> "Pair | None":
         """The players of a game; None if it is not that of a pair."""
-        if game.people is None:
+        if (people := game.people) is None:
             return None
-        people = game.people
         return cls(players=people.players, date=None if people.date is None else str(people.date), discipline=people.discipline)
 
     def game(self, model: str = "default") -> Game:
-        """The game of these players in a model.
-
-        Raises:
-            GameError: the model has no skill of these players.
-        """
+        """The game of these players in a model."""
         return pair_game(*self.players, date=self.date, discipline=self.discipline, game=model)
 
 
@@ -149,7 +145,7 @@ class LogHeader:
         rules: when games and matches are won.
         draws: numbers from which the draws of a rally follow, see :data:`Draws`.
         record: sample of the matches, see :meth:`Sampling.parse`.
-        columns: the columns of :data:`shuttle_marl.game.rally.record.OPTIONAL` in the log, in that order.
+        columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log, in that order.
         pair: the players whose skill the seats have; None: both seats strike with the same tables.
         part: number of this file in the log, from 0; equality ignores this field and the next.
         first_rally: number of the first rally of this file.
@@ -174,11 +170,7 @@ class LogHeader:
     first_rally: int = dataclasses.field(default=0, compare=False)
 
     def looks(self, seats: tuple[int, int]) -> Looks:
-        """Hands and sexes of the policies at seats 0 and 1, by number; right-handed men where the game is of no shipped model.
-
-        Raises:
-            GameError: the model has no skill of the pair.
-        """
+        """Hands and sexes of the policies at seats 0 and 1, by number; right-handed men where the game is of no shipped model."""
         game = shipped_game(self.game) if self.pair is None else self.pair.game()
         names = self.policies[seats[0]].name, self.policies[seats[1]].name
         return Looks() if game is None else looks_of(game, names)
@@ -197,25 +189,19 @@ class LogHeader:
         Sampling.parse(self.record)
 
     def rally_key(self, rallies: Rallies) -> U64:
-        """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.game.draws`; the counter is the stroke, from 0.
-
-        Raises:
-            RecordingError: the draws are unknown.
-        """
+        """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.game.draws`; the counter is the stroke, from 0."""
         match, rally = rallies.match.astype(np.int64), rallies.rally.astype(np.int64)
+        keys = np.array(self.pairings, dtype=np.uint64)[rallies.pairing]
         if self.draws == "league":
-            keys = np.array(self.pairings, dtype=np.uint64)[rallies.pairing]
             return draw_stream(self.seed, keys, match // self.matches_per_draw, 2 * rally + rallies.server)
         if self.draws == "rally_v0":
             return draw_stream(self.seed, match)
         if self.draws == "match_v0":
             return draw_stream(self.seed, match, rally)
         if self.draws == "training":
-            keys = np.empty(len(rallies), dtype=np.uint64)
-            for pairing in np.unique(rallies.pairing):
-                mine = rallies.pairing == pairing
-                keys[mine] = draw_stream(self.pairings[pairing], match[mine])
-            return keys
+            numbers, number = np.unique(rallies.pairing, return_inverse=True)
+            seeded = np.concatenate([draw_stream(self.pairings[i]) for i in numbers])
+            return extend(seeded[number], match)
         raise RecordingError("the draws of this log are unknown")
 
     def to_metadata(self) -> dict[str, str]:
@@ -227,17 +213,11 @@ class LogHeader:
 
     @classmethod
     def from_metadata(cls, metadata: dict[str, str]) -> "LogHeader":
-        """Parse the result of :meth:`to_metadata`.
-
-        Raises:
-            RecordingError: another version of the schema.
-            DamagedLogError: the header is damaged.
-        """
+        """Parse the result of :meth:`to_metadata`."""
         version = metadata.get("version")
         if version != str(VERSION):
-            raise RecordingError(
-                f"schema version {version}, this program reads version {VERSION}; install a version of shuttle_marl that reads it"
-            )
+            other = f"schema version {version}, this program reads version {VERSION}"
+            raise RecordingError(f"{other}; install a version of shuttle_marl that reads it")
         try:
             fields = unsealed(metadata.get("header", "").encode())
         except ValueError as error:

@@ -1,4 +1,4 @@
-"""Logs of rallies for learning from data: strokes of a behaviour policy against a fixed opponent.
+"""Logs of rallies for learning from data: strokes of a behaviour policy against a fixed opponent, also as Minari data sets.
 
 Methods see the rules of the game (states, legal strokes, what follows a return) and no probabilities: :func:`blank` replaces
 those.
@@ -6,17 +6,26 @@ those.
 
 import dataclasses
 import functools
-from typing import Final
+import os
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+from unittest import mock
 
+import gymnasium
 import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.base.arrays import F32, I8, I32, I64, Bools
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.extras import install_hint
 from shuttle_marl.base.files import content_hash
-from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.game.tables import HURRY_ONE, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.draws import HURRY_ONE, ONE
+from shuttle_marl.game.layout import observations
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import Rallies
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 
 _MARGIN: Final = 1.1
@@ -68,10 +77,7 @@ class Log:
         won = self.won[rally]
         return Transitions(
             game=self.game,
-            state=self.state[rows],
-            pair=self.pair[rows],
-            stroke=self.stroke[rows],
-            probability=self.probability[rows],
+            **{name: getattr(self, name)[rows] for name in ("state", "pair", "stroke", "probability")},
             reward=np.where(last, won, False).astype(np.float32),
             following=np.where(last, -1, np.append(self.state[rows][1:], -1)).astype(np.int32),
             rally=rally,
@@ -181,3 +187,53 @@ def log_of(game: Game, rallies: Rallies, player: TabulatedPolicy) -> Log:
         rally=rallies.row_of_stroke.astype(np.int32),
         won=rallies.winner == 0,
     )
+
+
+def write_minari(data: Transitions, name: str, folder: Path, model: str, opponent: str) -> None:
+    """Write a Minari data set: the single-agent view, one episode for each rally with an own stroke.
+
+    Observations are those of ``shuttle_marl/Rally-v0``, with the mask of legal strokes; the one after the last stroke is zero,
+    because the rally is over. A reward is 1 for the last own stroke of a rally that was won. Infos hold the state of the game and
+    the probability of the stroke under the behaviour policy.
+
+    Args:
+        name: id of the data set, such as ``shuttle_marl/offline-bc-v0``.
+        folder: of the data sets, as in the environment variable ``MINARI_DATASETS_PATH``.
+        model, opponent: names of the game and of the opponent, for the environment of the data set.
+
+    Raises:
+        ShuttleError: Minari is not installed, or the data set exists.
+    """
+    try:
+        import minari  # noqa: PLC0415  an extra
+    except ModuleNotFoundError as error:
+        raise ShuttleError(f"Minari is not installed; {install_hint('minari')}") from error
+    env = gymnasium.make("shuttle_marl:shuttle_marl/Rally-v0", opponent=opponent, game=model)
+    with warnings.catch_warnings(), mock.patch.dict(os.environ, {"MINARI_DATASETS_PATH": str(folder.resolve())}):
+        warnings.simplefilter("ignore", UserWarning)  # optional metadata are missing
+        try:
+            minari.create_dataset_from_buffers(name, list(_episodes(data)), env=env)
+        except ValueError as error:
+            raise ShuttleError(f"{folder}: {error}") from error
+
+
+def _episodes(data: Transitions) -> Iterator[Any]:
+    from minari.data_collector import EpisodeBuffer  # noqa: PLC0415  an extra
+
+    seen, mask = observations(data.game, data.state), data.game.mask(data.state).astype(np.int8)
+    for rows in np.split(np.arange(len(data)), np.flatnonzero(data.first)[1:]):
+        last = rows == rows[-1]
+        yield EpisodeBuffer(
+            observations={
+                "observation": np.pad(seen[rows], ((0, 1), (0, 0))),
+                "action_mask": np.pad(mask[rows], ((0, 1), (0, 0))),
+            },
+            actions=data.stroke[rows].astype(np.int64),
+            rewards=data.reward[rows],
+            terminations=last,
+            truncations=np.zeros_like(last),
+            infos={
+                "state": np.append(data.state[rows], -1)[:, None],
+                "probability": np.append(data.probability[rows], np.float32(np.nan))[:, None],
+            },
+        )

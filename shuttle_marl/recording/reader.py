@@ -3,13 +3,13 @@
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Final, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
@@ -18,18 +18,14 @@ from shuttle_marl.base.arrays import I64, Ints, UInts
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import problem, replacing
 from shuttle_marl.base.table_files import PARQUET, seal_parquet, without_formulas
-from shuttle_marl.game.rally.record import PER_STROKE, Rallies
+from shuttle_marl.game.rally import PER_STROKE, Rallies
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
 from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError
-from shuttle_marl.recording.log_file import SUFFIX, LogFile, existing_parts, is_further_part, part_path
+from shuttle_marl.recording.log_file import SUFFIX, LogFile, arrow_schema, existing_parts, from_arrow, part_path, to_arrow
 
-Derive = Callable[[Rallies], dict[str, npt.NDArray[np.generic]]]
-"""Function of a batch that returns further columns ``[N]`` of its strokes."""
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
     ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
     ".csv": pyarrow.csv.CSVWriter,
@@ -47,7 +43,8 @@ class RallyLog:
 
     A file includes its further parts: ``rallies.mcap`` includes ``rallies.1.mcap``, and so on. A folder includes every rally log
     directly in it, in the order of their names: rallies are numbered consecutively, and policies and pairings are merged.
-    Unfinished files (``.part``) are ignored.
+    Unfinished files (``.part``) are ignored. A batch that does not match its checksum or the index is a :class:`DamagedLogError`
+    where it is read.
 
     Attributes:
         logs: offset of the numbers of the rallies, and files, of each log.
@@ -57,8 +54,7 @@ class RallyLog:
         catalogue: strokes, by number.
         size: size of all files [bytes].
         first_rally: ``[B]`` number of the first rally of each batch.
-        rallies: ``[B]`` number of rallies in each batch.
-        strokes: ``[B]`` number of strokes in each batch.
+        rallies, strokes: ``[B]`` numbers of them in each batch; ``n_rallies``, ``n_strokes``: in all.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -94,31 +90,13 @@ class RallyLog:
             raise RecordingError(f"{self.path}: logs of several runs, which share no header; read them one by one")
         return dataclasses.replace(first, policies=self.policies, pairings=self.pairings)
 
-    @property
-    def n_rallies(self) -> int:
-        """Number of rallies in the log."""
-        return int(self.rallies.sum())
-
-    @property
-    def n_strokes(self) -> int:
-        """Number of strokes in the log."""
-        return int(self.strokes.sum())
-
     def batches(self) -> Iterator[tuple[int, Rallies]]:
-        """Number of the first rally, and the rallies, of each batch in order.
-
-        Raises:
-            DamagedLogError: a batch does not match its checksum or the index.
-        """
+        """Number of the first rally, and the rallies, of each batch in order."""
         for i in range(len(self.first_rally)):
             yield self.batch(i)
 
     def batch(self, i: int) -> tuple[int, Rallies]:
-        """Number of the first rally, and the rallies, of the i-th batch.
-
-        Raises:
-            DamagedLogError: the batch does not match its checksum or the index.
-        """
+        """Number of the first rally, and the rallies, of the i-th batch."""
         at = int(np.searchsorted(self._first_batch, i, side="right")) - 1
         first, rallies = self.files[at].batch(i - int(self._first_batch[at]))
         policy, pairing = self._policy[at][rallies.policy], self._pairing[at][rallies.pairing]
@@ -129,7 +107,6 @@ class RallyLog:
 
         Raises:
             RecordingError: the log has no such rally.
-            DamagedLogError: its batch does not match its checksum or the index.
         """
         i = int(np.searchsorted(self.first_rally, number, side="right")) - 1
         if i < 0 or number >= self.first_rally[i] + self.rallies[i]:
@@ -144,24 +121,16 @@ class RallyLog:
         return int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1
 
     def numbers_of_match(self, pairing: int, match: int) -> I64:
-        """Numbers of the rallies of one match, in order; empty if the log has none.
-
-        Raises:
-            DamagedLogError: a batch does not match its checksum or the index.
-        """
+        """Numbers of the rallies of one match, in order; empty if the log has none."""
         found = [np.empty(0, dtype=np.int64)]
         if 0 <= pairing < len(self.pairings) and 0 <= match < 1 << 32:
-            for i in self._batches_between(pairing, match, match):
-                first, rallies = self.batch(int(i))
+            for i in self.batches_of_pairing(pairing, match, match).tolist():
+                first, rallies = self.batch(i)
                 found.append(first + np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match)))
         return np.concatenate(found)
 
     def points_of_games(self, pairing: int, match: int) -> dict[int, tuple[int, int]]:
-        """Points of both seats after the last recorded rally of every game of a match, by the number of the game.
-
-        Raises:
-            DamagedLogError: a batch does not match its checksum or the index.
-        """
+        """Points of both seats after the last recorded rally of every game of a match, by the number of the game."""
         out: dict[int, tuple[int, int]] = {}
         for number in self.numbers_of_match(pairing, match).tolist():
             row = self.rally(number)
@@ -169,12 +138,8 @@ class RallyLog:
             out[sum(games)] = (first + int(row.winner[0] == 0), second + int(row.winner[0] == 1))
         return out
 
-    def batches_of_pairing(self, pairing: int) -> I64:
-        """Numbers of the batches that may hold rallies of a pairing, ascending."""
-        return self._batches_between(pairing, 0, (1 << 32) - 1)
-
-    def _batches_between(self, pairing: int, low: int, high: int) -> I64:
-        """Numbers of the batches that may hold matches of a pairing, by their least and greatest number, ascending."""
+    def batches_of_pairing(self, pairing: int, low: int = 0, high: int = (1 << 32) - 1) -> I64:
+        """Numbers of the batches that may hold rallies of a pairing, in matches from ``low`` to ``high``, ascending."""
         found = [np.empty(0, dtype=np.int64)]
         for at, file in enumerate(self.files):
             if self.pairings[pairing] in file.header.pairings:
@@ -185,19 +150,15 @@ class RallyLog:
 
     def rally_table(self) -> pa.Table:
         """All rallies as one table, see :func:`rally_rows`."""
-        return pa.concat_tables([rally_rows(self, *batch) for batch in self.batches_or_none()])
+        return pa.concat_tables([rally_rows(self, *batch) for batch in self._batches_or_none()])
 
-    def stroke_table(self, derive: Derive | None = None) -> pa.Table:
-        """All strokes as one table, see :func:`stroke_rows`.
+    def stroke_table(self) -> pa.Table:
+        """All strokes as one table, see :func:`stroke_rows`."""
+        return pa.concat_tables([stroke_rows(self, *batch) for batch in self._batches_or_none()])
 
-        Args:
-            derive: returns further columns, such as :class:`Derived`.
-        """
-        return pa.concat_tables([stroke_rows(self, *batch, derive) for batch in self.batches_or_none()])
-
-    def batches_or_none(self) -> Iterator[tuple[int, Rallies]]:
+    def _batches_or_none(self) -> Iterable[tuple[int, Rallies]]:
         """The batches; an empty batch if there are none, so that tables have their columns."""
-        yield from self.batches() if len(self.first_rally) else [(0, self.no_rallies())]
+        return self.batches() if len(self.first_rally) else [(0, self.no_rallies())]
 
     def no_rallies(self) -> Rallies:
         """An empty batch with the columns of this log."""
@@ -227,6 +188,7 @@ class RallyLog:
         self.first_rally = np.concatenate([file.first_rally + at for file, at in zip(self.files, self._offsets, strict=True)])
         self.rallies = np.concatenate([file.rallies for file in self.files])
         self.strokes = np.concatenate([file.strokes for file in self.files])
+        self.n_rallies, self.n_strokes = int(self.rallies.sum()), int(self.strokes.sum())
         self._first_batch = np.cumsum([0, *(len(file.rallies) for file in self.files)])[:-1]
         self._policy = [_numbers(file.header.policies, self.policies, np.uint16) for file in self.files]
         self._pairing = [_numbers(file.header.pairings, self.pairings, np.uint32) for file in self.files]
@@ -252,8 +214,8 @@ def _open_parts(path: Path, opened: contextlib.ExitStack) -> list[LogFile]:
 def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[list[LogFile]]:
     """The rally logs of a folder, each with its parts."""
     logs: list[list[LogFile]] = []
-    # Further parts are sorted last, so those that belong to a log were opened with it.
-    for path in sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (is_further_part(path), path.name)):
+    # Further parts, NAME.1.mcap and so on, are sorted last, so those that belong to a log were opened with it.
+    for path in sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (bool(re.search(r"\.[1-9]\d{0,8}$", path.stem)), path.name)):
         if not any(path == file.path for log in logs for file in log):
             with contextlib.suppress(OtherFileError):  # such as a scene
                 logs.append(_open_parts(path, opened))
@@ -272,10 +234,9 @@ def rally_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
     """
     table = pa.Table.from_batches([to_arrow(rallies, len(log.catalogue))])
     names = [player.name for player in log.policies]
-    for seat in (0, 1):
-        at = table.schema.get_field_index(f"policy_{seat}")
-        table = table.set_column(at, f"policy_{seat}", _words(rallies.policy[:, seat], names))
-    table = table.set_column(table.schema.get_field_index("reason"), "reason", _words(rallies.reason, OUTCOMES[:2]))
+    words = {f"policy_{seat}": _words(rallies.policy[:, seat], names) for seat in (0, 1)}
+    for name, column in {**words, "reason": _words(rallies.reason, OUTCOMES[:2])}.items():
+        table = table.set_column(table.schema.get_field_index(name), name, column)
     table = table.add_column(table.schema.get_field_index("strokes"), "length", pa.array(rallies.length))
     file = np.full(len(rallies), log.file_of(first))
     seeds = np.array([file.header.seed % 2**64 for file in log.files], dtype=np.uint64)
@@ -284,12 +245,8 @@ def rally_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
     return table.add_column(0, "number", pa.array(np.arange(first, first + len(rallies), dtype=np.uint64)))
 
 
-def stroke_rows(log: RallyLog, first: int, rallies: Rallies, derive: Derive | None = None) -> pa.Table:
+def stroke_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
     """A batch as a table of strokes.
-
-    Args:
-        first: number of its first rally.
-        derive: makes further columns, which stand behind the others.
 
     Returns:
         Columns ``number`` (uint64, of the rally), ``position`` (int32, from 0), ``seat`` (uint8), and as dictionaries
@@ -300,8 +257,6 @@ def stroke_rows(log: RallyLog, first: int, rallies: Rallies, derive: Derive | No
     further = {name: getattr(rallies, name) for name in rallies.optional_columns if name in PER_STROKE}
     if rallies.waited is not None:
         further["waited"] = _words(rallies.waited, POSITIONS)
-    if derive is not None:
-        further |= derive(rallies)
     return pa.table(
         {
             "number": (first + row).astype(np.uint64),
@@ -324,62 +279,15 @@ def _words(numbers: Ints, words: Sequence[str]) -> pa.DictionaryArray:
 
 
 def require_game(log: RallyLog, game: Game) -> None:
-    """Check that a log was played on a game.
-
-    Raises:
-        RecordingError: it was played on another game.
-    """
-    played = log.files[0].header.game
+    """Check that a log was played on a game."""
+    played, pair = log.files[0].header.game, log.files[0].header.pair
     if played != game.hash:
-        pair = log.files[0].header.pair
         of = "" if pair is None else f" of {printable(' against '.join(pair.players))}"
-        raise RecordingError(
-            f"{log.path}: played on game {played[:12]}{of}, not on {game.hash[:12]}; name its model with --game (and --profile)"
-        )
+        told = f"{log.path}: played on game {played[:12]}{of}, not on {game.hash[:12]}"
+        raise RecordingError(f"{told}; name its model with --game (and --profile)")
 
 
-class Derived:
-    """Columns of strokes that follow from the game; the ``derive`` of :meth:`RallyLog.stroke_table`.
-
-    Args:
-        policies: tabulated policies by name; adds the probability with which they chose each stroke.
-
-    Raises:
-        RecordingError: the log was played on another game.
-    """
-
-    def __init__(self, log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
-        require_game(log, game)
-        self._game = game
-        chosen = policies or {}
-        self._policies = {i: chosen[player.name] for i, player in enumerate(log.policies) if player.name in chosen}
-
-    def __call__(self, rallies: Rallies) -> dict[str, npt.NDArray[np.generic]]:
-        """Columns of the strokes of a batch.
-
-        Returns:
-            ``[N]`` each: ``state`` (int32), ``p_succ`` that the stroke is good, ``p_ret`` that a good one is returned and
-            ``p_above`` that this happens above the net (float64), and with policies ``probability`` (float64) with which
-            the striker's policy chooses the stroke, NaN for other policies. Illegal strokes have state -1 and probabilities NaN.
-        """
-        state, k = rallies.legal(self._game)
-        pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
-        names = ("p_succ", "p_ret", "p_above")
-        first, second = (tables.stroke_probabilities(pair) for tables in self._game.seats)
-        known = [np.where(rallies.striker, *both) for both in zip(second, first, strict=True)]
-        columns = {name: np.where(state < 0, np.nan, p) for name, p in zip(names, known, strict=True)}
-        found: dict[str, npt.NDArray[np.generic]] = {"state": state, **columns}
-        if self._policies:
-            striker = rallies.policy[rallies.row_of_stroke, rallies.striker]
-            probability = np.full(len(state), np.nan)
-            for i, policy in self._policies.items():
-                mine = (striker == i) & (state >= 0)
-                probability[mine] = policy.probability_of(pair[mine])
-            found["probability"] = probability
-        return found
-
-
-def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: Game | None = None) -> int:
+def export(source: Path, target: Path, rows: Literal["rallies", "strokes"]) -> int:
     """Write a log as a table, complete or not at all.
 
     Args:
@@ -387,26 +295,23 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
             (lists as texts with spaces between their items; names that a spreadsheet would take for formulas begin with an
             apostrophe) or ``.arrow``.
         rows: one row a rally or a stroke, with the columns of :func:`rally_rows` or :func:`stroke_rows`.
-        game: adds to strokes what follows from the game that was played on, see :class:`Derived`.
 
     Returns:
         The number of rows.
 
     Raises:
-        RecordingError: an unknown suffix, or a log that cannot be read or was played on another game.
+        RecordingError: an unknown suffix, or a log that cannot be read.
         FileWriteError: the table cannot be written.
     """
     open_writer = _WRITERS.get(target.suffix)
     if open_writer is None:
         raise RecordingError(f"{target}: expected a name that ends in {', '.join(_WRITERS)}")
-    flat = target.suffix == ".csv"
     count = 0
     with RallyLog(source) as log:
-        derive = None if game is None else Derived(log, game)
 
         def rows_of(first: int, rallies: Rallies) -> pa.Table:
-            table = rally_rows(log, first, rallies) if rows == "rallies" else stroke_rows(log, first, rallies, derive)
-            return _columns(table, log, flat)
+            table = rally_rows(log, first, rallies) if rows == "rallies" else stroke_rows(log, first, rallies)
+            return _flat(table, log) if target.suffix == ".csv" else table
 
         with replacing(target) as file:
             with open_writer(file, rows_of(0, log.no_rallies()).schema) as writer:
@@ -419,18 +324,12 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
     return count
 
 
-def _columns(table: pa.Table, log: RallyLog, flat: bool) -> pa.Table:
-    if not flat:
-        return table
+def _flat(table: pa.Table, log: RallyLog) -> pa.Table:
+    """A table without lists, which become texts with spaces between their items, and without formulas."""
     table = without_formulas(table)
     for at, field in enumerate(table.schema):
-        column = table.column(at)
         if pa.types.is_list(field.type):
-            names = pa.array(log.catalogue.names) if field.name == "strokes" else None
-            words = [chunk.values.cast(pa.string()) if names is None else names.take(chunk.values) for chunk in column.chunks]
-            texts = [
-                pa.compute.binary_join(pa.ListArray.from_arrays(chunk.offsets, values), " ")
-                for chunk, values in zip(column.chunks, words, strict=True)
-            ]
-            table = table.set_column(at, field.name, pa.chunked_array(texts, pa.string()))
+            column, names = table.column(at).combine_chunks(), pa.array(log.catalogue.names)
+            words = names.take(column.values) if field.name == "strokes" else column.values.cast(pa.string())
+            table = table.set_column(at, field.name, pa.compute.binary_join(pa.ListArray.from_arrays(column.offsets, words), " "))
     return table

@@ -1,8 +1,7 @@
-"""Records rallies: a log in batches and files, a thread that writes while the program continues to play, and what an
-environment plays.
+"""Write rally logs: in batches and files, resumed, from a thread beside the program, or of what an environment plays.
 
 A file is written to ``FILE.part`` and moved to ``FILE`` when it is closed. After a kill, the log holds every rally that
-:meth:`RallyLogWriter.flush` counted; :mod:`shuttle_marl.recording.recover` makes a finished file of them.
+:meth:`RallyLogWriter.flush` counted; :func:`shuttle_marl.recording.recover` makes a finished file of them.
 """
 
 import abc
@@ -25,28 +24,21 @@ from shuttle_marl.base.errors import OptionError
 from shuttle_marl.base.files import problem
 from shuttle_marl.env.aec import AGENTS, PlayedRally, ShuttleEnv
 from shuttle_marl.game.draws import pairing_key
-from shuttle_marl.game.rally.record import Rallies, columns_of, stroke_dtype
+from shuttle_marl.game.rally import Rallies, columns_of, stroke_dtype
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW
 from shuttle_marl.game.tables import Game
-from shuttle_marl.recording.chunks import MAX_CHUNK, MAX_RALLIES, MAX_STROKES, encode
-from shuttle_marl.recording.file_writer import LogFileWriter
+from shuttle_marl.recording import log_file
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
-from shuttle_marl.recording.log_file import advice, existing_parts, part_path, unfinished
+from shuttle_marl.recording.log_file import advice, encode, existing_parts, part_path, salvage, set_aside, unfinished
 
 Env = TypeVar("Env")
 T = TypeVar("T")
 
-BATCH_RALLIES: Final = 4096
-MAX_BYTES: Final = 1 << 30
-"""Default size at which a log continues in another file [bytes]."""
-WAITING_STROKES: Final = 1 << 24
-"""Strokes in the queue from which :meth:`RallyRecorder.add` blocks."""
 _ROWS: Final = 1024
-"""Rallies of an environment that are written at once."""
 
 
 class LogContext(abc.ABC):
-    """Context of a log: closed at the end, and left unfinished after an error."""
+    """Context of a log: finished by ``close`` at the end, and left unfinished by ``abort`` after an error."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -69,9 +61,7 @@ class LogContext(abc.ABC):
 class RallyLogWriter(LogContext):
     """Writes one rally log; a context manager that closes it, or leaves ``FILE.part`` behind after an error.
 
-    Attributes:
-        path: path of the finished log; further parts are named by :func:`part_path`.
-        rallies: number of rallies that survive any end of the process.
+    If the disk is full or fails, each call is a :class:`RecordingError`, and earlier batches are complete.
     """
 
     def __init__(
@@ -79,8 +69,8 @@ class RallyLogWriter(LogContext):
         path: Path | str,
         header: LogHeader,
         *,
-        batch_rallies: int = BATCH_RALLIES,
-        max_bytes: int = MAX_BYTES,
+        batch_rallies: int = 4096,
+        max_bytes: int = 1 << 30,
         fsync_seconds: float = 5.0,
         leave_later: bool = False,
     ) -> None:
@@ -102,9 +92,8 @@ class RallyLogWriter(LogContext):
         self.header = header
         later = [number for number in existing_parts(path) if number > header.part]
         if later and not leave_later:
-            raise RecordingError(
-                f"{part_path(path, later[0])}: there is a part of a rally log already; delete it or choose another name"
-            )
+            first = part_path(path, later[0])
+            raise RecordingError(f"{first}: there is a part of a rally log already; delete it or choose another name")
         self._batch_rallies, self._max_bytes, self._fsync_seconds = batch_rallies, max_bytes, fsync_seconds
         self._waiting: list[Rallies] = []
         self._open(header)
@@ -115,11 +104,7 @@ class RallyLogWriter(LogContext):
         return self._log.rallies
 
     def append(self, rallies: Rallies) -> None:
-        """Add rallies; full batches are written when this returns, the remaining rallies are buffered.
-
-        Raises:
-            RecordingError: columns that differ from the header; or the disk is full or fails, and earlier batches are complete.
-        """
+        """Add rallies; full batches are written when this returns, the remaining rallies are buffered."""
         if rallies.optional_columns != self.header.columns:
             raise RecordingError(f"{self.path}: rallies with columns {rallies.optional_columns}, expected {self.header.columns}")
         waiting, first = sum(map(len, self._waiting)), 0
@@ -153,18 +138,10 @@ class RallyLogWriter(LogContext):
         return self.rallies
 
     def write_message(self, first: int, data: bytes | memoryview, rallies: Rallies) -> None:
-        """Write one encoded batch, for copies of a log.
-
-        Args:
-            first: number of its first rally, not below the number of rallies written so far.
-            data: the batch, encoded by :func:`shuttle_marl.recording.chunks.encode`.
-
-        Raises:
-            RecordingError: the disk is full or fails; earlier batches are complete.
-        """
+        """Write one batch, encoded by :func:`~shuttle_marl.recording.log_file.encode`, whose first rally has this number."""
         if self._file.closed:
             raise RecordingError(f"{self.path}: is closed; nothing more can be recorded in it")
-        if len(data) > MAX_CHUNK or len(rallies) > MAX_RALLIES or len(rallies.stroke) > MAX_STROKES:
+        if len(data) > log_file.MAX_CHUNK or len(rallies) > log_file.MAX_RALLIES or len(rallies.stroke) > log_file.MAX_STROKES:
             raise RecordingError(f"{self.path}: a batch of {len(rallies)} rallies is too large; choose fewer rallies per batch")
         with self._guarded():
             # A full file is closed only when there are rallies for the next one, so that no part is empty.
@@ -176,11 +153,7 @@ class RallyLogWriter(LogContext):
                 self._sync()
 
     def close(self) -> None:
-        """Write the buffered rallies and the index, and move the log into place.
-
-        Raises:
-            RecordingError: the disk is full or fails; ``FILE.part`` holds every batch.
-        """
+        """Write the buffered rallies and the index, and move the log into place."""
         self.flush(sync=False)
         if not self._file.closed:
             with self._guarded():
@@ -204,7 +177,7 @@ class RallyLogWriter(LogContext):
         except (OSError, ValueError) as error:  # ValueError: an invalid file name
             raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
         try:
-            self._log = LogFileWriter(self._file, header)
+            self._log = log_file.LogFileWriter(self._file, header)
         except OSError as error:
             self.abort()
             part.unlink()
@@ -230,30 +203,123 @@ class RallyLogWriter(LogContext):
         except OSError as error:
             self.abort()
             part = unfinished(part_path(self.path, self._log.header.part))
-            raise RecordingError(
-                f"{part}: cannot be written ({error.strerror}); the {self.rallies} rallies before it are complete: "
-                f"free disk space and resume, or {advice(part)}"
-            ) from error
+            told = f"{part}: cannot be written ({error.strerror}); the {self.rallies} rallies before it are complete"
+            raise RecordingError(f"{told}: free disk space and resume, or {advice(part)}") from error
 
     def _write(self, rallies: Rallies) -> None:
         self.write_message(self.rallies, encode(self.rallies, rallies, len(self.header.strokes)), rallies)
 
 
+def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> RallyLogWriter:
+    """Keep the first rallies of the log at ``path`` and return a writer that continues after them.
+
+    Their batches are copied byte for byte, so the finished log equals that of an uninterrupted process with the same options
+    that flushed after the same number of rallies.
+
+    Args:
+        header: header of the run; the unfinished log must have the same.
+        rallies: number of rallies to keep; a batch must end there.
+        **options: options of :class:`RallyLogWriter`.
+
+    Raises:
+        RecordingError: the unfinished log has another header or fewer undamaged rallies, or cannot be written.
+    """
+    with log_file.damage(path):
+        if not rallies:
+            _delete(path, 0, header)
+            return RallyLogWriter(path, header, **options)
+        last = _last_part(path, rallies)
+        part = part_path(path, last)
+        source = set_aside(part)
+        if source.exists():
+            unfinished(part).unlink(missing_ok=True)  # an incomplete copy; the original is intact
+        else:
+            os.replace(_file_of(part), source)
+    before, batches = salvage(source)
+    if before != header:
+        raise RecordingError(f"{source}: another game, other policies or another seed than this run has; start again")
+    writer = RallyLogWriter(path, before, leave_later=True, **options)
+    for first, data, batch in batches:
+        if writer.rallies == rallies or first != writer.rallies:
+            break
+        writer.write_message(first, data, batch)
+    if writer.rallies != rallies:
+        writer.abort()
+        raise RecordingError(f"{source}: {rallies} rallies were played, {writer.rallies} are undamaged; start again")
+    writer.flush()
+    with log_file.damage(path):
+        _delete(path, last + 1, header)
+        source.unlink()
+    return writer
+
+
+def rallies_of_pairings(path: Path, pairings: int) -> int:
+    """Number of rallies of an unfinished log, in all parts, of pairings below a number.
+
+    Pairings must be recorded one after the other, in the order of their numbers.
+
+    Raises:
+        RecordingError: a file cannot be read or is not a rally log.
+    """
+    count = 0
+    for number in existing_parts(path):
+        try:
+            _, batches = salvage(_file_of(part_path(path, number)))
+        except RecordingError:
+            if number:  # the process was killed before it wrote the header
+                continue
+            raise
+        for first, _, batch in batches:
+            if int(batch.pairing.max()) >= pairings:
+                return count
+            count = first + len(batch)
+    return count
+
+
+def _file_of(part: Path) -> Path:
+    """The file of an existing part: set aside by a killed resumption, else finished, else unfinished."""
+    return next(file for file in (set_aside(part), part, unfinished(part)) if file.exists())
+
+
+def _last_part(path: Path, rallies: int) -> int:
+    """Number of the part with the last rally to keep."""
+    last = None
+    for number in existing_parts(path):
+        # A file without a header, of a process that was killed as it started the file, has no rallies.
+        with contextlib.suppress(RecordingError):
+            if log_file.read_header(log_file.content_of(_file_of(part_path(path, number))))[0].first_rally < rallies:
+                last = number
+    if last is None:
+        raise RecordingError(f"{unfinished(path).name}: is missing, with the {rallies} rallies that were played; start again")
+    return last
+
+
+def _delete(path: Path, first: int, header: LogHeader) -> None:
+    """Delete the parts of a log from this number on, the last part first; a finished part of another log is an error."""
+    for number in reversed([number for number in existing_parts(path) if number >= first]):
+        part = part_path(path, number)
+        if part.exists() and log_file.read_header(log_file.content_of(part))[0] != header:
+            raise RecordingError(f"{part.name} is the log of another run; delete it or choose another name")
+        for file in (unfinished(part), part, set_aside(part)):
+            file.unlink(missing_ok=True)
+
+
 class RallyRecorder(LogContext):
     """Records finished rallies in a background thread.
 
-    A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the GIL.
-    An error in the thread is raised by the next call.
+    A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the
+    GIL. An error in the thread is raised by the next call: a :class:`RecordingError` if the log cannot be written any further;
+    earlier batches are complete.
 
     Attributes:
         sample: function that returns the rallies of the sample; can be pickled.
     """
 
-    def __init__(self, log: RallyLogWriter, *, waiting_strokes: int = WAITING_STROKES) -> None:
+    def __init__(self, log: RallyLogWriter, *, waiting_strokes: int = 1 << 24) -> None:
         """Record into a log.
 
         Args:
-            log: a new log, or the result of :func:`shuttle_marl.recording.recover.resume`. The recorder closes it.
+            log: a new log, or the result of :func:`resume`. The recorder closes it.
             waiting_strokes: strokes in the queue from which :meth:`add` blocks.
         """
         self.path = log.path
@@ -265,28 +331,17 @@ class RallyRecorder(LogContext):
         self._thread = ThreadPoolExecutor(1, f"recording {log.path.name}")
 
     @classmethod
-    def create(cls, path: Path, header: LogHeader, record: str = "all", **options: Any) -> Self:
-        """Start a log and record into it.
-
-        Args:
-            record: ``all`` or ``sample:N``.
-            **options: options of :class:`RallyLogWriter`.
-
-        Raises:
-            RecordingError: a file exists or cannot be created, or ``record`` is invalid.
-        """
-        if not Sampling.parse(record).every:
+    def create(cls, path: Path, header: LogHeader, **options: Any) -> Self:
+        """Start a log, with options of :class:`RallyLogWriter`, and record into it."""
+        if not Sampling.parse(header.record).every:
             raise RecordingError(f"{path}: --record none records nothing; leave the recorder out")
-        return cls(RallyLogWriter(path, dataclasses.replace(header, record=record), **options))
+        return cls(RallyLogWriter(path, header, **options))
 
     def add(self, rallies: Rallies) -> None:
         """Record those of some finished rallies that are in the sample; blocks while the queue is full.
 
         Args:
             rallies: the rallies; their arrays must not be changed afterwards.
-
-        Raises:
-            RecordingError: the log cannot be written any further; earlier batches are complete.
         """
         chosen = self.sample(rallies)
         if len(chosen):
@@ -299,30 +354,15 @@ class RallyRecorder(LogContext):
             self._waiting += len(chosen.stroke)
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
-        """Request a flush of all rallies added so far, and return at once.
-
-        Args:
-            sync: whether to call ``fsync``, so that the rallies also survive a power failure.
-
-        Returns:
-            A future of the number of rallies in the log that survive any end of this process.
-        """
+        """Request :meth:`RallyLogWriter.flush` for all rallies added so far, and return its future result at once."""
         return self._thread.submit(self._guarded, lambda: self._log.flush(sync=sync))
 
     def flush(self, *, sync: bool = True) -> int:
-        """Flush all rallies added so far, and return the result of :meth:`request_flush`.
-
-        Raises:
-            RecordingError: the log cannot be written any further.
-        """
+        """Flush all rallies added so far; see :meth:`RallyLogWriter.flush`."""
         return self.request_flush(sync=sync).result()
 
     def close(self) -> None:
-        """Write all rallies, and move the log into place.
-
-        Raises:
-            RecordingError: the log cannot be written any further.
-        """
+        """Write all rallies, and move the log into place."""
         self._thread.shutdown()
         if self._error is not None:
             self._log.abort()
@@ -352,18 +392,14 @@ class RallyRecorder(LogContext):
 def sampled_log(
     path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int, record: str = "all"
 ) -> Iterator[Callable[[int, Rallies], None]]:
-    """Log of the matches of :func:`shuttle_marl.policy.scorecard.sample` of several policies against one opponent.
+    """Log of the matches of :class:`shuttle_marl.policy.Scorer` of several policies against one opponent.
 
     Args:
         policies: names of the sampled policies, without duplicates; each has a pairing of its own, in this order.
-        record: ``all`` or ``sample:N``.
 
     Yields:
         A function of the number of a pairing and rallies of it that records them; policy 0 of the rallies is the sampled policy,
         policy 1 the opponent.
-
-    Raises:
-        RecordingError: the log exists or cannot be written, or ``record`` is invalid.
     """
     header = LogHeader(
         seed=seed,
@@ -372,9 +408,10 @@ def sampled_log(
         policies=(opponent, *(Player(name=name) for name in policies)),
         pairings=tuple(pairing_key(name, opponent.name) for name in policies),
         matches_per_draw=1,
+        record=record,
         columns=columns_of(game),
     )
-    with RallyRecorder.create(path, header, record) as recorder:
+    with RallyRecorder.create(path, header) as recorder:
 
         def add(pairing: int, rallies: Rallies) -> None:
             numbers = np.full(len(rallies), pairing, np.uint32)
@@ -418,10 +455,9 @@ def RecordRallies(env: Env, path: Path | str, *, names: tuple[str, str] = AGENTS
     raw: Any = getattr(env, "unwrapped", env)
     raw = getattr(raw, "raw", raw)
     if not isinstance(raw, ShuttleEnv):
-        raise OptionError(
-            f"RecordRallies of {type(env).__name__}: expected rally_v0, match_v0, or a Gymnasium environment of one rally "
-            "or match; leagues and training record by themselves (--record)"
-        )
+        expected = "expected rally_v0, match_v0, or a Gymnasium environment of one rally or match"
+        told = "leagues and training record by themselves (--record)"
+        raise OptionError(f"RecordRallies of {type(env).__name__}: {expected}; {told}")
     if raw.recorder is not None:
         raise OptionError("RecordRallies: this environment records already")
     where = Path(path)
@@ -442,7 +478,7 @@ class _EnvironmentRecorder:
 
     def __init__(self, path: Path, env: ShuttleEnv, names: tuple[str, str]) -> None:
         game, rules = env.game, getattr(env, "rules", None)
-        self._path, self._logs, self._rows = path, 0, list[PlayedRally]()
+        self._path, self._rows = path, list[PlayedRally]()
         self._header = LogHeader(
             seed=0,
             game=game.hash,
@@ -456,27 +492,17 @@ class _EnvironmentRecorder:
         self._log: RallyLogWriter | None = None
 
     def add(self, rally: PlayedRally) -> None:
-        """Record a rally.
-
-        Raises:
-            RecordingError: the log cannot be written.
-        """
+        """Record a rally."""
         if self._log is None or rally.seed != self._header.seed:
             self.close()
-            self._logs += 1
-            name = self._path.stem + ("" if self._logs == 1 else f"-{self._logs}")
             self._header = dataclasses.replace(self._header, seed=rally.seed)
-            self._log = RallyLogWriter(self._path.with_stem(name), self._header)
+            self._log = RallyLogWriter(free_name(self._path), self._header)
         self._rows.append(rally)
         if len(self._rows) == _ROWS:
             self._write(self._log)
 
     def close(self) -> None:
-        """Finish the log.
-
-        Raises:
-            RecordingError: the disk is full or fails.
-        """
+        """Finish the log."""
         if self._log is not None:
             self._write(self._log)
             self._log.close()

@@ -9,11 +9,11 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I64, Bools
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.header import LogHeader, Sampling
 from shuttle_marl.recording.log_file import LogFile
 from shuttle_marl.recording.reader import RallyLog, require_game

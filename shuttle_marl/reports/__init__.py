@@ -8,16 +8,15 @@ pages. See ``docs/analysis.md`` and ``docs/coach.md``. Names are imported when f
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.reports.coach import CoachReport, report, scouting_report
     from shuttle_marl.reports.match import MatchReport, match_report
-    from shuttle_marl.reports.players import PlayerValue, rank_players
     from shuttle_marl.reports.rally import Decision, LogPlayers, Players, RallyAnalysis, analyse_rally, decision
     from shuttle_marl.reports.scouting import ScoutingReport, scout
     from shuttle_marl.reports.summary import AnalysisError, Summary, rally_table, strokes_of, strokes_of_log, summarise
-    from shuttle_marl.reports.value import add_values, add_values_of_pairs
+    from shuttle_marl.reports.value import PlayerValue, add_values, add_values_of_pairs, rank_players
 
 __all__ = [
     "AnalysisError",

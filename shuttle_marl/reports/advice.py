@@ -22,10 +22,10 @@ from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import people_of
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 from shuttle_marl.reports.value import LEAST_REFITS, Value, calibrated
 
@@ -40,7 +40,6 @@ _LEAST_COVERED: Final = 0.5
 """Least part of a situation in which the advised stroke is legal and has enough real strokes behind it."""
 N_SITUATIONS: Final = 2 * N_SHOTS * N_AREAS + 1
 SERVE: Final = N_SITUATIONS - 1
-"""The situation of the server."""
 
 
 class Situation(NamedTuple):

@@ -52,23 +52,18 @@ _PLAYERS: Final = ("#1f5fa8", "#b8500a")
 _THEME: Final = {_INK: "--ink", _DIM: "--dim", _LINE: "--line", _ACCENT: "--accent", _SECOND: "--second"} | dict(
     zip(_PLAYERS, ("--first", "--other"), strict=True)
 )
-"""Colours that follow the theme of the page, and their variables."""
 _LOST_TO_WON: Final = ("#ba4830", "#f7f6f0", "#0b6e4f")
 _MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
 """Colours of larger and smaller shares; orange and blue are told apart by all readers."""
 INK: Final = "#0b0f17"
-COLOURS: Final = ("#127257", "#d95f02", "#5b6bb5", "#b5365b")
-"""Colours of pictures."""
 _MAT, _MARKING, _DARK = "#127257", "#dcebe6", "#16191c"
 _WIDE, _NARROW = 1100.0, 460.0
 """Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
 _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
-"""Letters in a line of a label."""
 _MISSING: Final = 4.5
 """Width that a letter takes beyond what a missing one does [px]."""
 _SMALLEST_LABELLED: Final = 30.0
-"""Least size of a cell that shows its number [px]."""
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _NAMES: Final = [{"cross-court-net-shot": "cross-court\nnet shot"}.get(shot, shot.replace("-", " ")) for shot in SHOTS]
 _MOST_POINTS: Final = 4000
@@ -78,27 +73,16 @@ _LEAST_SHARE: Final = 3.0
 _SPREAD: Final = 0.35
 """Range of the colours: probabilities of winning from 0.15 to 0.85."""
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
-_STYLE: Final = {
+_STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "shuttle_marl",
-    "text.parse_math": False,
     "font.size": 11,
-    "text.color": _INK,
-    "axes.edgecolor": _LINE,
-    "axes.labelcolor": _DIM,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
     "axes.xmargin": 0.02,
-    "grid.color": _LINE,
-    "xtick.color": _LINE,
-    "ytick.color": _LINE,
-    "xtick.labelcolor": _DIM,
-    "ytick.labelcolor": _DIM,
-    "legend.frameon": False,
-    "legend.labelcolor": _INK,
-    "savefig.transparent": True,
+    **dict.fromkeys(("text.color", "legend.labelcolor"), _INK),
+    **dict.fromkeys(("axes.edgecolor", "grid.color", "xtick.color", "ytick.color"), _LINE),
+    **dict.fromkeys(("axes.labelcolor", "xtick.labelcolor", "ytick.labelcolor"), _DIM),
+    **dict.fromkeys(("axes.grid", "axes.axisbelow", "savefig.transparent"), True),
+    **dict.fromkeys(("text.parse_math", "axes.spines.top", "axes.spines.right", "legend.frameon"), False),
 }
 
 
@@ -123,13 +107,12 @@ class Chart:
 
     Args:
         width, height: size [px].
-        projection: of its axes: None for Cartesian coordinates, or ``polar``.
     """
 
-    def __init__(self, width: float, height: float, projection: str | None = None) -> None:
+    def __init__(self, width: float, height: float) -> None:
         self._tooltips: dict[str, Sequence[str]] = {}
         self.figure = figure(width / 72, height / 72)
-        self.axes: Any = self.figure.add_subplot(projection=projection)
+        self.axes: Any = self.figure.add_subplot()
 
     def tooltips(self, *texts: str) -> str:
         """Identifier (``gid``) for an artist whose elements have these tooltips, in the order in which they are drawn."""
@@ -137,11 +120,7 @@ class Chart:
         return gid
 
     def svg(self, title: str) -> Markup:
-        """The figure as an SVG element.
-
-        Args:
-            title: description for screen readers.
-        """
+        """The figure as an SVG element; ``title``: description for screen readers."""
         buffer = io.BytesIO()
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph")  # a browser has fonts for names in any script
@@ -167,7 +146,6 @@ def _tag(element: ElementTree.Element) -> str:
 
 
 def _drawn(group: ElementTree.Element) -> list[ElementTree.Element]:
-    """The shapes in a group, without those that it only defines."""
     shapes = []
     for child in group:
         if _tag(child) == "g":
@@ -196,7 +174,6 @@ def label(name: str, longest: int = _LONGEST_NAME) -> str:
 
 
 def _listed(axes: Any, labels: Sequence[str]) -> None:
-    """Name the rows of estimates, from the top."""
     axes.set_yticks(range(len(labels)), labels, color=_INK)
     axes.set_ylim(len(labels) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
@@ -211,7 +188,6 @@ def _shades(*colours: str) -> Callable[[float], str]:
 
 
 def _write(axes: Any, x: float, y: float, text: str, size: float, colour: str = _DARK, **style: Any) -> None:
-    """A text centred at a point."""
     axes.text(x, y, text, **{"ha": "center", "va": "center", "color": colour, "fontsize": size} | style)
 
 
@@ -371,28 +347,6 @@ def curves(
     return chart.svg(f"{up} against {across}")
 
 
-@_styled()
-def radars(axes: Sequence[str], values: Mapping[str, Sequence[float]], reference: Sequence[float]) -> dict[str, Markup]:
-    """Figures from 0 (the centre) to 1 (the rim) by name, and those of a reference as a dashed line."""
-    chart = Chart(300.0, 230.0, projection="polar")
-    angles = 2 * math.pi * np.arange(len(axes)) / len(axes)
-    chart.axes.fill(angles, reference, facecolor="none", edgecolor=_DIM, linestyle=(0, (3, 3)))
-    shapes = [
-        *chart.axes.fill(angles, reference, facecolor=_ACCENT, alpha=0.25),
-        *chart.axes.fill(angles, reference, facecolor="none", edgecolor=_ACCENT, linewidth=1.6),
-    ]
-    chart.axes.set(theta_zero_location="N", theta_direction=-1, rlim=(0, 1))
-    chart.axes.set_thetagrids(np.degrees(angles), [label(name) for name in axes])
-    chart.axes.set_rgrids([0.5, 1.0], ["", ""])
-    drawn = {}
-    for name, figures in values.items():
-        for shape in shapes:
-            shape.set_xy(np.column_stack([angles, figures]))
-        drawn[name] = chart.svg("Mix of strokes")
-        chart.figure.set_layout_engine("none")  # that of the first one is kept, because all have the same text
-    return drawn
-
-
 def _words() -> "Words":
     from shuttle_marl.reports.words import words  # noqa: PLC0415  a tournament needs no words of badminton
 
@@ -412,7 +366,6 @@ class Bar(NamedTuple):
 
 
 def _wide(text: str) -> int:
-    """Number of letters that are as wide as two."""
     return sum(east_asian_width(letter) == "W" for letter in text)
 
 
@@ -630,29 +583,6 @@ def transitions(summary: "Summary", title: str) -> Any:
     axes.spines[:].set_visible(False)
     drawn.colorbar(picture, ax=axes, shrink=0.6, label="share of the replies to a shot [%]")
     axes.set_title(title, fontsize=11)
-    return drawn
-
-
-def shot_mix(summaries: Mapping[str, "Summary"]) -> Any:
-    """Shares of shot types side by side, and the distributions of rally lengths below."""
-    drawn = figure(9.5, 6.6)
-    above, below = drawn.subplots(2, 1)
-    width = 0.8 / len(summaries)
-    at = np.arange(len(SHOTS))
-    for i, (name, summary) in enumerate(summaries.items()):
-        colour = COLOURS[i % len(COLOURS)]
-        above.bar(at + (i - (len(summaries) - 1) / 2) * width, 100 * summary.shots, width, label=name, color=colour)
-        lengths = 100 * summary.lengths / max(1, summary.lengths.sum())
-        # The first lines are the widest, so that they stay visible behind later ones.
-        wide = 1.3 + 2.2 * (len(summaries) - 1 - i)
-        mean = f"{name}: mean {summary.length:.1f}"
-        below.step(np.arange(len(lengths)), lengths, where="mid", color=colour, linewidth=wide, label=mean)
-    above.set_xticks(at, _NAMES, rotation=40, ha="right", fontsize=8)
-    above.set_ylabel("share of strokes [%]")
-    below.set(xlabel="strokes of a rally", ylabel="share of rallies [%]", xlim=(0, 40))
-    for axes in (above, below):
-        axes.legend(fontsize=8, frameon=False)
-        axes.spines[["top", "right"]].set_visible(False)
     return drawn
 
 

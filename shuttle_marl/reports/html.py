@@ -60,11 +60,7 @@ class Heading:
 
 @dataclasses.dataclass(frozen=True)
 class Column(Heading, Generic[T]):
-    """A column of a table.
-
-    Attributes:
-        brief: whether a short form of the table has it.
-    """
+    """A column of a table; ``brief``: whether a short form of the table has it."""
 
     cell: Callable[[T], Cell]
     _: dataclasses.KW_ONLY

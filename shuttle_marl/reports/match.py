@@ -1,41 +1,206 @@
-"""The match report: what decided a match, as figures.
+"""The match report as figures: course, key moments, value of the strokes, and costly decisions.
 
-:func:`match_report` computes a :class:`MatchReport` from the strokes of one match, annotated or recorded.
-:mod:`shuttle_marl.reports` writes it as a page.
+:func:`match_report` computes a :class:`MatchReport` from the strokes of one match, annotated or recorded;
+:mod:`shuttle_marl.reports.pages` writes it as a page.
 """
 
 import dataclasses
-from collections.abc import Sequence
+import itertools
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
-from shuttle_marl.exact.match import Odds
+from shuttle_marl.dynamics.habits import plays_of, tally
+from shuttle_marl.exact.match import Odds, match_table
 from shuttle_marl.game.pairs import game_of_people, people_of, without_skill
-from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.scoring import BWF, Rules, Score, wins_game
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, resolve_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.reports.brief import Brief, brief, is_short, won_or_lost
-from shuttle_marl.reports.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
-from shuttle_marl.reports.habits import Habit, difference_error, discoveries, habits, interval, with_discoveries
-from shuttle_marl.reports.rating import rated_strokes, rater_of
-from shuttle_marl.reports.scouting import hand_of, plain, with_hands_of_model
-from shuttle_marl.reports.summary import AnalysisError, rally_table
-from shuttle_marl.reports.value import NORMAL, add_values, calibrated
+from shuttle_marl.reports.habits import (
+    Brief,
+    Change,
+    Heat,
+    brief,
+    changes,
+    discoveries,
+    heat,
+    interval,
+    is_short,
+    plain,
+)
+from shuttle_marl.reports.rating import Rater, rater_of
+from shuttle_marl.reports.summary import (
+    AnalysisError,
+    hand_of,
+    rally_numbers,
+    rally_table,
+    with_hands_of_model,
+    won_or_lost,
+)
+from shuttle_marl.reports.value import NORMAL, Placed, calibrated, placed, stroke_values
 from shuttle_marl.reports.waits import Wait, waits
+
+_TURN: Final = 0.1
+"""Smallest change of the probability of winning a rally that is reported."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RallyRow:
+    """A rally of the match; players are 0 and 1.
+
+    Attributes:
+        key: game and number of the rally in the data.
+        points, games: score before it.
+        server, winner: numbers of the players; winner None: not recorded.
+        ending: one of :data:`~shuttle_marl.reports.summary.ENDINGS`.
+        last_shot, last_area: shot type and target area of the last stroke; area -1: not known, as that of a fault.
+        given: shot type and target area of the stroke before it; None: there was none.
+        before, after: probability that player 0 wins the match, before and after it.
+        decided: number of the stroke before the last one that changed the probability of winning the rally most, from 1, with the
+            player who struck it, its shot type, and the change for that player; None: not known, or less than a tenth.
+        seconds: time of the rally in the video [s]; None: unknown.
+    """
+
+    key: tuple[int, int]
+    points: tuple[int, int]
+    games: tuple[int, int]
+    server: int
+    winner: int | None
+    strokes: int
+    ending: str
+    last_shot: str
+    last_area: int
+    given: tuple[str, int] | None
+    before: float
+    after: float
+    decided: tuple[int, int, str, float] | None
+    seconds: float | None
+
+    @property
+    def swing(self) -> float:
+        """Change of the probability that player 0 wins the match."""
+        return self.after - self.before
+
+
+def _rallies(
+    strokes: pa.Table, frame: pa.Table, added: F64, area: I64, players: tuple[str, str], rules: Rules, chances_of: "Chances"
+) -> list[RallyRow]:
+    """Rallies with the score and the probabilities of winning the match.
+
+    Args:
+        frame: table of the rallies.
+        added, area: ``[N]`` value and target of each stroke; NaN and -1 where unknown.
+    """
+    rows, starts = frame.to_pylist(), frame["first"].to_pylist()
+    column = {
+        name: strokes[name].to_numpy(zero_copy_only=False)
+        for name in ("player", "stroke", "shot", "points", "points_opponent", "clock")
+    }
+    score = Score(rules=rules, server=players.index(rows[0]["server"]))
+    out: list[RallyRow] = []
+    for row, start, end in zip(rows, starts, [*starts[1:], strokes.num_rows], strict=True):
+        server = players.index(row["server"])
+        winner = None if row["winner"] is None else players.index(row["winner"])
+        if out and row["game"] != out[-1].key[0] and score.points != (0, 0):
+            # Rallies at the end of a game are missing: the leader won it.
+            while score.points != (0, 0):
+                score = score.after(int(score.points[1] > score.points[0]))
+        score = _as_recorded(score, column, start, players, winner)
+        after = score.after(winner) if winner is not None else score
+        chance = chances_of.of(score, server)
+        chances = (chance, chances_of.of(after, server if winner is None else winner))
+        decided, own = None, added[start:end]
+        striker = np.array([players.index(name) for name in column["player"][start:end]])
+        gain = np.nan_to_num(np.where(striker == winner, own, -own))[:-1]
+        if winner is not None and len(gain) and gain.max() >= _TURN:
+            k = int(gain.argmax())
+            shot = SHOTS[int(column["shot"][start + k])]
+            decided = (int(column["stroke"][start + k]), int(striker[k]), shot, float(own[k]))
+        clock = column["clock"][start]
+        out.append(
+            RallyRow(
+                key=(row["game"], row["rally"]),
+                points=score.points,
+                games=score.games,
+                server=server,
+                winner=winner,
+                strokes=row["length"],
+                ending=str(row["ending"]),
+                last_shot=SHOTS[row["last_shot"]],
+                last_area=int(area[end - 1]),
+                given=(SHOTS[int(column["shot"][end - 2])], int(area[end - 2])) if end - start > 1 else None,
+                before=chances[0],
+                after=chances[1],
+                decided=decided,
+                seconds=None if clock is None or np.isnan(clock) else float(clock),
+            )
+        )
+        score = after
+    return out
+
+
+def _as_recorded(score: Score, column: Mapping[str, Any], row: int, players: tuple[str, str], winner: int | None) -> Score:
+    """The score before a rally, by the points in the data where there are any, because rallies may be missing."""
+    own, other = column["points"][row], column["points_opponent"][row]
+    if winner is None or own is None or other is None or np.isnan(own) or np.isnan(other):
+        return score
+    points = [int(own), int(other)] if players.index(column["player"][row]) == 0 else [int(other), int(own)]
+    points[winner] -= 1
+    return dataclasses.replace(score, points=(max(0, points[0]), max(0, points[1])))
+
+
+class Chances:
+    """Probabilities that player 0 wins the match; ``odds``: of player 0, in every rally."""
+
+    def __init__(self, odds: Odds, rules: Rules) -> None:
+        self._odds, self._table = odds, match_table(odds.serving, odds.receiving, rules)
+
+    def of(self, score: Score, server: int) -> float:
+        """At a score; NaN at one that the rules do not allow."""
+        if score.over:
+            return float(score.winner == 0)
+        won, lost = self._table.get((*score.games, *score.points, server), (math.nan, math.nan))
+        return lost + (won - lost) * (self._odds.receiving if server else self._odds.serving)
+
+
+def score_of(rallies: Sequence[RallyRow], rules: Rules) -> tuple[tuple[tuple[int, int], ...], tuple[int, ...]]:
+    """Points of both players at the end of each game, and the numbers of the games whose last rally was inferred.
+
+    A last rally that the data lack is added where the rules leave one end: the leader was one rally away from the game, and did
+    win it, because the leader served first in the next game, or because there is none.
+    """
+    ends: dict[int, tuple[list[int], int | None]] = {}
+    for row in rallies:
+        points = list(row.points)
+        if row.winner is not None:
+            points[row.winner] += 1
+        ends[row.key[0]] = points, None
+    for before, row in itertools.pairwise(rallies):
+        if row.key[0] != before.key[0] and row.key[1] == 1:
+            ends[before.key[0]] = ends[before.key[0]][0], row.server
+    inferred = []
+    for game, (points, served) in ends.items():
+        leader = int(points[1] > points[0])
+        over = wins_game(max(points), min(points), rules)
+        if not over and served in (leader, None) and wins_game(max(points) + 1, min(points), rules):
+            points[leader] += 1
+            inferred.append(game)
+    return tuple((points[0], points[1]) for _, (points, _) in sorted(ends.items())), tuple(inferred)
+
 
 LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
 """Classes of rallies by number of strokes."""
 MOMENTS: Final = 5
 _OF_GAME: Final = 2
-"""Most key moments of a game."""
 _MOST_CHOICES: Final = 5
 _LATE: Final = 30
 """Number of the stroke in a rally after which players tire."""
@@ -73,25 +238,6 @@ class Won:
     low: float
     high: float
     clear: bool = False
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Heat:
-    """Targets of a player in won and in lost rallies: ``[9]`` counts, and areas that differ by more than chance."""
-
-    player: int
-    won: tuple[float, ...]
-    lost: tuple[float, ...]
-    clear: tuple[int, ...]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Change:
-    """A habit of a player in one game that differs from the same player's other games."""
-
-    player: int
-    game: int
-    habit: Habit
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -190,59 +336,73 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         AnalysisError: the table does not have one match of two players.
         GameError: a file of the model is damaged.
     """
-    people = tuple(strokes["player"].unique().to_pylist())
-    first = [strokes["player"][0].as_py(), strokes["opponent"][0].as_py()] if strokes.num_rows else []
-    if len(matches_in(strokes)) != 1 or not set(people) <= set(first):
-        raise AnalysisError(
-            f"{len(matches_in(strokes))} matches of {len(people)} players: expected the strokes of one match of two"
-        )
-    players = (str(first[0]), str(first[1]))
-    match = str(strokes["match"][0].as_py())
+    match, players = _only_match(strokes)
     base = resolve_game(None) if game is None else game.seats[0].average
     if game is None or game.people is None:
         played = game_of_people(base, players, date_of(match))
     else:
         near, far = game.people.players
         played = game if players[0] == near else game.swapped if players[0] == far else None
-    if played is not None:
-        strokes = with_hands_of_model(strokes, people_of(played).skill)
     known_game = base if played is None else played
-    average = baselines.load(None, without_skill(known_game))
-    valued = add_values(strokes, average)
-    plays = plays_of_strokes(strokes)
-    rallies = rallies_of(
-        valued, plays.area, players, rules, Chances(odds or Odds(serving=0.5, receiving=0.5, error_bound=0.0), rules)
-    )
-    score, inferred = score_of(rallies, rules)
+    average, rater = baselines.load(None, without_skill(known_game)), rater_of(known_game)
+    # The strokes: hands, rallies and who won them, state and value of each.
+    strokes = strokes if played is None else with_hands_of_model(strokes, people_of(played).skill)
+    hands = hand_of(strokes, players[0]), hand_of(strokes, players[1])
+    frame, rally, won = rally_table(strokes), rally_numbers(strokes), won_or_lost(strokes)
+    found = placed(strokes, average.game)
+    added = stroke_values(found, average)["value_added"]
+    # What is counted of them.
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
-    won = won_or_lost(strokes)
+    plays = plays_of(found.rows)
+    tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
+    waiting = waits(strokes, players)
+    briefs = [brief(tallies[1 - player], tallies[player], plays, won, seat == player, seat != player) for player in (0, 1)]
+    forced = [strokes["forced"].filter(pa.array(seat == player)).drop_null().to_numpy() for player in (0, 1)]
+    changed = changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
+    # The match.
+    even = Odds(serving=0.5, receiving=0.5, error_bound=0.0)
+    rallies = _rallies(strokes, frame, added, plays.area, players, rules, Chances(odds or even, rules))
+    score, inferred = score_of(rallies, rules)
     # Only rallies that the striker lost count, each by how much it decided.
     stakes = np.array([[abs(row.swing) * (row.winner == 1 - player) for row in rallies] for player in (0, 1)])
-    choices, refits = _costly(strokes, known_game, seat, stakes)
-    tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
     return MatchReport(
         match=match,
         players=players,
-        hands=(hand_of(strokes, players[0]), hand_of(strokes, players[1])),
+        hands=hands,
         score=score,
         inferred=inferred,
-        briefs=[brief(tallies[1 - player], tallies[player], plays, won, seat == player, seat != player) for player in (0, 1)],
+        briefs=briefs,
         rules=rules,
         strokes=strokes.num_rows,
         rallies=rallies,
         moments=_moments(rallies),
-        values=_values(valued, seat),
-        choices=choices,
-        refits=refits,
+        values=_values(added, plays.shot, seat, rally),
+        choices=_costly(found, rater, seat, rally, stakes),
+        refits=rater.refits,
         factor=factor_of(average.game),
-        serving=_serving(rallies, plays, strokes),
+        serving=_serving(rallies, np.where(found.rows.stroke == 1, plays.shot, -1)[frame["first"].to_numpy()]),
         lengths=_lengths(rallies),
-        heat=[_heat(plays, seat == player, won, player) for player in (0, 1)],
-        faults=[_faults(strokes, seat == player) for player in (0, 1)],
-        changes=_changes(plays, seat, strokes),
-        waits=waits(strokes, players),
+        heat=[heat(plays, seat == player, won, player) for player in (0, 1)],
+        faults=[(int(known.sum()), int((~known).sum())) for known in forced],
+        changes=changed,
+        waits=waiting,
         game=known_game,
     )
+
+
+def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
+    """Name and players of the only match of a table; who strikes first is the first player.
+
+    Raises:
+        AnalysisError: the table does not have one match of two players.
+    """
+    people = strokes["player"].unique().to_pylist()
+    first = [strokes["player"][0].as_py(), strokes["opponent"][0].as_py()] if strokes.num_rows else []
+    if len(matches_in(strokes)) != 1 or not set(people) <= set(first):
+        raise AnalysisError(
+            f"{len(matches_in(strokes))} matches of {len(people)} players: expected the strokes of one match of two"
+        )
+    return str(strokes["match"][0].as_py()), (str(first[0]), str(first[1]))
 
 
 def _moments(rallies: Sequence[RallyRow]) -> list[int]:
@@ -258,16 +418,8 @@ def _moments(rallies: Sequence[RallyRow]) -> list[int]:
     return found
 
 
-def _faults(strokes: pa.Table, own: Bools) -> tuple[int, int]:
-    known = strokes["forced"].filter(pa.array(own)).drop_null().to_numpy()
-    return int(known.sum()), int((~known).sum())
-
-
-def _values(valued: pa.Table, seat: I64) -> list[ShotValue]:
+def _values(added: F64, shot: I64, seat: I64, rally: I64) -> list[ShotValue]:
     """Value added by player and shot type; strokes of a rally depend on each other, so intervals are over rallies."""
-    added = valued["value_added"].to_numpy(zero_copy_only=False)
-    shot = valued["shot"].to_numpy().astype(np.int64)
-    rally = rally_numbers(valued)
     found: list[ShotValue] = []
     p: list[float] = []
     for player in (0, 1):
@@ -289,10 +441,8 @@ def _won(label: str, player: int, rallies: int, won: int) -> Won:
     return Won(label=label, player=player, rallies=rallies, won=won, low=low, high=high)
 
 
-def _serving(rallies: Sequence[RallyRow], plays: Plays, strokes: pa.Table) -> list[Won]:
-    """Rallies won by each player as server, by kind of serve, and as receiver."""
-    first = rally_table(strokes)["first"].to_numpy()
-    serve = np.where(strokes["stroke"].to_numpy()[first] == 1, plays.shot[first], -1)
+def _serving(rallies: Sequence[RallyRow], serve: I64) -> list[Won]:
+    """Rallies won by each player as server, by kind of serve (-1: not known), and as receiver."""
     out = []
     for player in (0, 1):
         decided = [(i, row) for i, row in enumerate(rallies) if row.winner is not None]
@@ -319,57 +469,32 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
 
 
-def _heat(plays: Plays, mine: Bools, won: F64, player: int) -> Heat:
-    counts = [tally(plays.take(mine & (won == result))).targets for result in (1.0, 0.0)]
-    n = [max(1.0, float(count.sum())) for count in counts]
-    error = difference_error(counts[0], n[0], counts[1], n[1])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        z = np.nan_to_num((counts[0] / n[0] - counts[1] / n[1]) / error)
-    clear = np.flatnonzero(discoveries((2 * stats.norm.sf(np.abs(z))).tolist()))
-    won_of, lost_of = (tuple(float(x) for x in count) for count in counts)
-    return Heat(player=player, won=won_of, lost=lost_of, clear=tuple(int(area) for area in clear))
-
-
-def _changes(plays: Plays, seat: I64, strokes: pa.Table) -> list[Change]:
-    """Habits that differ between the games of a player by more than chance, each in the game where it differs most."""
-    game = strokes["game"].to_numpy().astype(np.int64)
-    found: list[tuple[int, int, Habit]] = []
-    for player in (0, 1):
-        for number in np.unique(game).tolist():
-            mine = seat == player
-            one, others = plays.take(mine & (game == number)), plays.take(mine & (game != number))
-            if len(one) and len(others):
-                found += [(player, number, habit) for habit in habits(tally(one), tally(others), dispersed=False)]
-    marked = with_discoveries([habit for *_, habit in found])
-    clear = [Change(player=p, game=n, habit=habit) for (p, n, _), habit in zip(found, marked, strict=True) if habit.clear]
-    clear.sort(key=lambda each: -each.habit.p)
-    most = {(each.player, each.habit.kind, each.habit.about, each.habit.answer): each for each in clear}
-    return sorted(most.values(), key=lambda each: each.habit.p)
-
-
-def _costly(strokes: pa.Table, game: Game, seat: I64, stakes: F64) -> tuple[list[Choice], int]:
-    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind, and the number of refits.
+def _costly(found: Placed, rater: Rater, seat: I64, rally: I64, stakes: F64) -> list[Choice]:
+    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind.
 
     The better stroke has the technique of the stroke played, which follows from where the striker stands. Strokes late in a rally
     are left out: the game knows no fatigue.
 
     Args:
+        seat, rally: ``[N]`` striker and rally of each stroke of the match.
         stakes: ``[2, rallies]`` what each rally is worth to each player, by which costs are ordered; 0: not costly.
     """
-    rater = rater_of(game)
-    found = rated_strokes(strokes, rater)
-    rated, position = found.rated, found.position
-    incoming, contact, stroke = rater.game.incoming(found.state), rater.game.contact(found.state), rated.stroke[position]
+    # Where a fault was aimed at is not recorded.
+    row = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
+    state, number = found.state[row], found.rows.stroke[row]
+    rated = rater.rated(state)
+    position = rated.start + found.rank[row]
+    incoming, contact, stroke = rater.game.incoming(state), rater.game.contact(state), rated.stroke[position]
     bad = np.array(["?" in mark for mark in rated.marks])[position]
-    rally, number, who = rally_numbers(strokes), strokes["stroke"].to_numpy().astype(np.int64), seat[found.row]
-    stake = stakes[who, rally[found.row]]
-    catalogue = game.seats[0].catalogue
+    who = seat[row]
+    stake = stakes[who, rally[row]]
+    catalogue = rater.game.catalogue
     technique = catalogue.technique[rated.stroke]
     fair = (technique == technique[position][rated.row]) & (rated.behind >= RELIABLE)
     fair &= ~is_short(catalogue.shot, catalogue.area)[rated.stroke]
     alike = np.where(fair, rated.change, -np.inf)
     better = np.array([s + part.argmax() for s, part in zip(rated.start, np.split(alike, rated.start[1:]), strict=True)])
-    bad &= (stake > 0) & (number[found.row] <= _LATE) & (alike[better] > rated.change[position])
+    bad &= (stake > 0) & (number <= _LATE) & (alike[better] > rated.change[position])
     seen: set[tuple[int, int, int]] = set()
     out: list[Choice] = []
     for k in np.flatnonzero(bad)[np.argsort((rated.change[position] * stake)[bad], kind="stable")].tolist():
@@ -382,8 +507,8 @@ def _costly(strokes: pa.Table, game: Game, seat: I64, stakes: F64) -> tuple[list
         out.append(
             Choice(
                 player=what[0],
-                rally=int(rally[found.row[k]]),
-                stroke=int(number[found.row[k]]),
+                rally=int(rally[row[k]]),
+                stroke=int(number[k]),
                 incoming=int(incoming[k]),
                 contact=int(contact[k]),
                 played=int(stroke[k]),
@@ -394,4 +519,4 @@ def _costly(strokes: pa.Table, game: Game, seat: I64, stakes: F64) -> tuple[list
                 times=int(same.sum()),
             )
         )
-    return out, rater.refits
+    return out

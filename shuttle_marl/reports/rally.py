@@ -19,14 +19,13 @@ from shuttle_marl.exact import ProfileValue, Solution, evaluate
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.policy import Policy, PolicyError
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.policy import Policy, PolicyError, TabulatedPolicy, hash_of, tabulate
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import UnknownStrokeError
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.header import Player
 from shuttle_marl.recording.reader import RallyLog, require_game

@@ -27,25 +27,23 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import pyarrow as pa
 from scipy import optimize, special
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Solution, evaluate, moved
 from shuttle_marl.game.pairs import without_recovery, without_skill
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.policy import position_shares
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes, refits_of
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import position_shares
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import TYPICAL_TAU, human_policy
 from shuttle_marl.reports.advice import TOLERANCE
-from shuttle_marl.reports.value import Value, agree, placed
+from shuttle_marl.reports.value import Value, agree
 
 MARKS: Final = ("!!", "!", "?!", "?", "??")
 RARE: Final = 0.25
@@ -60,10 +58,8 @@ _ANSWERS: Final = 4
 SCALE: Final = 0.02
 """Change at which a stroke has 0.73 of the logistic function, where elite players have a half: what separates players best."""
 _UNIT: Final = 400 / math.log(10)
-"""Points of a unit of the Glicko-2 scale."""
 _CENTRE: Final = 1500.0
 _TAU: Final = 0.5
-"""Constant of the system: how much volatility changes."""
 
 THEMES: Final = ("return", "third", "defence", "attack", "net", "wait")
 """Situations of puzzles: return of serve, third stroke, after a hard stroke, above the net, other strokes, and where to wait."""
@@ -227,39 +223,8 @@ def _computed(game: Game) -> Rater:
     return Rater(game)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class RatedStrokes:
-    """The M strokes of a table whose target and context are known; where a fault was aimed at is not recorded.
-
-    Attributes:
-        row: ``[M]`` row of the table.
-        state: ``[M]`` state in which they were struck.
-        rated: all legal strokes of their M states.
-        position: ``[M]`` of the strokes among them.
-    """
-
-    row: I64
-    state: I64
-    rated: Rated
-    position: I64
-
-
-def rated_strokes(strokes: pa.Table, rater: Rater) -> RatedStrokes:
-    """Strokes of schema :data:`~shuttle_marl.data.schema.STROKES` with all that could be played instead."""
-    game = rater.game
-    found = placed(strokes, game)
-    known = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
-    state = found.state[known]
-    rated = rater.rated(state)
-    return RatedStrokes(row=known, state=state, rated=rated, position=rated.start + found.rank[known])
-
-
 def theme_of(rally: Rally, number: int, *, above: bool) -> str:
-    """The theme of a stroke of a rally, with the contact above the net or below.
-
-    Args:
-        number: of the stroke, from 0.
-    """
+    """The theme of a stroke of a rally, with the contact above the net or below; ``number``: of the stroke, from 0."""
     if number < 3:
         return ("serve", *THEMES[:2])[number]
     came = SHOTS[rally.catalogue.shot[rally.stroke[number - 1]]]

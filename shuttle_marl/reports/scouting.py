@@ -8,32 +8,48 @@ import dataclasses
 import datetime
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from scipy.special import expit, logit
 
-from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.data.schema import DISCIPLINES
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.data.schema import DISCIPLINES, STROKES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import NONE, Plays, Tally, load_habits, plays_of_strokes, tally
-from shuttle_marl.game.court import AREAS, HANDS
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.pairs import AVERAGE, Day, Skill, load_skill, pair_game
 from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder, resolve_game
-from shuttle_marl.game.skill import AVERAGE, Day, Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.reports.advice import Advice, Meeting, Refitted, advise, refitted
-from shuttle_marl.reports.brief import Brief, Option, brief, is_short, won_or_lost
-from shuttle_marl.reports.habits import Ending, Habit, endings, habits, interval
-from shuttle_marl.reports.summary import AnalysisError, Met, met, rally_table
+from shuttle_marl.reports.habits import (
+    Brief,
+    Ending,
+    Habit,
+    Option,
+    brief,
+    endings,
+    habits,
+    interval,
+    is_short,
+    plain,
+)
+from shuttle_marl.reports.summary import (
+    AnalysisError,
+    Met,
+    hand_of,
+    met,
+    rally_table,
+    with_hands_of_model,
+    won_or_lost,
+)
 from shuttle_marl.reports.waits import Wait, waits
 
 PIECES: Final = 5
-"""Number of pieces of advice."""
 LEAST_EACH: Final = 0.01
 """Smaller gains per time, in rallies won, are of no use on court."""
 ATTACKS: Final = ("smash", "half-smash", "net-kill")
@@ -146,7 +162,7 @@ class ScoutingReport:
     recent: Sequence[Habit]
     beside: tuple[str, Sequence[Habit]] | None
     advice: Sequence[Advice]
-    realised: Sequence[Realised | None]
+    realised: Sequence[Realised]
     pair: Game | None
     home: Meeting | None
 
@@ -175,26 +191,6 @@ class ScoutingReport:
             own = {"stroke": names[advice.stroke], "usual": names[advice.usual], "situation": incoming}
             listed.append({**plain(dataclasses.replace(advice, states=np.zeros(0, np.int64))), **own})
         return {**figures, "advice": listed}
-
-
-def plain(value: Any) -> Any:
-    """Dataclasses, tuples and arrays as values of JSON; NaN as None. Options name their shot type and area; None: any."""
-    if isinstance(value, Option):
-        named = {"shot": SHOTS[value.shot] if value.shot >= 0 else None, "area": AREAS[value.area] if value.area >= 0 else None}
-        return {**value._asdict(), **named}
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {name: plain(part) for name, part in value._asdict().items()}
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(part) for key, part in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [plain(part) for part in value]
-    if isinstance(value, datetime.date):
-        return value.isoformat()
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -253,17 +249,16 @@ def scout(
         AnalysisError: the opponent is neither in the model nor in the data, or plays another discipline than the player.
         GameError: the model has no skill of players.
     """
-    folder = model_folder(model)
+    folder, strokes = model_folder(model), STROKES.empty_table() if data is None else data
     skill, clones = load_skill(folder), baselines.clones(folder).players
-    known_names = [*skill.players, *([] if data is None else data["player"].unique().to_pylist())]
+    known_names = [*skill.players, *strokes["player"].unique().to_pylist()]
     opponent = _as_known(opponent, known_names)
     player, beside = (None if name is None else _as_known(name, known_names) for name in (player, beside))
-    discipline = _discipline(skill, [name for name in (opponent, player, beside) if name is not None], data)
-
-    data = None if data is None else with_hands_of_model(data, skill)
+    discipline = _discipline(skill, [name for name in (opponent, player, beside) if name is not None], strokes)
+    strokes = with_hands_of_model(strokes, skill)
 
     def known(name: str) -> Known:
-        hand = None if data is None else hand_of(data, name)
+        hand = hand_of(strokes, name)
         if name not in skill.players:
             return Known(name=name, strokes=0, matches=0, since=None, hand=hand, imitated=False)
         i = skill.index(name)
@@ -280,58 +275,43 @@ def scout(
         first, second = (name if name in skill.players else AVERAGE for name in names)
         return pair_game(first, second, date=date, discipline=discipline, game=model)
 
-    found = None if player is None else refitted(pair(player, opponent))
-    # A player whom the model does not know is an average one there, whom no advice would concern.
-    both = found if player is not None and {opponent, player} <= set(skill.players) else None
-    of_data = None
-    if data is not None:
-        of_data = data.filter(pa.compute.equal(data["discipline"], DISCIPLINES[PROFILES.index(discipline)]))
-    plays = None if of_data is None else plays_of_strokes(of_data)
-
-    def mine(name: str) -> Bools:
-        return np.zeros(0, np.bool_) if of_data is None else of_data["player"].to_numpy(zero_copy_only=False) == name
+    people = known(opponent), None if player is None else known(player)
+    strokes = strokes.filter(pa.compute.equal(strokes["discipline"], DISCIPLINES[PROFILES.index(discipline)]))
+    plays, won = plays_of_strokes(strokes), won_or_lost(strokes)
+    striker, receiver = (strokes[name].to_numpy(zero_copy_only=False) for name in ("player", "opponent"))
+    mine, against = striker == opponent, receiver == opponent
 
     def tallies(name: str) -> tuple[Tally, Tally]:
         """Of a player and of the others."""
-        which = mine(name)
-        if plays is None or not which.any():
-            return load_habits(folder)[name]
-        return tally(plays.take(which)), tally(plays.take(~which))
+        which = striker == name
+        return (tally(plays.take(which)), tally(plays.take(~which))) if which.any() else load_habits(folder)[name]
 
     own, others = tallies(opponent)
-    seen = None
-    if of_data is not None and mine(opponent).any():
-        seen = int(mine(opponent).sum()), len(of_data.filter(mine(opponent))["match"].unique())
-    theirs = np.zeros(0, np.bool_) if of_data is None else of_data["opponent"].to_numpy(zero_copy_only=False) == opponent
-    page = brief(
-        own,
-        None if player is None else tallies(player)[0],
-        plays,
-        np.zeros(0) if of_data is None else won_or_lost(of_data),
-        theirs,
-        mine(opponent),
-        ~theirs,
-    )
-    advised, evidence = _advised(both, plays, of_data, page)
+    page = brief(own, None if player is None else tallies(player)[0], plays, won, against, mine, ~against)
+    found = None if player is None else refitted(pair(player, opponent))
+    # A player whom the model does not know is an average one there, whom no advice would concern.
+    advised, evidence = list[Advice](), list[Realised]()
+    if found is not None and {opponent, player} <= set(skill.players):
+        advised, evidence = _advised(found, plays, won, page.donts, counted=data is not None)
     return ScoutingReport(
-        player=None if player is None else known(player),
-        opponent=known(opponent),
+        player=people[1],
+        opponent=people[0],
         discipline=discipline,
         model=(model, pair(opponent, AVERAGE).hash if found is None else found.pair.hash),
         refits=0 if found is None else len(found.refits),
         factor=factor_of(resolve_game(model)),
         brief=page,
         rally=None if found is None else float(earned(np.array(found.home.value.odds().rally))),
-        met=None if of_data is None or player is None else met(rally_table(of_data), player, opponent),
-        season=[] if of_data is None or plays is None else season(of_data, plays, opponent),
+        met=None if data is None or player is None else met(rally_table(strokes), player, opponent),
+        season=season(strokes, plays, opponent),
         habits=habits(own, others),
         endings=endings(own, others),
         targets=own.targets / max(1.0, own.targets.sum()),
         targets_usual=others.targets / max(1.0, others.targets.sum()),
         target_strokes=float(own.targets.sum()),
-        seen=seen,
-        waits=[] if of_data is None else waits(of_data, (player or "", opponent)),
-        recent=[] if plays is None or of_data is None else _recent(plays.take(mine(opponent)), of_data.filter(mine(opponent))),
+        seen=(int(mine.sum()), len(strokes.filter(mine)["match"].unique())) if mine.any() else None,
+        waits=waits(strokes, (player or "", opponent)),
+        recent=_recent(plays.take(mine), strokes.filter(mine)),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
         advice=advised,
         realised=evidence,
@@ -341,40 +321,39 @@ def scout(
 
 
 def _advised(
-    pair: Refitted | None, plays: Plays | None, strokes: pa.Table | None, page: Brief
-) -> tuple[list[Advice], list[Realised | None]]:
-    """Pieces of advice that gain enough, and what their strokes brought, with data only those that they confirm."""
-    if pair is None:
-        return [], []
-    catalogue = pair.pair.catalogue
+    found: Refitted, plays: Plays, won: F64, donts: Sequence[Option], *, counted: bool
+) -> tuple[list[Advice], list[Realised]]:
+    """Pieces of advice that gain enough; where strokes are counted only those that these confirm, with what they brought."""
+    catalogue = found.pair.catalogue
     kinds = np.stack([catalogue.shot, catalogue.area], axis=1).tolist()
-    found = [
-        each
-        for each in advise(pair, most=2 * PIECES)
-        if each.expected.value >= LEAST_EACH * each.often and not is_short(*kinds[each.stroke])
-    ]
-    if plays is None or strokes is None:
-        return found[:PIECES], []
-    kept = [
-        (advice, real)
-        for advice, real in zip(found, realised(plays, strokes, found, pair.pair), strict=True)
-        if real is not None and real.confirms and not any(each.covers(*kinds[advice.stroke]) for each in page.donts)
-    ][:PIECES]
-    return [advice for advice, _ in kept], [real for _, real in kept]
+    advised: list[Advice] = []
+    evidence: list[Realised] = []
+    for advice in advise(found, most=2 * PIECES):
+        kind = kinds[advice.stroke]
+        if len(advised) == PIECES or advice.expected.value < LEAST_EACH * advice.often or is_short(*kind):
+            continue
+        if counted:
+            real = _realised(plays, won, advice, kind[0])
+            if real is None or not real.confirms or any(each.covers(*kind) for each in donts):
+                continue
+            evidence.append(real)
+        advised.append(advice)
+    return advised, evidence
 
 
-def with_hands_of_model(strokes: pa.Table, skill: Skill) -> pa.Table:
-    """Strokes of schema :data:`shuttle_marl.data.schema.STROKES` with the hands that a model knows where the table knows none."""
-    known = {name: HANDS.index(hand) for name in skill.players if (hand := skill.hand_of(name)) is not None}
-    told = pa.array([known.get(name) for name in strokes["player"].to_pylist()], pa.int8())
-    place = strokes.schema.get_field_index("hand")
-    return strokes.set_column(place, strokes.schema.field(place), pa.compute.coalesce(strokes["hand"], told))
-
-
-def hand_of(strokes: pa.Table, player: str) -> str | None:
-    """Hand of a player in a table of strokes, one of :data:`~shuttle_marl.game.court.HANDS`; None: not known."""
-    hands = strokes["hand"].filter(pa.compute.equal(strokes["player"], player)).drop_null()
-    return HANDS[hands[0].as_py()] if len(hands) else None
+def _realised(plays: Plays, won: F64, advice: Advice, kind: int) -> Realised | None:
+    """Result of an advised shot type in annotated matches; None with too few strokes."""
+    shot, area, contact = advice.situation
+    there = plays.incoming == NONE if shot < 0 else (plays.incoming == shot) & (plays.met == area) & (plays.contact == contact)
+    there &= np.isfinite(won)
+    # By shot type, because where a fault was aimed at is not recorded.
+    played = there & (plays.shot == kind)
+    n, others = int(played.sum()), there & ~played
+    if n < RELIABLE:
+        return None
+    wins = int(won[played].sum())
+    low, high = interval(wins / n, n)
+    return Realised(strokes=n, won=wins, low=low, high=high, others=int(others.sum()), others_won=int(won[others].sum()))
 
 
 def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:
@@ -396,7 +375,7 @@ def _as_known(name: str, known: Sequence[str]) -> str:
     return name if name in known else next((each for each in known if words(each) == words(name)), name)
 
 
-def _discipline(skill: Skill, names: Sequence[str], data: pa.Table | None) -> str:
+def _discipline(skill: Skill, names: Sequence[str], strokes: pa.Table) -> str:
     """The discipline that all players share.
 
     Raises:
@@ -406,8 +385,7 @@ def _discipline(skill: Skill, names: Sequence[str], data: pa.Table | None) -> st
     for name in names:
         if name in skill.players:
             kinds[name] = skill.discipline_of(name)
-        elif data is not None and name in set(data["player"].unique().to_pylist()):
-            rows = data.filter(pa.compute.equal(data["player"], name))
+        elif len(rows := strokes.filter(pa.compute.equal(strokes["player"], name))):
             kinds[name] = PROFILES[DISCIPLINES.index(rows["discipline"][0].as_py())]
         else:
             close = difflib.get_close_matches(name, skill.players, n=3, cutoff=0.4)
@@ -443,28 +421,3 @@ def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:
         ends = (share(float(each[mine].sum()), n) for each in (plays.fault, plays.winner, attack))
         found.append(Form(day, against, result.rallies, share(result.rallies_won, result.rallies), n, *ends))
     return sorted(found)
-
-
-def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: Game) -> list[Realised | None]:
-    """Results of advised strokes in annotated matches; None with too few strokes."""
-    catalogue = pair.catalogue
-    out: list[Realised | None] = []
-    won = won_or_lost(data)
-    for advice in advised:
-        shot, area, contact = advice.situation
-        if shot < 0:
-            there = plays.incoming == NONE
-        else:
-            there = (plays.incoming == shot) & (plays.met == area) & (plays.contact == contact)
-        there &= np.isfinite(won)
-        # By shot type, because where a fault was aimed at is not recorded.
-        played = there & (plays.shot == catalogue.shot[advice.stroke])
-        n = int(played.sum())
-        if n < RELIABLE:
-            out.append(None)
-            continue
-        others = there & ~played
-        wins = int(won[played].sum())
-        low, high = interval(wins / n, n)
-        out.append(Realised(strokes=n, won=wins, low=low, high=high, others=int(others.sum()), others_won=int(won[others].sum())))
-    return out

@@ -1,4 +1,4 @@
-"""Summarises play: shot mix, tempo, endings, landings, transitions and rally lengths, with the numbers of strokes behind them."""
+"""Stroke tables as reports read them: strokes of files and logs, rallies, results, hands, and summaries of play."""
 
 import dataclasses
 from pathlib import Path
@@ -15,6 +15,7 @@ from shuttle_marl.data.hands import receiver_hands
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
+from shuttle_marl.game.pairs import Skill
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.reader import is_log
@@ -96,6 +97,23 @@ def rally_table(strokes: pa.Table) -> pa.Table:
     )
 
 
+def rally_numbers(strokes: pa.Table) -> I64:
+    """``[N]`` index of the rally of each stroke."""
+    match = strokes["match"].combine_chunks().dictionary_encode().indices.to_numpy()
+    key = np.stack([match, *(strokes[name].to_numpy() for name in ("game", "rally"))])
+    return np.cumsum((np.diff(key, axis=1, prepend=-1) != 0).any(axis=0)) - 1
+
+
+def won_or_lost(strokes: pa.Table) -> F64:
+    """``[N]`` whether the striker won the rally of each stroke, 1 or 0; NaN where that is not known."""
+    winner, player = (
+        table[name].to_numpy(zero_copy_only=False).astype(object)
+        for table, name in ((rally_table(strokes), "winner"), (strokes, "player"))
+    )
+    winner = winner[rally_numbers(strokes)]
+    return np.where(winner == None, np.nan, (winner == player).astype(np.float64))  # noqa: E711  an array of objects
+
+
 class Met(NamedTuple):
     """Real results of a player against another: rallies and matches of both, and those that the first one won."""
 
@@ -121,6 +139,20 @@ def met(rallies: pa.Table, first: str, second: str) -> Met:
         played, won = played + 1, won + (row["winner"] == first)
     ahead_in = sum(sum(np.sign([*ahead.values()])) > 0 for ahead in games.values())
     return Met(played, won, len(games), int(ahead_in))
+
+
+def with_hands_of_model(strokes: pa.Table, skill: Skill) -> pa.Table:
+    """Strokes of schema :data:`shuttle_marl.data.schema.STROKES` with the hands that a model knows where the table knows none."""
+    known = {name: HANDS.index(hand) for name in skill.players if (hand := skill.hand_of(name)) is not None}
+    told = pa.array([known.get(name) for name in strokes["player"].to_pylist()], pa.int8())
+    place = strokes.schema.get_field_index("hand")
+    return strokes.set_column(place, strokes.schema.field(place), pa.compute.coalesce(strokes["hand"], told))
+
+
+def hand_of(strokes: pa.Table, player: str) -> str | None:
+    """Hand of a player in a table of strokes, one of :data:`~shuttle_marl.game.court.HANDS`; None: not known."""
+    hands = strokes["hand"].filter(pa.compute.equal(strokes["player"], player)).drop_null()
+    return HANDS[hands[0].as_py()] if len(hands) else None
 
 
 def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
@@ -196,12 +228,9 @@ class _Frame:
         self.in_court = strokes["in_court"].fill_null(False).to_numpy(zero_copy_only=False)
         self.clock = column("clock")
         self.landing = np.stack([column("landing_x"), column("landing_y")], axis=1)
-        match = strokes["match"].combine_chunks().dictionary_encode().indices.to_numpy()
-        key = np.stack([match, column("game"), column("rally")])
-        new = np.ones(len(match), np.bool_)
-        new[1:] = (key[:, 1:] != key[:, :-1]).any(axis=0)
+        new = np.diff(rally_numbers(strokes), prepend=-1) > 0
         self.first = np.flatnonzero(new)
-        self.last = np.r_[self.first[1:], len(match)][: len(self.first)] - 1
+        self.last = np.r_[self.first[1:], len(new)][: len(self.first)] - 1
         self.follows = ~new & (np.diff(self.stroke, prepend=0) == 1)
         reasons = np.array([ENDINGS.index(name) if name in ENDINGS else len(ENDINGS) - 1 for name in REASONS])
         reason = column("reason").astype(np.int64)
@@ -214,7 +243,6 @@ def _shares(numbers: I64, size: int) -> F64:
 
 
 RALLIES = 20_000
-"""Default approximate number of rallies sampled from a log."""
 
 
 def strokes_of(path: Path | str, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table:

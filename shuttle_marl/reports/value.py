@@ -1,4 +1,4 @@
-"""Value of a stroke: the one definition that ratings, advice, reports, pictures, the page and the suite read.
+"""Value of a stroke: the one definition that ratings, advice, reports, pictures, the page and the suite read; players by it.
 
 The value of a stroke is the probability with which its striker wins the rally, if both players then go on as two policies do. Its
 **advantage** is that minus the probability before the choice, the mean over what the striker's own policy plays there. A figure
@@ -10,27 +10,30 @@ Davis, "Actions Speak Louder than Goals: Valuing Player Actions in Soccer", KDD 
 instead of learned ones.
 """
 
+import dataclasses
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from scipy import special
 
-from shuttle_marl.base.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I64, Bools, Intp, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.features import Rows, states_of, strokes_before
-from shuttle_marl.dynamics.hurried import hurry_of, marked_rows
+from shuttle_marl.dynamics.features import Rows, hurry_of, marked_rows
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.exact.profile import StatePolicy, met_by
 from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS, steps_between
-from shuttle_marl.game.layout import ALL, Indices
+from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices
 from shuttle_marl.game.pairs import game_of_people, people_of
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import Estimate, factor_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.reports.summary import AnalysisError
 
 NORMAL: Final = 1.6448536
 """95 % quantile of the normal distribution: intervals of the reports contain the truth in 90 % of cases."""
@@ -91,7 +94,6 @@ def calibrated(values: F64, factor: Estimate | None) -> Estimate:
 
 
 COLUMNS: Final = ("win_before", "win_after", "value_added", "decision", "execution", "decision_expected")
-"""Columns of :func:`add_values`."""
 _UNKNOWN: Final = -1
 
 
@@ -120,17 +122,26 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: Tabulate
     Returns:
         The table with float64 columns :data:`COLUMNS`.
     """
-    sides = (reference,) if opponent is None else (reference, opponent)
-    second = np.zeros(len(strokes), dtype=bool)
+    second = None
     if opponent is not None:
         second = strokes["player"].to_numpy(zero_copy_only=False) == people_of(opponent.game).players[1]
-    found = placed(strokes, reference.game)
+    columns = stroke_values(placed(strokes, reference.game), reference, opponent, second)
+    for name, column in columns.items():
+        strokes = strokes.append_column(name, pa.array(column, pa.float64(), from_pandas=True))
+    return strokes
+
+
+def stroke_values(
+    found: "Placed", reference: TabulatedPolicy, opponent: TabulatedPolicy | None = None, second: Bools | None = None
+) -> dict[str, F64]:
+    """``[N]`` each of :data:`COLUMNS`, as :func:`add_values` adds them; ``second``: strokes of seat 1."""
+    sides = (reference,) if opponent is None else (reference, opponent)
     rows, incoming, state = found.rows, found.incoming, found.state
     striking = evaluate(reference, sides[-1]).striking
     before, decision = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
     for seat, policy in enumerate(sides):
-        mine = second == bool(seat)
-        theirs = sides[1 - seat] if opponent is not None else policy
+        mine = np.ones(len(rows), np.bool_) if second is None else second == bool(seat)
+        theirs = sides[len(sides) - 1 - seat]
         # The mean over possible own last strokes, where the recorded one is unknown or impossible.
         value = Value(policy.game, striking, seat, theirs)
         mean = _means_over_own(policy, theirs, value)[incoming, rows.codes["hurried"], rows.codes["contact"]]
@@ -141,17 +152,9 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: Tabulate
     after[rows.outcome == Outcome.FAULT], after[rows.outcome == Outcome.WINNER] = 0.0, 1.0
     returned = np.flatnonzero((rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0))
     after[returned] = 1 - before[returned + 1]
-    columns = {
-        "win_before": before,
-        "win_after": after,
-        "value_added": after - before,
-        "decision": decision,
-        "execution": after - before - decision,
-        "decision_expected": decision * (np.nan if (factor := factor_of(reference.game)) is None else factor.value),
-    }
-    for name, column in columns.items():
-        strokes = strokes.append_column(name, pa.array(column, pa.float64(), from_pandas=True))
-    return strokes
+    realised = np.nan if (factor := factor_of(reference.game)) is None else factor.value
+    parts = (before, after, after - before, decision, after - before - decision, decision * realised)
+    return dict(zip(COLUMNS, parts, strict=True))
 
 
 def add_values_of_pairs(strokes: pa.Table, reference: str, game: Game) -> pa.Table:
@@ -198,7 +201,7 @@ class Placed(NamedTuple):
 
     Attributes:
         rows: the strokes in context.
-        incoming: ``[N]`` catalogue index of the incoming stroke (:func:`~shuttle_marl.dynamics.features.strokes_before`).
+        incoming: ``[N]`` catalogue index of the incoming stroke (:func:`~shuttle_marl.reports.value.strokes_before`).
         state: ``[N]`` state; -1: unknown.
         stroke: ``[N]`` catalogue index of the stroke, or of the nearest one to it; -1: unknown.
         rank: ``[N]`` its position among the legal strokes of the state; -1: unknown or not legal.
@@ -269,3 +272,151 @@ def _decisions(reference: TabulatedPolicy, found: Placed, value: Value) -> F64:
     with np.errstate(invalid="ignore"):
         decision[fault] = np.bincount(row, weight * value.advantage(pairs, state[fault][row]), len(fault)) / total
     return decision
+
+
+def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
+    """``[N]`` catalogue index of a previous stroke: n before the serve, -1 where unknown or not in the catalogue.
+
+    Args:
+        name: ``own`` or ``incoming``.
+        strokes: ``[13, 9, 2, 3]`` catalogue index by shot type, area, height and technique.
+        n_strokes: n, the number of strokes in the catalogue.
+    """
+    shot, area, height, technique = (
+        rows.game_codes[f"{name}_{part}"].astype(np.int64) for part in ("shot", "area", "height", "technique")
+    )
+    known = (shot < N_SHOTS) & (area < N_AREAS) & (height < 2) & (technique < N_TECHNIQUES)
+    index = np.where(shot == N_SHOTS, n_strokes, -1)
+    index[known] = strokes[shot[known], area[known], height[known], technique[known]]
+    return index
+
+
+def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
+    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is unknown.
+
+    Args:
+        own, incoming: ``[N]`` catalogue indices of the previous strokes (:func:`strokes_before`).
+    """
+    duel = np.minimum(rows.net_run, LONGEST_DUEL) if game.counts_duels else 0
+    effort, opponent_effort = (
+        np.minimum(count, game.levels - 1) if game.levels > 1 else 0 for count in (rows.attacks, rows.opponent_attacks)
+    )
+    parts = (own, incoming, rows.codes["contact"], duel, effort, opponent_effort, rows.codes["hurried"])
+    return game.state_of(*parts).astype(np.int64)
+
+
+LEAST_MATCHES: Final = 3
+LEAST_STROKES: Final = 200
+RESAMPLES: Final = 2000
+LEVEL: Final = 0.95
+_DRAWS_AT_ONCE: Final = 1 << 22
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlayerValue:
+    """Value added by the strokes of a player.
+
+    Attributes:
+        discipline: MS or WS.
+        matches, strokes: number of matches and of strokes with a known value.
+        value: mean value added by a stroke.
+        low, high: 95 % interval of ``value``.
+        decision: mean of the part due to the choice of the stroke, over the strokes for which it is known.
+        decision_low, decision_high: 95 % interval of ``decision``.
+    """
+
+    player: str
+    discipline: str
+    matches: int
+    strokes: int
+    value: float
+    low: float
+    high: float
+    decision: float
+    decision_low: float
+    decision_high: float
+
+
+def rank_players(
+    valued: pa.Table,
+    *,
+    least_matches: int = LEAST_MATCHES,
+    least_strokes: int = LEAST_STROKES,
+    centred: bool = False,
+    seed: int = 0,
+) -> list[PlayerValue]:
+    """Rank the players of a table by mean value added per stroke, best first.
+
+    Intervals come from a cluster bootstrap over a player's matches, because strokes of a match share opponent, hall and form
+    (Cameron, Gelbach & Miller, Review of Economics and Statistics 2008). With few clusters M the bootstrap underestimates the
+    error, so it is scaled by sqrt(M / (M - 1)), and the interval uses Student's t with M - 1 degrees of freedom.
+
+    Args:
+        valued: table from :func:`shuttle_marl.reports.value.add_values`.
+        least_matches, least_strokes: players with fewer are left out; at least two matches are needed.
+        centred: subtract the mean stroke of the discipline: the average profile of the game is a mean of both disciplines, whose
+            frequencies of winners and faults differ.
+        seed: random seed of the bootstrap.
+
+    Raises:
+        AnalysisError: no player has enough matches and strokes.
+    """
+    value, decision = (valued[name].to_numpy(zero_copy_only=False) for name in ("value_added", "decision"))
+    player, match = (valued[name].combine_chunks().dictionary_encode() for name in ("player", "match"))
+    names, player_index, match_index = player.dictionary.to_pylist(), player.indices.to_numpy(), match.indices.to_numpy()
+    kinds = valued["discipline"].to_numpy(zero_copy_only=False)
+    if centred:
+        for kind in np.unique(kinds):
+            same = kinds == kind
+            value = np.where(same, value - np.nanmean(value[same]), value)
+            decision = np.where(same, decision - np.nanmean(decision[same]), decision)
+    known = np.isfinite(value)
+    ranked = []
+    for number in sorted(range(len(names)), key=lambda i: names[i]):
+        mine = np.flatnonzero(known & (player_index == number))
+        matches, cluster = np.unique(match_index[mine], return_inverse=True)
+        if len(matches) < max(2, least_matches) or len(mine) < least_strokes:
+            continue
+        sums = np.stack([*_sums(value[mine], cluster), *_sums(decision[mine], cluster)], axis=1)
+        drawn = _resampled(sums, np.random.default_rng([seed, number]))
+        means = (*_interval(sums[:, :2], drawn[:, :2]), *_interval(sums[:, 2:], drawn[:, 2:]))
+        ranked.append(
+            PlayerValue(
+                player=names[number],
+                discipline=str(kinds[mine[0]]),
+                matches=len(matches),
+                strokes=len(mine),
+                **dict(zip(("value", "low", "high", "decision", "decision_low", "decision_high"), means, strict=True)),
+            )
+        )
+    if not ranked:
+        raise AnalysisError(
+            f"no player with {least_matches} matches and {least_strokes} strokes or more; ask for fewer, or add matches"
+        )
+    return sorted(ranked, key=lambda p: (-p.value, p.player))
+
+
+def _sums(values: F64, cluster: Intp) -> tuple[F64, F64]:
+    """Sum and number of known values in each cluster, ``[M]`` each."""
+    known = np.isfinite(values)
+    size = int(cluster.max()) + 1
+    total, count = np.bincount(cluster[known], values[known], size), np.bincount(cluster[known], minlength=size)
+    return np.asarray(total, dtype=np.float64), count.astype(np.float64)
+
+
+def _resampled(sums: F64, rng: np.random.Generator) -> F64:
+    """``[RESAMPLES, 4]`` sums of M clusters drawn with replacement, from the sums of clusters ``[M, 4]``."""
+    size = len(sums)
+    at_once = max(1, _DRAWS_AT_ONCE // size)
+    counts = [min(at_once, RESAMPLES - first) for first in range(0, RESAMPLES, at_once)]
+    return np.concatenate([rng.multinomial(size, np.full(size, 1 / size), count) @ sums for count in counts])
+
+
+def _interval(sums: F64, drawn: F64) -> tuple[float, float, float]:
+    """Mean and interval, from sums and counts of clusters ``[M, 2]`` and of bootstrap samples ``[RESAMPLES, 2]``."""
+    size = len(sums)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        spread = float(np.nanstd(drawn[:, 0] / drawn[:, 1]))
+    mean = float(sums[:, 0].sum() / max(1.0, sums[:, 1].sum()))
+    error = spread * math.sqrt(size / (size - 1)) * float(special.stdtrit(size - 1, (1 + LEVEL) / 2))
+    return mean, mean - error, mean + error

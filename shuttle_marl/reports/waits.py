@@ -20,11 +20,10 @@ from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.recovery import N_POSITIONS, position_of
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
-from shuttle_marl.reports.course import rally_numbers
 from shuttle_marl.reports.habits import discoveries
+from shuttle_marl.reports.summary import rally_numbers
 
 MOST: Final = 3
-"""Shot types of a player."""
 LEAST_METRES: Final = 0.1
 """Smaller differences are of no use on court, and are not named [m]."""
 LEAST_MATCHES: Final = 5

@@ -12,10 +12,9 @@ from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.reports.brief import Expected, is_short
-from shuttle_marl.reports.course import RallyRow
-from shuttle_marl.reports.habits import Habit
+from shuttle_marl.reports.habits import Expected, Habit, is_short
 from shuttle_marl.reports.languages import Language, Texts, current
+from shuttle_marl.reports.match import RallyRow
 
 _CENTRE: Final = 1
 AT_BODY: Final = ("smash", "half-smash", "drive", "push", "net-kill")

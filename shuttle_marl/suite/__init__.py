@@ -5,7 +5,7 @@ Names are imported when first used, because the solvers need numba.
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.suite.exploit import PlayerSetting, Trained

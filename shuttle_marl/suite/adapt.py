@@ -8,14 +8,13 @@ from typing import ClassVar, Final
 import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, I64, Bools
-from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.odds import best_odds, pair_odds
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.suite.frontier import POINTS, exploitabilities, gains
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, Opponent, families, known, luck, opponent
-from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
+from shuttle_marl.suite.task import POINTS, Arena, Case, Outcome, Setting, Task, exploitabilities, gains, required, table_of
 
 CHANGES: Final = (0, 5, 20, 80, 240)
 """Rallies before which the policy may change."""

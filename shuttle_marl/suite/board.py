@@ -1,4 +1,4 @@
-"""The leaderboard as Markdown and HTML, from the rows of runs.
+"""The leaderboard as Markdown, from the rows of runs.
 
 Rows are self-reported: their scores are recomputed from stored policies and answers, and the rest is what their authors say.
 """
@@ -7,17 +7,16 @@ import dataclasses
 import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal, TypedDict
+from typing import Any, Final, TypedDict
 
 import jinja2
 
 from shuttle_marl.base import cache
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.reports.html import escaped
-from shuttle_marl.suite import store
 from shuttle_marl.suite.options import ACCESS, SPLITS, SuiteError
 from shuttle_marl.suite.registry import TASKS
-from shuttle_marl.suite.results import NOT_VERIFIED, Bounds, Row, difference, summarise, verify_run
+from shuttle_marl.suite.results import CARD, NOT_VERIFIED, Bounds, Row, difference, read, summarise, verify_run
 from shuttle_marl.suite.task import Task
 
 _LONGEST: Final = 60
@@ -26,14 +25,13 @@ _DIGITS: Final = 6
 """Decimal places in which scores differ; verification allows less."""
 
 
-def render(rows: Sequence[Row], kind: Literal["md", "html"]) -> str:
-    """The board as Markdown or HTML."""
+def render(rows: Sequence[Row]) -> str:
+    """The board as Markdown."""
     loader = jinja2.FileSystemLoader(Path(__file__).parent / "templates")
-    environment = jinja2.Environment(loader=loader, autoescape=kind == "html", trim_blocks=True, lstrip_blocks=True)
-    environment.filters["text"] = printable if kind == "html" else escaped
-    environment.filters["name"] = shown if kind == "html" else code
+    environment = jinja2.Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, autoescape=False)
+    environment.filters |= {"text": escaped, "name": code}
     environment.filters |= {each.__name__: each for each in (number, with_interval, stated, called)}
-    return environment.get_template(f"board.{kind}").render(boards=boards(rows), not_verified=NOT_VERIFIED) + "\n"
+    return environment.get_template("board.md").render(boards=boards(rows), not_verified=NOT_VERIFIED) + "\n"
 
 
 def shown(name: str, longest: int = _LONGEST) -> str:
@@ -84,12 +82,12 @@ def rows_of(
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
                 row = (found and found.summary) or summarise(folder, game, seed)
                 if not row["author"]:
-                    raise SuiteError(f"the run has no author; name one in {store.CARD}")
+                    raise SuiteError(f"the run has no author; name one in {CARD}")
                 rows.append({**row, "remarks": [*row["remarks"], *([] if check else ["not recomputed"])]})
             except Exception as error:
                 failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
     if results is not None:
-        rows += store.read(results, _Results).rows
+        rows += read(results, _Results).rows
     return rows
 
 

@@ -50,30 +50,30 @@ def _all(module: str, *names: str, access: Access = "samples", kind: Kind = "met
 
 
 _PARTS: Final = ("levels", "weights", "places", "change")
-_LEARNERS: Final = _all("training", *(f"{name} = learner:{name}" for name in ("ppo", "a2c", "sac")))
+_LEARNERS: Final = _all("players", *(f"{name} = learner:{name}" for name in ("ppo", "a2c", "sac")))
 _KNOWN: Final = {
-    **_all("solving", "bc = named:bc", "minimax = named:minimax", access="tables", kind="reference"),
-    **_all("solving", "random = named:random", kind="reference"),
+    **_all("players", "bc = named:bc", "minimax = named:minimax", access="tables", kind="reference"),
+    **_all("players", "random = named:random", kind="reference"),
 }
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         **_LEARNERS,
-        **_all("training", "ppo-self-play"),
+        **_all("players", "ppo-self-play"),
         **_all(
-            "solving", "restricted-counts", "restricted-mixture", "best-response-counts = restricted-counts:1", access="tables"
+            "players", "restricted-counts", "restricted-mixture", "best-response-counts = restricted-counts:1", access="tables"
         ),
-        **_all("solving", *(f"{name} = from-log:{name}" for name in ("fitted-q", "fitted-q-boosted", "model")), "model-boosted"),
-        **_all("solving", "constant", "constant-by-incoming", access="opponent", kind="reference"),
+        **_all("players", *(f"{name} = from-log:{name}" for name in ("fitted-q", "fitted-q-boosted", "model")), "model-boosted"),
+        **_all("players", "constant", "constant-by-incoming", access="opponent", kind="reference"),
         **_KNOWN,
-        **_all("solving", "best-response", "restricted", access="opponent", kind="reference"),
+        **_all("players", "best-response", "restricted", access="opponent", kind="reference"),
     },
     "equilibrium": {
         **_LEARNERS,
-        **_all("training", "ppo-deterministic"),
-        **_all("training", *(f"ppo-{name} = ppo-variant:{name}" for name in ("best-response", "restarts")), access="tables"),
-        **_all("training", *(f"ppo-{name} = ppo-variant:{name}" for name in ("pool", "magnet", "nash"))),
-        **_all("solving", "model = solved-model:means", "model-boosted = solved-model:trees"),
-        **_all("solving", "fictitious-play", "minimax-deterministic", access="tables", kind="reference"),
+        **_all("players", "ppo-deterministic"),
+        **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("best-response", "restarts")), access="tables"),
+        **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("pool", "magnet", "nash"))),
+        **_all("players", "model = solved-model:means", "model-boosted = solved-model:trees"),
+        **_all("players", "fictitious-play", "minimax-deterministic", access="tables", kind="reference"),
         **_KNOWN,
     },
     "adapt": {
@@ -82,16 +82,16 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         **_all("adapters", *(f"mixture-without-{part} = ablated:{part}" for part in _PARTS), access="tables", kind="ablation"),
     },
     "offline": {
-        **_all("learned", "clone", "one-step", "fitted-q", "fitted-q-pessimistic = fitted-q-pessimistic:0.1", "bcq = bcq:0.3"),
-        **_all("learned", "iql = iql:10", "model", "model-pessimistic = model-pessimistic:0.1"),
-        **_all("learned", "fitted-q-boosted = fitted-q-boosted:100", "model-boosted = model-boosted:150"),
-        **_all("learned", "shipped-minimax = shipped:minimax", access="tables", kind="reference"),
-        **_all("learned", "shipped-best-response = shipped:best-response:human:0.05", access="tables", kind="reference"),
+        **_all("logs", "clone", "one-step", "fitted-q", "fitted-q-pessimistic = fitted-q-pessimistic:0.1", "bcq = bcq:0.3"),
+        **_all("logs", "iql = iql:10", "model", "model-pessimistic = model-pessimistic:0.1"),
+        **_all("logs", "fitted-q-boosted = fitted-q-boosted:100", "model-boosted = model-boosted:150"),
+        **_all("logs", "shipped-minimax = shipped:minimax", access="tables", kind="reference"),
+        **_all("logs", "shipped-best-response = shipped:best-response:human:0.05", access="tables", kind="reference"),
     },
     "evaluate": {
-        **_all("estimators", "behaviour", kind="reference"),
-        **_all("estimators", "importance-sampling", "weighted-importance-sampling", "doubly-robust", "weighted-doubly-robust"),
-        **_all("estimators", "dice", "fitted-q-evaluation", "model", "model-boosted"),
+        **_all("logs", "behaviour", kind="reference"),
+        **_all("logs", "importance-sampling", "weighted-importance-sampling", "doubly-robust", "weighted-doubly-robust"),
+        **_all("logs", "dice", "fitted-q-evaluation", "model = model-value", "model-boosted = model-boosted-value"),
     },
 }
 """Baselines by kind of task."""

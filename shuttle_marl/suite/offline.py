@@ -10,22 +10,20 @@ import msgspec
 import numpy as np
 from scipy.stats import spearmanr
 
-from shuttle_marl.base.files import Fraction, content_hash
+from shuttle_marl.base.files import FractionOrZero, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.odds import best_odds, pair_odds
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
-from shuttle_marl.policy.computed import cached_table
-from shuttle_marl.policy.mixtures import mixture
+from shuttle_marl.policy.computed import cached_table, mixture
 from shuttle_marl.recording import logs
 from shuttle_marl.recording.logs import Log, blank, play_log
 from shuttle_marl.suite import tabular
-from shuttle_marl.suite.frontier import POINTS, exploitabilities
 from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import luck
-from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
+from shuttle_marl.suite.task import POINTS, Arena, Case, Outcome, Setting, Task, exploitabilities, required, table_of
 
 OPPONENT: Final = "human:0.05"
 """Opponent of all logs: strong enough that a list of strokes by incoming shot is no answer to it."""
@@ -197,7 +195,7 @@ class Evaluate(LogTask):
         """Error, bias, rank correlation and regret; bias also of the trained policies alone."""
         policies, estimates = targets(arena, case, seed), outcome.answers.get("estimates")
         try:
-            estimated = np.array(msgspec.convert(estimates, list[Fraction]))
+            estimated = np.array(msgspec.convert(estimates, list[FractionOrZero]))
         except msgspec.ValidationError as error:
             raise SuiteError(f"the estimates are no numbers from 0 to 1 ({error})") from error
         if len(estimated) != len(policies):

@@ -4,10 +4,11 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated, Final, Literal, get_args
 
+import msgspec
 import tyro
 
-from shuttle_marl.base.bounds import Count, Within, check_bounds
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import Count, check_bounds
 
 Split = Literal["dev", "test", "round"]
 """Part of a task: for tuning, for scores that are reported, and drawn from a seed that no method knows."""
@@ -42,7 +43,7 @@ class SuiteRun:
     """Number of seeds, from 0; default: that of the task."""
     quick: bool = False
     """The smallest cases and budgets only, to test a method; not a score."""
-    workers: Annotated[int, Within(low=1, high=512, text="1 to 512")] = 1
+    workers: Annotated[int, msgspec.Meta(ge=1, le=512)] = 1
     """Parallel processes; results do not depend on it."""
     ray: str | None = None
     """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""

@@ -17,11 +17,10 @@ from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.policy import baselines
-from shuttle_marl.policy.computed import best_response_policy
-from shuttle_marl.policy.mixtures import mixture
+from shuttle_marl.policy.computed import best_response_policy, mixture
 from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.tabular import normalised
 from shuttle_marl.suite.task import Arena

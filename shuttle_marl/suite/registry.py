@@ -1,32 +1,21 @@
-"""The tasks by name, and files around them: templates of submissions, and logs."""
+"""The tasks by name, their games, and their logs as files."""
 
 import functools
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.errors import command, did_you_mean, printable
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.errors import did_you_mean
 from shuttle_marl.base.table_files import write_parquet
-from shuttle_marl.game.shipped import drawn_game, is_shipped, resolve_game
-from shuttle_marl.game.tables import RECOVERY
-from shuttle_marl.recording.minari_files import write_minari
+from shuttle_marl.game.shipped import RECOVERY, drawn_game, resolve_game
+from shuttle_marl.recording.logs import write_minari
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.exploit import Equilibrium, Exploit, ExploitEntrance
-from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.offline import OPPONENT, Evaluate, LogTask, Offline, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import rng_of
-from shuttle_marl.suite.store import CARD, Card, RunConfig, write_card
-from shuttle_marl.suite.task import Arena, Case, Task
+from shuttle_marl.suite.task import Arena, Task
 
 TASKS: Final[dict[str, Task]] = {task.name: task() for task in (Exploit, Equilibrium, Adapt, Offline, Evaluate, ExploitEntrance)}
-_METHODS: Final = {
-    **dict.fromkeys(("exploit", "equilibrium"), "player:train"),
-    "adapt": "adapter:Adapter",
-    "offline": "offline:Learner",
-    "evaluate": "estimator:Estimator",
-}
-"""Template and its method, by kind of task."""
 
 
 def find_task(name: str) -> Task:
@@ -58,52 +47,6 @@ def arena_of(
     if sigma := task.drawn.get(split):
         game = drawn_game(game, rng_of("drawn game", split, seed, "game"), sigma)
     return Arena(game=game, model=name, base=base, split=split, quick=quick, budget=budget, seed=seed)
-
-
-def task_of_run(config: RunConfig, model: str | None = None, seed: str | None = None) -> tuple[Task, Arena, list[Case]]:
-    """Task, game and cases of a run whose folder may be a stranger's.
-
-    Args:
-        model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
-            configuration names is never opened.
-        seed: of a round.
-
-    Raises:
-        SuiteError: the configuration names a model that is not shipped, or cases of different budgets, which are never pooled.
-    """
-    task = find_task(config.task)
-    if model is None and not is_shipped(config.model):
-        raise SuiteError(f"the run names the model {printable(config.model)!r}, which is not shipped; name it with --game")
-    arena = arena_of(task, model or config.model, config.split, quick=config.quick, budget=config.budget, seed=seed)
-    cases = task.cases(arena)
-    if config.budget is None and len({case.budget for case in cases}) > 1:
-        raise SuiteError("the run names no budget; budgets are never pooled")
-    return task, arena, cases
-
-
-def new_submission(task: str, out: Path, author: str) -> str:
-    """Write a template of a method and a card into a folder.
-
-    Args:
-        out: folder, which is created; existing files are not replaced.
-
-    Returns:
-        The command that runs it, from that folder.
-
-    Raises:
-        SuiteError: there is no such task, the author has no letters, or a file exists.
-    """
-    module, _, attribute = _METHODS[kind_of(find_task(task).name)].partition(":")
-    if not any(map(str.isalpha, author)):
-        raise SuiteError(f"--author {author!r}: expected a name with letters")
-    # Modules of the user are found by name, so that of the template must be free.
-    target = out / f"my_{module}.py"
-    for path in (target, out / CARD):
-        if path.exists():
-            raise SuiteError(f"{path}: already exists; name another folder")
-    replace_file(target, (Path(__file__).parent / "templates" / "submission" / f"{module}.py").read_bytes())
-    write_card(out, Card(method=target.stem, author=author, tuning_strokes=0))
-    return command("suite", "run", task, "--method", f"{target.stem}:{attribute}", "--quick")
 
 
 def write_data(

@@ -1,25 +1,204 @@
-"""Results of runs.
+"""Runs: the folder, aggregates, and verification.
 
 - Aggregates: mean over cases of interquartile means over seeds, worst case, and differences.
 - Verification: every score is recomputed from the stored policies and answers, and nothing else is proved.
+
+The folder of a run is also a submission:
+
+- ``config.json``: task, method, split, seeds, and the game;
+- ``card.json``: what the author says about the method, see :class:`Card`; edited by hand, never scored;
+- ``entries/CASE-SEED.json``: one unit: fingerprint of the case, hashes of the policies, answers, scores, curve, seconds; with a
+  checksum;
+- ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
+- ``work/FINGERPRINT-SEED/``: files of the method, which nothing reads;
+- ``results.json``: aggregates, which nothing reads.
 """
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NotRequired, TypedDict
+from typing import Annotated, Any, Final, NotRequired, TypedDict
 
+import msgspec
 import numpy as np
 
-from shuttle_marl.base import cache
+from shuttle_marl.base import cache, runs
 from shuttle_marl.base.errors import ShuttleError, printable
-from shuttle_marl.base.files import content_hash
+from shuttle_marl.base.files import (
+    MAX_JSON,
+    FileReadError,
+    Sha256,
+    StoredCount,
+    T,
+    content_hash,
+    read_json,
+    replace_file,
+    replace_sealed,
+)
 from shuttle_marl.base.intervals import combined, estimate
-from shuttle_marl.suite import store
+from shuttle_marl.game.shipped import is_shipped
+from shuttle_marl.game.tables import Game
+from shuttle_marl.policy.computed import StoredPolicies, policy_file
 from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
-from shuttle_marl.suite.registry import find_task, task_of_run
-from shuttle_marl.suite.store import Entry
-from shuttle_marl.suite.task import Case, Task
+from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task
+
+ENTRIES: Final = "entries"
+POLICIES: Final = "policies"
+CARD: Final = "card.json"
+RESULTS: Final = "results.json"
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
+"""A name in a file of a stranger."""
+Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]
+"""A name with at least one letter."""
+Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+"""A score in a file of a stranger; neither infinite nor NaN."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Content of ``config.json``: everything that decides the results.
+
+    Attributes:
+        seeds: seeds from 0.
+        model: name or folder of the model of the game.
+        game: hash of its tables.
+    """
+
+    task: Name
+    method: Name
+    split: Split
+    quick: bool
+    budget: StoredCount | None = None
+    seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]
+    model: Name
+    game: Sha256
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Card:
+    """Content of ``card.json``.
+
+    Attributes:
+        author: whose row it is; boards refuse a run without one.
+        tuning_strokes: strokes or runs that were used for tuning; None: not stated.
+        access: what it reads; None: not stated.
+    """
+
+    method: Name | None = None
+    author: Author | None = None
+    paper: Name | None = None
+    tuning_strokes: StoredCount | Name | None = None
+    kind: Kind = "method"
+    access: Access | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Entry:
+    """Content of a file in ``entries``.
+
+    Attributes:
+        fingerprint: of the case, see :meth:`shuttle_marl.suite.task.Task.fingerprint`.
+        answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.
+        seconds: time of the method, without scoring.
+    """
+
+    case: Name
+    seed: StoredCount
+    fingerprint: Sha256
+    policies: Mapping[str, Sha256]
+    answers: Mapping[str, Any]
+    scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
+    seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]
+    strokes: StoredCount | None = None
+    curve: Annotated[Sequence[tuple[StoredCount, Figure]], msgspec.Meta(max_length=10_000)] = ()
+
+
+def read(path: Path, kind: type[T], advice: str = "", *, sealed: bool = False, limit: int = MAX_JSON) -> T:
+    """Read a JSON file, see :func:`shuttle_marl.base.files.read_json`.
+
+    Raises:
+        SuiteError: it is missing, damaged, or was changed.
+    """
+    try:
+        return read_json(path, kind, sealed=sealed, limit=limit)
+    except FileReadError as error:
+        raise SuiteError(f"{path}: {error}{advice}") from error
+
+
+def read_config(folder: Path) -> RunConfig:
+    """Configuration of a run."""
+    return read(folder / runs.CONFIG, RunConfig, "; no run of the suite is there: `suite run TASK` writes one")
+
+
+def entry_path(folder: Path, case: int, seed: int) -> Path:
+    """File of a unit; cases are counted from 0."""
+    return folder / ENTRIES / f"{case:03d}-{seed}.json"
+
+
+def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, bytes]) -> None:
+    """Write the packed policies of a unit by their hashes, and then its entry."""
+    for digest, content in policies.items():
+        if not (target := policy_file(folder / POLICIES, digest)).exists():
+            replace_file(target, content)
+    replace_sealed(path, dataclasses.asdict(entry))
+
+
+def read_entry(path: Path) -> Entry:
+    """Read a unit."""
+    return read(path, Entry, "; `suite run --resume` plays missing units", sealed=True, limit=1 << 20)
+
+
+def read_outcome(folder: Path, entry: Entry, game: Game) -> Outcome:
+    """The outcome of a unit, with its policies; each is read once.
+
+    Raises:
+        PolicyError: a policy is missing, damaged, or of another game.
+    """
+    stored = StoredPolicies(folder / POLICIES, game)
+    loaded = {digest: stored.read(digest) for digest in set(entry.policies.values())}
+    policies = {role: loaded[digest] for role, digest in entry.policies.items()}
+    return Outcome(policies=policies, answers=entry.answers, strokes=entry.strokes, curve=entry.curve)
+
+
+def write_card(folder: Path, card: Card) -> None:
+    """Write the card of a run, unless its author has written one."""
+    if not (folder / CARD).exists():
+        runs.write_json(folder / CARD, dataclasses.asdict(card))
+
+
+def read_card(folder: Path) -> Card:
+    """The card of a run; an empty one if there is none."""
+    return read(folder / CARD, Card) if (folder / CARD).exists() else Card()
+
+
+def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:
+    """The unit of a case, with what can be checked without computing anything.
+
+    Raises:
+        SuiteError: it is missing, damaged, of another case or seed, or used more than its budget.
+    """
+    path = entry_path(folder, number, seed)
+    entry = read_entry(path)
+    if (entry.case, entry.seed) != (case.name, seed):
+        raise SuiteError(f"{path}: is of case {entry.case!r} and seed {entry.seed}; expected {case.name!r} and {seed}")
+    return checked(entry, case)
+
+
+def checked(entry: Entry, case: Case) -> Entry:
+    """The entry, if it can be read again and used no more than the budget of its case.
+
+    Raises:
+        SuiteError: a number is out of range, there are too many, or it used more.
+    """
+    try:
+        entry = msgspec.convert(dataclasses.asdict(entry), Entry)
+    except msgspec.ValidationError as error:
+        raise SuiteError(f"the method returned something that cannot be stored: {error}") from error
+    if case.budget and (most := max(entry.strokes or 0, *(used for used, _ in entry.curve), 0)) > case.budget:
+        raise SuiteError(f"used {most:,} strokes, more than the budget of {case.budget:,}")
+    return entry
+
 
 TOLERANCE: Final = 1e-7
 """Largest difference between a recomputed score and the stored one, in the unit of the score."""
@@ -81,6 +260,27 @@ class Row(TypedDict):
     commit: NotRequired[str | None]
 
 
+def task_of_run(config: RunConfig, model: str | None = None, seed: str | None = None) -> tuple[Task, Arena, list[Case]]:
+    """Task, game and cases of a run whose folder may be a stranger's.
+
+    Args:
+        model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
+            configuration names is never opened.
+        seed: of a round.
+
+    Raises:
+        SuiteError: the configuration names a model that is not shipped, or cases of different budgets, which are never pooled.
+    """
+    task = find_task(config.task)
+    if model is None and not is_shipped(config.model):
+        raise SuiteError(f"the run names the model {printable(config.model)!r}, which is not shipped; name it with --game")
+    arena = arena_of(task, model or config.model, config.split, quick=config.quick, budget=config.budget, seed=seed)
+    cases = task.cases(arena)
+    if config.budget is None and len({case.budget for case in cases}) > 1:
+        raise SuiteError("the run names no budget; budgets are never pooled")
+    return task, arena, cases
+
+
 def summarise(folder: Path, game: str | None = None, seed: str | None = None) -> Row:
     """Aggregates of a run, from its entries as they are stored; :func:`verify_run` recomputes those.
 
@@ -91,10 +291,10 @@ def summarise(folder: Path, game: str | None = None, seed: str | None = None) ->
     Raises:
         SuiteError: a unit is missing or damaged.
     """
-    config, card = store.read_config(folder), store.read_card(folder)
+    config, card = read_config(folder), read_card(folder)
     task, arena, cases = task_of_run(config, game, seed)
     entries = {
-        (case.name, number): store.read_unit(folder, place, case, number)
+        (case.name, number): read_unit(folder, place, case, number)
         for place, case in enumerate(cases)
         for number in range(config.seeds)
     }
@@ -134,7 +334,7 @@ def summarise(folder: Path, game: str | None = None, seed: str | None = None) ->
     }
 
 
-def _remarks(task: Task, config: store.RunConfig, card: store.Card, units: Sequence[Entry]) -> list[str]:
+def _remarks(task: Task, config: RunConfig, card: Card, units: Sequence[Entry]) -> list[str]:
     """What a reader should know."""
     found = ["a quick run"] if config.quick else []
     if card.kind == "reference":
@@ -232,30 +432,30 @@ def verify_run(
     Raises:
         SuiteError: the folder holds no run.
     """
-    config = store.read_config(folder)
+    config = read_config(folder)
     task, arena, cases = task_of_run(config, game, seed)
     units = [(place, number) for place in range(len(cases)) for number in range(config.seeds)]
     summary, refused = None, []
 
-    def read(place: int, number: int) -> store.Entry:
+    def stored(place: int, number: int) -> Entry:
         if config.game != arena.game.hash:
             raise SuiteError(f"played on game {config.game[:12]}; this is {arena.game.hash[:12]}")
-        entry = store.read_unit(folder, place, cases[place], number)
+        entry = read_unit(folder, place, cases[place], number)
         if other := sorted({*entry.policies} - {*task.roles} | {*entry.answers} - {*task.answers}):
             what = "policies or answers that the task does not have, such as"
             raise SuiteError(f"the entry has {len(other)} {what} {printable(other[0][:40])}")
         return entry
 
     def recompute(place: int, number: int) -> None:
-        entry, case = read(place, number), cases[place]
+        entry, case = stored(place, number), cases[place]
         fingerprint = task.fingerprint(arena, case, number)
         if entry.fingerprint != fingerprint:
             raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
-        outcome = store.read_outcome(folder, entry, arena.game)
+        outcome = read_outcome(folder, entry, arena.game)
         _compare(entry.scores, task.score(arena, case, number, outcome))
 
     with cache.forgotten():
-        for check in (read, recompute):
+        for check in (stored, recompute):
             for place, number in progress(units):
                 try:
                     check(place, number)

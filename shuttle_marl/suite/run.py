@@ -1,10 +1,10 @@
-"""Runs of methods on tasks, whose units are played in parallel and can be resumed; each is stored and scored."""
+"""Runs of methods on tasks, whose units are played in parallel and can be resumed; and templates of methods."""
 
 import dataclasses
 import functools
 import itertools
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,19 +12,28 @@ from rich.console import Console
 from rich.progress import Progress, TimeElapsedColumn
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.cluster import check_processes, in_processes, open_cluster
-from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.policy.sources import source_hashes
-from shuttle_marl.suite import store
-from shuttle_marl.suite.method import baseline_of, find
+from shuttle_marl.base.cluster import check_processes, in_processes
+from shuttle_marl.base.errors import ShuttleError, command
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.policy.foreign import source_hashes
+from shuttle_marl.suite import results
+from shuttle_marl.suite.method import baseline_of, find, kind_of
 from shuttle_marl.suite.options import SuiteError, SuiteRun
-from shuttle_marl.suite.registry import arena_of, find_task, task_of_run
-from shuttle_marl.suite.results import summarise
-from shuttle_marl.suite.store import Card, Entry, RunConfig
+from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.results import CARD, Card, Entry, RunConfig, summarise, task_of_run, write_card
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "msgspec", "zstandard")
 PlayedUnit = tuple[Path, Entry, dict[str, bytes]]
 """File of the entry of a unit, the entry, and the compressed table of each policy by its hash."""
+
+
+_METHODS: Final = {
+    **dict.fromkeys(("exploit", "equilibrium"), "player:train"),
+    "adapt": "adapter:Adapter",
+    "offline": "offline:Learner",
+    "evaluate": "estimator:Estimator",
+}
+"""Template and its method, by kind of task."""
 
 
 def run_method(options: SuiteRun, console: Console | None = None) -> Path:
@@ -53,7 +62,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         model=options.game,
         game=arena.game.hash,
     )
-    card = store.read_card(Path())
+    card = results.read_card(Path())
     if baseline is not None:
         card = Card(method=options.method, author=card.author, kind=baseline.kind, access=baseline.access)
     name = "-".join([task.name, options.method, options.split, *([] if options.budget is None else [str(options.budget)])])
@@ -63,18 +72,19 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as run:
         folder = run.folder
         numbers = itertools.product(range(len(cases)), range(config.seeds))
-        units = [unit for unit in numbers if not store.entry_path(folder, *unit).exists()]
+        units = [unit for unit in numbers if not results.entry_path(folder, *unit).exists()]
         about = {**runs.describe(PACKAGES), "sources": _sources(folder, config, more=bool(units))}
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
         play = functools.partial(play_unit, folder, config, options.seed)
+        played = in_processes(play, units, min(options.workers, len(units)), ray=options.ray, packages=PACKAGES)
         with Progress(
             *Progress.get_default_columns(), TimeElapsedColumn(), console=console or Console(quiet=True), transient=True
         ) as bar:
             # A unit may take hours.
-            for path, entry, policies in bar.track(_played(play, units, options), len(units), description="units"):
-                store.write_entry(folder, path, entry, policies)
-        store.write_card(folder, card)
-        runs.write_json(folder / store.RESULTS, summarise(folder, options.game, options.seed))
+            for path, entry, policies in bar.track(played, len(units), description="units"):
+                results.write_entry(folder, path, entry, policies)
+        write_card(folder, card)
+        runs.write_json(folder / results.RESULTS, summarise(folder, options.game, options.seed))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
 
@@ -93,17 +103,6 @@ def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str
     return before
 
 
-def _played(
-    play: Callable[[tuple[int, int]], PlayedUnit], units: Sequence[tuple[int, int]], options: SuiteRun
-) -> Iterator[PlayedUnit]:
-    if options.ray is not None:
-        with open_cluster(options.ray, PACKAGES) as cluster:
-            for task in [cluster.submit(play, unit) for unit in units]:
-                yield task.result()
-    else:
-        yield from in_processes(play, units, min(options.workers, len(units)))
-
-
 def play_unit(folder: Path, config: RunConfig, round_seed: str | None, unit: tuple[int, int]) -> PlayedUnit:
     """Play and score the unit of a case and a seed, in any process."""
     number, seed = unit
@@ -116,7 +115,7 @@ def play_unit(folder: Path, config: RunConfig, round_seed: str | None, unit: tup
     try:
         outcome = task.play(arena, case, find(task.name, config.method), seed, work)
         seconds = time.monotonic() - begun
-        entry = store.checked(Entry(
+        entry = results.checked(Entry(
             case=case.name,
             seed=seed,
             fingerprint=fingerprint,
@@ -131,4 +130,29 @@ def play_unit(folder: Path, config: RunConfig, round_seed: str | None, unit: tup
         raise SuiteError(f"{config.method}, case {case.name}, seed {seed}: {error}") from error
     if not any(work.iterdir()):
         work.rmdir()
-    return store.entry_path(folder, number, seed), entry, {p.hash: p.packed() for p in outcome.policies.values()}
+    return results.entry_path(folder, number, seed), entry, {p.hash: p.packed() for p in outcome.policies.values()}
+
+
+def new_submission(task: str, out: Path, author: str) -> str:
+    """Write a template of a method and a card into a folder.
+
+    Args:
+        out: folder, which is created; existing files are not replaced.
+
+    Returns:
+        The command that runs it, from that folder.
+
+    Raises:
+        SuiteError: there is no such task, the author has no letters, or a file exists.
+    """
+    module, _, attribute = _METHODS[kind_of(find_task(task).name)].partition(":")
+    if not any(map(str.isalpha, author)):
+        raise SuiteError(f"--author {author!r}: expected a name with letters")
+    # Modules of the user are found by name, so that of the template must be free.
+    target = out / f"my_{module}.py"
+    for path in (target, out / CARD):
+        if path.exists():
+            raise SuiteError(f"{path}: already exists; name another folder")
+    replace_file(target, (Path(__file__).parent / "templates" / "submission" / f"{module}.py").read_bytes())
+    write_card(out, Card(method=target.stem, author=author, tuning_strokes=0))
+    return command("suite", "run", task, "--method", f"{target.stem}:{attribute}", "--quick")

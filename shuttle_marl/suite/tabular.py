@@ -13,10 +13,9 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I32, I64, Floats, Ints
 from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import hurry_units
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.tables import Game, hurry_units
 from shuttle_marl.recording.logs import Log, Transitions
 
 SHRINK = 32.0

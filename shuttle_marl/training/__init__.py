@@ -5,15 +5,12 @@ Names are imported lazily, because PyTorch is slow to import.
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.extras import hinted
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import hinted, lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
-    from shuttle_marl.training.evaluation import Evaluation, Evaluator
     from shuttle_marl.training.networks import agent_network
-    from shuttle_marl.training.run import TrainingRun, train
-    from shuttle_marl.training.study import Study, train_seeds
+    from shuttle_marl.training.run import Evaluation, Evaluator, Study, TrainingRun, train, train_seeds
 
 __all__ = [
     "A2CConfig",

@@ -13,27 +13,26 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import msgspec
 
-from shuttle_marl.base.bounds import (
+from shuttle_marl.base.errors import ShuttleError, did_you_mean, printable, suggesting
+from shuttle_marl.base.files import (
     Count,
     CountOrZero,
+    FileReadError,
     Fraction,
     FractionOrZero,
-    Growth,
     Positive,
     Seed,
     Weight,
-    Within,
     check_bounds,
+    read_json,
 )
-from shuttle_marl.base.errors import ShuttleError, did_you_mean, printable, suggesting
-from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
 SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet", "emagnet", "nash"]
 
+Growth = Annotated[float, msgspec.Meta(ge=0, le=1000)]
 SELF: Final = "self"
-"""Name of the learner itself as opponent."""
 SHARP: Final = 0.1
 """Softmax temperature of an agent that is to play the best stroke it knows."""
 AUTO: Final = "auto"
@@ -100,17 +99,15 @@ class TrainingConfig:
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
     """Discipline of the game; default: the average of both."""
-    warm_start: str | None = None
-    """Policy that the network imitates before training, for example bc."""
     bonus: tuple[str, ...] = ()
     """Reward for a shot type, as SHOT=POINTS, for example smash=0.1; a rally is worth 1 (not in self-play)."""
     fault_cost: Weight = 0.0
     """Additional cost of losing a rally by an own fault (not in self-play)."""
     risk_aversion: Weight = 0.0
     """Parameter b of the entropic risk measure of the return; has no effect without --fault-cost."""
-    target: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
+    target: Annotated[float, msgspec.Meta(gt=0, le=1)] | None = None
     """Stop when the exact probability of winning a match against the opponent reaches this."""
-    target_score: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
+    target_score: Annotated[float, msgspec.Meta(gt=0, le=1)] | None = None
     """Stop when the normalised score reaches this: 0 for bc, 1 for the best response to the opponent."""
     batch: Count = 8192
     """Strokes of the learner in the first iteration; its rallies are played to their end."""
@@ -135,7 +132,7 @@ class TrainingConfig:
     self-play in the game with recovery, where perfect play mixes, that of the last rollouts."""
     device: str = "cpu"
     """PyTorch device of the networks, such as cuda."""
-    threads: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = 1
+    threads: Annotated[int, msgspec.Meta(ge=1, le=1024)] = 1
     """PyTorch threads of this process; changes the result, because it changes the order of sums."""
 
     def __post_init__(self) -> None:
@@ -217,15 +214,6 @@ class TrainingConfig:
         """Number of segments; each ends with a checkpoint."""
         return -(-self.iterations // self.checkpoint_every)
 
-    def memory(self, n_strokes: int) -> dict[str, int]:
-        """Minimum memory of a run in bytes, by the flags that determine it."""
-        # Each state has a mask, logits and their gradients; each weight has a gradient and two moments.
-        return {
-            "--batch and --growth": 60 * self.batch_of(self.iterations - 1),
-            "--width and --hidden": 16 * self.width * (self.hidden * self.width + 3 * n_strokes),
-            "--strokes with so small --batch and --checkpoint-every": 100 * self.segments,
-        }
-
     @classmethod
     def load(cls, path: Path | str, **changes: Any) -> Self:
         """The settings of a JSON file, such as ``config.json`` of a run; those that it lacks have their defaults.
@@ -257,36 +245,10 @@ class TrainingConfig:
         return decisive
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SelfPlayConfig(TrainingConfig):
-    """Settings of the variants of self-play, see :mod:`shuttle_marl.training.self_play`."""
-
-    variant: SelfPlayVariant = "plain"
-    """Variant of self-play: plain; rallies against best responses (best-response) or earlier policies (pool), rallies from states
-    of a best response (restarts), or regularisation towards a reference policy that is slow (magnet; emagnet: in place of the
-    entropy bonus) or periodically updated (nash)."""
-    fraction: FractionOrZero = 0.2
-    """Fraction of rallies that are not plain self-play, for the variants best-response, restarts and pool."""
-    update_interval: Count = 40
-    """Iterations between updates of the best response, the pool or the reference policy of nash."""
-    pool_size: Annotated[int, Within(low=1, high=64, text="a whole number from 1 to 64")] = 8
-    """Maximum number of earlier policies in the pool."""
-    magnet_coef: Weight = 0.05
-    """Weight of the KL divergence from the reference policy, for the variants magnet, emagnet and nash."""
-    magnet_rate: FractionOrZero = 0.025
-    """Rate per iteration of the moving average of parameters that is the reference policy of the variants magnet and emagnet; 1:
-    the policy at the start of the iteration, 0: the initial one."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.variant != "plain" and not self.self_play:
-            raise TrainingError(f"--variant {self.variant}: requires self-play, with --opponent self")
-
-
 @suggesting
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PPOConfig(SelfPlayConfig):
-    """Proximal policy optimisation (Schulman et al. 2017) with generalised advantages (Schulman et al. 2016)."""
+class PPOConfig(TrainingConfig):
+    """Proximal policy optimisation (Schulman et al. 2017), and variants of self-play (:mod:`shuttle_marl.training.self_play`)."""
 
     algorithm: ClassVar[str] = "ppo"
 
@@ -295,13 +257,28 @@ class PPOConfig(SelfPlayConfig):
     gae_lambda: FractionOrZero = 0.6
     evaluate_every: Count = 25
     checkpoint_every: Count = 50
+    variant: SelfPlayVariant = "plain"
+    """Variant of self-play: plain; rallies against best responses (best-response) or earlier policies (pool), rallies from states
+    of a best response (restarts), or regularisation towards a reference policy that is slow (magnet; emagnet: in place of the
+    entropy bonus) or periodically updated (nash)."""
+    fraction: FractionOrZero = 0.2
+    """Fraction of rallies that are not plain self-play, for the variants best-response, restarts and pool."""
+    update_interval: Count = 40
+    """Iterations between updates of the best response, the pool or the reference policy of nash."""
+    pool_size: Annotated[int, msgspec.Meta(ge=1, le=64)] = 8
+    """Maximum number of earlier policies in the pool."""
+    magnet_coef: Weight = 0.05
+    """Weight of the KL divergence from the reference policy, for the variants magnet, emagnet and nash."""
+    magnet_rate: FractionOrZero = 0.025
+    """Rate per iteration of the moving average of parameters that is the reference policy of the variants magnet and emagnet; 1:
+    the policy at the start of the iteration, 0: the initial one."""
     learning_rate: Positive = 8e-3
     """Learning rate of Adam; decays linearly to 1/50."""
     clip: Fraction = 0.4
     """Clipping parameter epsilon of the probability ratio."""
     entropy: Weight = 0.05
     """Weight of the entropy bonus, which the variant emagnet does not have; decays linearly to 0."""
-    anneal_after: Annotated[float | None, Within(low=0, high=1, text="a number from 0 to 1")] = None
+    anneal_after: FractionOrZero | None = None
     """Fraction of the run after which the softmax temperature of rollouts decreases from 1; 1: never. Default: 0.2 in self-play,
     else 1."""
     final_temperature: Fraction = 0.25
@@ -317,6 +294,8 @@ class PPOConfig(SelfPlayConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.variant != "plain" and not self.self_play:
+            raise TrainingError(f"--variant {self.variant}: requires self-play, with --opponent self")
         if self.anneal_after is None:
             object.__setattr__(self, "anneal_after", 0.2 if self.self_play else 1.0)
 
@@ -369,17 +348,12 @@ class SACConfig(TrainingConfig):
     """Gradient steps per iteration."""
     warm_up: CountOrZero = 20_000
     """Strokes that are collected before the first gradient step."""
-    critics: Annotated[int, Within(low=1, high=8, text="a whole number from 1 to 8")] = 1
+    critics: Annotated[int, msgspec.Meta(ge=1, le=8)] = 1
     """Number of critics; the minimum of their values is used."""
     polyak: FractionOrZero = 0.95
     """Decay of the moving average of the target critics per gradient step."""
     averaging: FractionOrZero = 0.98
     """Decay of the moving average of the weights that are evaluated and saved; 0: the current weights."""
 
-    def memory(self, n_strokes: int) -> dict[str, int]:
-        """Minimum memory of a run in bytes, see :meth:`TrainingConfig.memory`."""
-        return {**super().memory(n_strokes), "--buffer": 16 * self.buffer, "--minibatch": 6 * n_strokes * self.minibatch}
-
 
 CONFIGS: Final[dict[str, type[TrainingConfig]]] = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}
-"""Configurations by algorithm."""

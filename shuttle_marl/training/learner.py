@@ -1,21 +1,37 @@
 """What algorithms share: a :class:`RallyCollector` gives the strokes of an iteration, a :class:`Learner` learns from them.
 
-Rallies are played from a table of the network's outputs (:mod:`shuttle_marl.training.distinct`), and the kernel computes the
-generalised advantages (Schulman et al. 2016, arXiv 1506.02438) of every rally, backwards from its last stroke:
+The kernel computes the generalised advantages (Schulman et al. 2016, arXiv 1506.02438) of every rally, backwards from its last
+stroke:
 
     delta_t = r_t + gamma V(s_{t+1}) - V(s_t),    A_t = delta_t + gamma lambda A_{t+1}.
 
 In self-play the next state belongs to the opponent, whose value is minus ours: gamma = -1 gives the recursion of a zero-sum game.
+
+**Distinct states**: the network runs once for each state, and the loss once for each stroke in it, however often they are played.
+Few states make up most of the play: late in self-play 181,043 strokes of an iteration are in 770 states. So rallies are played
+from a table of the network's outputs in each state (:mod:`shuttle_marl.kernel.sampling`), and the learner gets
+
+- U distinct states s with the number N(s) of strokes in each, and
+- R rows of a stroke a in one of them, with the sum of its advantages: a row for the positive ones, a row for the negative ones.
+
+The gradient is that over all strokes. The objective of PPO, min(rho A, clip(rho) A), is linear in A for either sign of A, and all
+strokes a in s have the same rho: the sum over them is the objective of the sums. Entropy and value depend on the state alone, and
+the gradient of (V(s) - V_target)^2 on the mean of the targets. ``docs/training.md`` has an example.
+
+:func:`normalised` turns sums over rows and weighted sums over states into means over the N strokes, :func:`minibatches` splits by
+state, and :func:`weighted_sums` reduces a loss of TorchRL.
 """
 
 import abc
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, ClassVar, Final
 
 import numpy as np
 import torch
+from safetensors.torch import save
 from tensordict import TensorDict, TensorDictBase
 from torch import nn
 from torch.optim import Optimizer
@@ -23,10 +39,10 @@ from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
 from shuttle_marl.base.arrays import F32, I32
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.training.config import TrainingConfig
 from shuttle_marl.training.networks import DivergedError, decision_masks, decision_observations
@@ -54,8 +70,8 @@ Tensors = dict[str, torch.Tensor]
 Predict = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 """``[U, 7]`` observations, with recovery ``[U, 8]``, to ``[U, n]`` logits and ``[U]`` values."""
 
+STATE: Final = "state.safetensors"
 SEEDS: Final = 1 << 31
-"""Seeds of generators are below this."""
 
 
 class Callback:
@@ -159,6 +175,12 @@ class Learner(abc.ABC):
         self.collector.load_state_dict(OrderedDict(with_prefix("collector", tensors)))
 
 
+def stored(tensors: Tensors) -> bytes:
+    """Tensors as a file."""
+    # Some share their memory, which safetensors refuses.
+    return save({name: tensor.clone() for name, tensor in tensors.items()})
+
+
 def with_prefix(prefix: str, tensors: Tensors) -> Tensors:
     """The tensors whose names start with ``prefix.``, by the rest of their names."""
     return {name.removeprefix(f"{prefix}."): tensor for name, tensor in tensors.items() if name.startswith(f"{prefix}.")}
@@ -198,12 +220,11 @@ class Observer:
     """Network inputs of states, or with recovery of decisions, as tensors on a device."""
 
     def __init__(self, game: Game, device: str) -> None:
-        self.device, self._game, self._position = torch.device(device), game, None
-        decisions = np.arange(game.n_states if game.recovery is None else 2 * game.n_states)
-        self._observation = torch.from_numpy(decision_observations(game, decisions)).to(self.device)
+        self.device, self._game = torch.device(device), game
+        seen = decision_observations(game, np.arange(game.n_decisions))
+        self._observation = torch.from_numpy(seen).to(self.device)
         self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
-        if game.recovery is not None:
-            self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
+        self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
 
     def observations(self, states: torch.Tensor) -> torch.Tensor:
         """``[U, 7]`` observations of ``[U]`` states, with recovery ``[U, 8]`` of decisions."""
@@ -218,8 +239,6 @@ class Observer:
         """``[R]`` catalogue indices of ``[R]`` legal pairs; n + p of positions, see :mod:`shuttle_marl.kernel.table_play`."""
         pairs = pairs.long().to(self.device)
         stroke = self._stroke[pairs % len(self._stroke)]
-        if self._position is None:
-            return stroke
         positions = self._position[(pairs - self._game.n_pairs) % len(self._position)]
         return torch.where(pairs < self._game.n_pairs, stroke, self._game.n_strokes + positions)
 
@@ -329,3 +348,55 @@ class RallyCollector(BaseCollector):
 
     def shutdown(self, timeout: float | None = None, close_env: bool = True, raise_on_error: bool = True) -> None:
         """Do nothing: rallies are played in this process."""
+
+
+def normalised(data: TensorDictBase) -> TensorDictBase:
+    """Distinct states with weights, and with advantages that are divided by their standard deviation.
+
+    Args:
+        data: distinct states of N strokes, from :meth:`RallyCollector.collect`.
+
+    Returns:
+        The same with ``weight`` w(s) = N(s) / N, and ``advantage`` divided by N and by the standard deviation, so that weighted
+        sums over states and sums over rows are means over the N strokes.
+    """
+    strokes, deviation = int(data["strokes"]), float(data["deviation"])
+    scale = 1 / (strokes * max(deviation, 1e-6))
+    return data.copy().update({"weight": data["visits"].float() / strokes, "advantage": data["advantage"] * scale})
+
+
+def minibatches(data: TensorDictBase, count: int) -> Iterator[TensorDictBase]:
+    """Minibatches of about as many states each, in the order of the states, which is random.
+
+    Args:
+        data: output of :func:`normalised`.
+        count: number of minibatches; fewer if there are fewer states.
+
+    Yields:
+        Each with weights and advantages multiplied by the number of minibatches, so that means over minibatches are unbiased.
+    """
+    states = len(data["weight"])
+    count = max(1, min(count, states))
+    cuts = [states * part // count for part in range(count + 1)]
+    starts = data["start"].tolist() if count > 1 else [0] * states + [len(data["row"])]
+    for a, b in pairwise(cuts):
+        rows = slice(starts[a], starts[b])
+        entries = {name: data[name][a:b] for name in ("observation", "action_mask", "value_target")}
+        entries |= {name: data[name][rows] for name in ("action", "action_log_prob")}
+        entries |= {
+            "row": data["row"][rows] - a,
+            "weight": data["weight"][a:b] * count,
+            "advantage": data["advantage"][rows] * count,
+        }
+        yield TensorDict(entries, batch_size=[])
+
+
+def weighted_sums(terms: TensorDictBase, weight: torch.Tensor) -> TensorDictBase:
+    """Reduce the terms of a loss over distinct states to their means over all strokes.
+
+    Args:
+        terms: output of a TorchRL loss with ``reduction="none"``: the objective of each row, other terms of each state.
+        weight: ``[U]`` weight w(s) of each state.
+    """
+    summed = {name: (terms[name].reshape(-1) * weight).sum() for name in ("loss_critic", "loss_entropy")}
+    return terms.copy().update({**summed, "loss_objective": terms["loss_objective"].sum()})

@@ -17,14 +17,11 @@ from torch.distributions import Categorical, Distribution
 from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from shuttle_marl.base.arrays import F32, F64, I32, Bools, Ints
-from shuttle_marl.base.interrupts import check_interrupt
-from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.observation import SWAP_TOKENS
-from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.base.arrays import F32, I32, Bools, Ints
+from shuttle_marl.game.layout import LONGEST_DUEL, SWAP_TOKENS
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.agents import read_card, read_weights
 from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
 from shuttle_marl.training.config import TrainingError
@@ -35,7 +32,6 @@ MIN_LOG: Final = -87.0
 """Approximate logarithm of the smallest normal float32; exponentials below it are ten times slower."""
 
 _LAST_LAYER: Final = ("1.weight", "1.bias")
-"""Weights of the last layer of :func:`head`."""
 
 
 class DivergedError(TrainingError):
@@ -47,19 +43,15 @@ def decision_observations(game: Game, decisions: Ints) -> I32:
 
     A player who is to choose a position sees the strokes and efforts with their own first, and 1 as the last number.
     """
-    own = game.observation(decisions % game.n_states)
-    if game.recovery is None:
-        return own
-    position = (decisions >= game.n_states)[:, None]
-    return np.hstack([np.where(position, own[:, SWAP_TOKENS], own), position]).astype(np.int32)
+    own, position = game.observation(decisions % game.n_states), (decisions >= game.n_states)[:, None]
+    seen = np.hstack([np.where(position, own[:, SWAP_TOKENS], own), position], dtype=np.int32)
+    return seen[:, : own.shape[1] + game.hides]
 
 
 def decision_masks(game: Game, decisions: Ints) -> Bools:
     """``[U, n]`` legal strokes of states; with recovery ``[U, n + 9]`` legal actions of decisions."""
-    if game.recovery is None:
-        return game.mask(decisions)
     position, states = (decisions >= game.n_states)[:, None], decisions % game.n_states
-    return np.hstack([game.mask(states) & ~position, game.waiting.mask(game.base(states)) & position])
+    return np.hstack([game.mask(states) & ~position, game.waiting.mask(game.base(states)) & position])[:, : game.n_actions]
 
 
 class LegalStrokes(Categorical):
@@ -71,9 +63,11 @@ class LegalStrokes(Categorical):
     Args:
         logits: ``[..., n]`` logits of all strokes.
         mask: ``[..., n]`` bool, True for legal strokes.
+        row: of distinct states, ``[R]`` index of the state of each stroke.
     """
 
-    def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor) -> None:
+    def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor, row: torch.Tensor | None = None) -> None:
+        self._row = row
         masked = torch.where(mask, logits, ILLEGAL)
         self.logits = functional.log_softmax(masked, dim=-1)
         if not self.logits.requires_grad:
@@ -97,30 +91,14 @@ class LegalStrokes(Categorical):
         return self.probs.argmax(-1)
 
     def log_prob(self, value: torch.Tensor) -> torch.Tensor:
-        """Log-probability of ``[*sample_shape, *batch]`` strokes, :data:`MIN_LOG` or less for illegal ones."""
+        """Log-probability of ``[*sample_shape, *batch]`` strokes, :data:`MIN_LOG` or less for illegal ones; or of ``[R]``."""
+        if self._row is not None and value.dim() == 1:
+            return self.logits[self._row, value]
         return self.logits.expand(*value.shape, -1).gather(-1, value.unsqueeze(-1)).squeeze(-1)
 
     def entropy(self) -> torch.Tensor:
         """Entropy over the legal strokes, in nats."""
         return -(self.probs * self.logits).sum(-1)
-
-
-class DistinctStrokes(LegalStrokes):
-    """Distributions in U distinct states, for R strokes played in them.
-
-    Args:
-        logits: ``[U, n]`` logits of all strokes.
-        mask: ``[U, n]`` bool, True for legal strokes.
-        row: ``[R]`` index of the state of each stroke.
-    """
-
-    def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor, row: torch.Tensor) -> None:
-        super().__init__(logits, mask=mask)
-        self._row = row
-
-    def log_prob(self, value: torch.Tensor) -> torch.Tensor:
-        """``[R]`` log-probability of ``[R]`` strokes; ``[K, U]`` of ``[K, U]`` strokes, one in each state."""
-        return self.logits[self._row, value] if value.dim() == 1 else super().log_prob(value)
 
 
 class StateEncoder(nn.Module):
@@ -201,7 +179,7 @@ def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, di
     """Stochastic policy from observation and action mask to action.
 
     Args:
-        distinct: whether it uses :class:`DistinctStrokes`, with the entry ``row``.
+        distinct: whether it has the entry ``row``.
     """
     network = head(game, game.n_actions, width=width, hidden=hidden, scale=0.01, layer=Logits)
     keywords: dict[str, Any] = {"return_log_prob": True} if log_prob else {}
@@ -209,7 +187,7 @@ def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, di
         TensorDictModule(network, in_keys=["observation"], out_keys=["logits"]),
         in_keys={"logits": "logits", "mask": "action_mask", **({"row": "row"} if distinct else {})},
         out_keys=["action"],
-        distribution_class=DistinctStrokes if distinct else LegalStrokes,
+        distribution_class=LegalStrokes,
         **keywords,
     )
 
@@ -295,45 +273,3 @@ def tabulated(actor: ProbabilisticActor, game: Game, temperature: float = 1.0) -
         return PolicyNetwork.of_tensors(weights_of(actor, temperature), game).table(game)
     except PolicyError as error:
         raise DivergedError(str(error)) from error
-
-
-def imitate(
-    actor: ProbabilisticActor, policy: TabulatedPolicy, weight: F64, generator: torch.Generator, *, steps: int = 600
-) -> float:
-    """Train an actor to imitate a policy.
-
-    Args:
-        actor: trained in place.
-        weight: ``[S]`` frequency of each state.
-
-    Returns:
-        KL divergence of the actor from the policy in the last step, in nats per stroke.
-    """
-    game = policy.game
-    network = logit_network(actor)
-    device = next(network.parameters()).device
-    # Half of the states by frequency, half uniformly: rare states matter when play changes.
-    playable = torch.tensor(game.playable).double()
-    cumulative = (torch.from_numpy(weight) / weight.sum() + playable / playable.sum()).cumsum(0)
-    optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
-    gap = torch.tensor(float("nan"))
-    for step in range(steps):
-        check_interrupt()
-        optimizer.param_groups[0]["lr"] = 3e-3 * (1 - step / steps)
-        drawn = torch.rand(1024, dtype=torch.float64, generator=generator) * cumulative[-1]
-        drawn = torch.searchsorted(cumulative, drawn).clamp_max(len(cumulative) - 1)
-        decisions, states = drawn.numpy(), States(game=game, state=drawn.numpy().astype(np.int32))
-        p = policy.probabilities(states)
-        if game.recovery is not None:  # strokes in half of the states, positions in the others
-            position = np.arange(len(p))[:, None] % 2 == 1
-            p = np.hstack([np.where(position, 0, p), np.where(position, policy.positions(states), 0)])
-            decisions = decisions + game.n_states * position[:, 0]
-        target = torch.from_numpy(p).float().to(device)
-        mask = torch.from_numpy(decision_masks(game, decisions)).to(device)
-        observation = torch.from_numpy(decision_observations(game, decisions)).to(device)
-        logits = functional.log_softmax(torch.where(mask, network(observation), ILLEGAL), dim=-1)
-        gap = (torch.special.xlogy(target, target) - target * logits).sum(-1).mean()
-        optimizer.zero_grad()
-        gap.backward()
-        optimizer.step()
-    return float(gap.detach())

@@ -12,7 +12,7 @@ is not clipped and has the gradient of
 
     loss = -E[log pi(a|s) A] + c_1 E[(V(s) - V_target(s))^2] - c_2 E[H(pi(.|s))].
 
-Each distinct state is computed once, and weighted by its number of strokes: :mod:`shuttle_marl.training.distinct`.
+Each distinct state is computed once, and weighted by its number of strokes: :mod:`shuttle_marl.training.learner`.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,10 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.objectives import A2CLoss, ClipPPOLoss, LossModule
 
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.training.config import A2CConfig, PPOConfig
-from shuttle_marl.training.distinct import minibatches, normalised, weighted_sums
-from shuttle_marl.training.learner import IDLE, Callback, Learner, Mean, set_learning_rate
+from shuttle_marl.training.learner import IDLE, Callback, Learner, Mean, minibatches, normalised, set_learning_rate, weighted_sums
 from shuttle_marl.training.networks import logit_network, make_actor, make_critic, set_temperature
 from shuttle_marl.training.self_play import ReferencePolicy
 

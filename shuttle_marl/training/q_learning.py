@@ -19,7 +19,6 @@ from shuttle_marl.recording.logs import Transitions
 from shuttle_marl.training.networks import ILLEGAL, head
 
 _LARGEST_WEIGHT: Final = 100.0
-"""Bound of the weights of IQL, as in its paper."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

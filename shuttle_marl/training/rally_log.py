@@ -10,14 +10,13 @@ import numpy as np
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import I64, Bools
-from shuttle_marl.game.rally.record import columns_of
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
-from shuttle_marl.recording.recorder import LogContext
-from shuttle_marl.recording.recover import resume
-from shuttle_marl.training.config import AUTO, SelfPlayConfig, TrainingConfig
+from shuttle_marl.recording.recorder import LogContext, resume
+from shuttle_marl.training.config import AUTO, PPOConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
 
 FIRST: Final = 10_000
@@ -87,7 +86,7 @@ class RunLog(LogContext):
         """
         if self._recorder is None:
             return
-        numbers = sampler.numbers[sampler.served(sampler.numbers)]
+        numbers = sampler.numbers
         numbers = numbers[self._kept(self._sampling, segment, numbers)]
         if not len(numbers):
             return
@@ -157,7 +156,7 @@ def open_log(
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
     """
-    if isinstance(config, SelfPlayConfig) and config.self_play:
+    if isinstance(config, PPOConfig) and config.self_play:
         others = [Player(name=f"{config.variant}-{k}") for k in range(n_opponents(config))]
     else:
         others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=False)]

@@ -1,10 +1,9 @@
-"""Training runs: an algorithm iterates, and its callback evaluates, records and saves in the run folder."""
+"""Training runs: an algorithm iterates, and its callback evaluates, records and saves in the run folder; one seed or many."""
 
-import contextlib
 import dataclasses
-import os
+import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -12,43 +11,113 @@ import msgspec
 import numpy as np
 import torch
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn, track
 from rich.table import Column
-from rich.text import Text
+from safetensors import SafetensorError
 from safetensors import numpy as weights_file
+from safetensors.torch import load
 from torch.utils.tensorboard import SummaryWriter
 
-from shuttle_marl import exact
 from shuttle_marl.base import runs
+from shuttle_marl.base.cluster import check_processes, in_processes
 from shuttle_marl.base.files import StoredCount
-from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
+from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
+from shuttle_marl.base.runs import check_interrupt, interrupts_held
+from shuttle_marl.exact.match import Odds, normalised_score
+from shuttle_marl.exact.odds import best_odds, pair_odds
+from shuttle_marl.exact.optimal import best_response
+from shuttle_marl.exact.profile import InducedChain, evaluate, evaluate_chains, induced
 from shuttle_marl.game import draws
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy.agents import save_agent
-from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.agents import read_card, save_agent
+from shuttle_marl.policy.registry import tabulated as tables_of
 from shuttle_marl.policy.scorecard import REFERENCE
-from shuttle_marl.training.checkpoints import complete, last_checkpoint, save_checkpoint
 from shuttle_marl.training.config import PPOConfig, TrainingConfig, TrainingError, missed
-from shuttle_marl.training.evaluation import Evaluation, Evaluator
-from shuttle_marl.training.learner import SEEDS, Callback, Learner
-from shuttle_marl.training.networks import DivergedError, imitate, tabulated, weights_of
+from shuttle_marl.training.learner import SEEDS, STATE, Callback, Learner, stored
+from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
 from shuttle_marl.training.ppo import A2C, PPO
 from shuttle_marl.training.rally_log import open_log
 from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 
 AGENT: Final = "agent"
-"""Folder of the trained agent in the folder of its run."""
 BEST: Final = "best"
 """Folder of the best agent: the least exploitable in self-play, else that with the highest probability of winning rallies."""
-_PACKAGES: Final = ("numpy", "torch", "torchrl", "tensordict", "numba", "scipy")
+PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 LEARNERS: Final[dict[str, Callable[..., Learner]]] = {"ppo": PPO, "a2c": A2C, "sac": SAC}
-"""Learners by name of the algorithm, see :class:`~shuttle_marl.training.learner.Learner`."""
 _WEIGHTS, _SEGMENT = 0, 1
 """Streams of random numbers: initial weights, and segments between checkpoints."""
+_TOLERANCE: Final = 1e-5
+"""Error bound of evaluations, far below the resolution of a learning curve."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """Exact figures of a policy, averaged over its opponents.
+
+    Attributes:
+        rally_win: probability of winning a rally, averaged over both servers.
+        match_win: probability of winning a match with a random first server.
+        normalised_score: ``(J(pi) - J(bc)) / (J(best response) - J(bc))``, with J the probability of winning a rally; opponents
+            to whom ``bc`` is a best response are left out, None if there are no others.
+        exploitability: gain of a best response to the policy, from 0 to 1; None if it was not computed.
+    """
+
+    rally_win: float
+    match_win: float
+    normalised_score: float | None
+    exploitability: float | None
+
+    @property
+    def text(self) -> str:
+        """Score and exploitability, as text."""
+        score = "no normalised score" if self.normalised_score is None else f"normalised score {self.normalised_score:.3f}"
+        return f"{score}, {'no exploitability' if self.exploitability is None else f'exploitability {self.exploitability:z.3f}'}"
+
+
+class Evaluator:
+    """Evaluates policies against fixed opponents; what does not depend on the policy is solved once.
+
+    Args:
+        reference: table of ``bc``; None: it is made.
+    """
+
+    def __init__(self, game: Game, opponents: Sequence[TabulatedPolicy], reference: TabulatedPolicy | None = None) -> None:
+        self._opponents, self._reference = opponents, reference or tables_of(REFERENCE, game)[0]
+
+    @functools.cached_property
+    def _scales(self) -> list[tuple[Odds, Odds]]:
+        """Odds of ``bc`` and of the best response against each opponent."""
+        reference = pair_odds([(self._reference, opponent) for opponent in self._opponents])
+        return list(zip(reference, best_odds(self._opponents), strict=True))
+
+    @functools.cached_property
+    def _chains(self) -> list[InducedChain]:
+        return [induced(opponent) for opponent in self._opponents]
+
+    def evaluate(self, policy: TabulatedPolicy, *, exploitability: bool = True) -> Evaluation:
+        """Evaluate a policy of the same game; ``exploitability`` takes half of the time."""
+        known: TabulatedPolicy | InducedChain
+        if policy.game.recovery is None:
+            known = own = induced(policy)
+            odds = [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
+        else:  # where the opponent waits changes the chain
+            known, odds = policy, [evaluate(policy, opponent, tolerance=_TOLERANCE).odds() for opponent in self._opponents]
+        scores = [
+            score
+            for o, (bc, best) in zip(odds, self._scales, strict=True)
+            if (score := normalised_score(o.rally, bc.rally, best.rally, error_bound=bc.error_bound + best.error_bound))
+            is not None
+        ]
+        return Evaluation(
+            rally_win=float(np.mean([o.rally for o in odds])),
+            match_win=float(np.mean([o.match() for o in odds])),
+            normalised_score=float(np.mean(scores)) if scores else None,
+            exploitability=best_response(known, tolerance=_TOLERANCE).value.odds().value if exploitability else None,
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,24 +145,23 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
         PolicyError: an opponent does not exist or is not a distribution over the legal strokes; nothing was written.
         GameError: the model does not exist; nothing was written.
         RunError: the run folder cannot be used, or the game or an opponent changed after the run was started.
-        TrainingError: the device is not available or the memory is too small; nothing was written. Or learning diverged, the
-            device ran out of memory, or a file of the run is damaged or cannot be written; the last checkpoint is intact.
+        TrainingError: the device is not available; nothing was written. Or learning diverged, the device ran out of memory, or a
+            file of the run is damaged or cannot be written; the last checkpoint is intact.
         RecordingError: the rally log cannot be written; the last checkpoint is intact.
         KeyboardInterrupt: Ctrl-C, raised between two iterations; the message says what is saved.
     """
     game = resolve_game(config.game, config.profile)
-    opponents = [] if config.self_play else [tabulate(resolve(name, game), game) for name in config.opponent]
+    reference, *opponents = tables_of([REFERENCE, *(() if config.self_play else config.opponent)], game)
     config = tempered(config, game)
-    _check_machine(config, game)
+    check_device(config.device)
     name, fixed = f"{config.algorithm}-{config.seed}", config.fixed()
     opened = runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite)
-    with interrupts_held(), opened as run, run.resumable(lambda: _saved(run.folder, config)), own_settings(config.threads):
-        return _Training(config, game, opponents, run, console or Console(quiet=True)).go()
+    with interrupts_held(), opened as run, run.resumable(lambda: _saved(run, config)), own_settings(config.threads):
+        return _Training(config, game, reference, opponents, run, console or Console(quiet=True)).go()
 
 
-def _saved(folder: Path, config: TrainingConfig) -> str:
-    number = max((int(path.name) for path in complete(folder)), default=0)
-    return f"iteration {number} of {config.iterations} is saved" if number else "no iteration yet is saved"
+def _saved(run: runs.Run, config: TrainingConfig) -> str:
+    return f"iteration {run.last} of {config.iterations} is saved" if run.last else "no iteration yet is saved"
 
 
 def game_of(model: str, game: Game) -> dict[str, str]:
@@ -125,18 +193,6 @@ def _first_line(error: Exception) -> str:
     return str(error).partition("\n")[0]
 
 
-def _check_machine(config: TrainingConfig, game: Game) -> None:
-    """Check the device and the memory of this machine, before anything is allocated or written."""
-    check_device(config.device)
-    available = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    for flags, required in config.memory(game.n_actions).items():
-        if required > available:
-            raise TrainingError(
-                f"{flags}: such a run needs {required / 1e9:,.0f} GB of memory or more, and this machine has "
-                f"{available / 1e9:,.0f}; choose smaller numbers"
-            )
-
-
 @dataclasses.dataclass(kw_only=True)
 class Checkpoint:
     """Progress of a run, in the description of its checkpoints.
@@ -157,31 +213,36 @@ class Checkpoint:
     metrics: StoredCount = 0
 
 
+@dataclasses.dataclass(eq=False)
 class _Training(Callback):
     """A run: the loop over the iterations of its learner, and what happens in each of them."""
 
-    def __init__(
-        self, config: TrainingConfig, game: Game, opponents: list[TabulatedPolicy], run: runs.Run, console: Console
-    ) -> None:
-        self.config, self.game, self.folder, self.console, self.run = config, game, run.folder, console, run
+    config: TrainingConfig
+    game: Game
+    reference: TabulatedPolicy
+    opponents: list[TabulatedPolicy]
+    run: runs.Run
+    console: Console
+    at: Checkpoint = dataclasses.field(default_factory=Checkpoint)
+    evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
+    """The latest evaluation, and its policy; a run ends with an evaluation."""
+    evaluating: float = 0.0
+    """Duration of the latest evaluation [s]."""
+
+    def __post_init__(self) -> None:
+        config, game, self.folder = self.config, self.game, self.run.folder
         # Self-play is evaluated against the benchmark's opponent.
-        evaluated = opponents or [tabulate(resolve(REFERENCE, game), game)]
-        self.evaluator, self.opponents = Evaluator(game, evaluated), opponents
-        self.generator = torch.Generator().manual_seed(self._seed(_WEIGHTS))
-        with InitialWeights(self.generator):
-            self.learner = LEARNERS[config.algorithm](config, game, opponents or evaluated * n_opponents(config))
+        self.evaluator = Evaluator(game, self.opponents or [self.reference], self.reference)
+        with InitialWeights(torch.Generator().manual_seed(self._seed(_WEIGHTS))):
+            opponents = self.opponents or [self.reference] * n_opponents(config)
+            self.learner = LEARNERS[config.algorithm](config, game, opponents)
         self.self_play = SelfPlayOpponents(config, game, self.learner)
         self.metrics = runs.Journal(self.folder / runs.METRICS)
-        self.at = Checkpoint()
-        self.evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
-        """The latest evaluation, and its policy; a run ends with an evaluation."""
-        self.evaluating = 0.0
-        """Duration of the latest evaluation [s]."""
 
     def go(self) -> TrainingRun:
         config, learner, run = self.config, self.learner, self.run
         same = {"game": game_of(config.game, self.game), "opponents": [each.hash for each in self.opponents]}
-        run.begin(_PACKAGES, same=same, seed=config.seed)
+        run.begin(PACKAGES, same=same, seed=config.seed)
         self._restore()
         self.begun = time.monotonic() - self.at.seconds
         seeds = [self._seed(_SEGMENT, segment) % SEEDS for segment in range(config.segments)]
@@ -192,9 +253,8 @@ class _Training(Callback):
         with SummaryWriter(str(self.folder / "tensorboard"), purge_step=purge) as self.board, _bar(self.console) as self.bar:
             total = config.iterations if config.seconds is None else round(config.seconds)
             self.bar.add_task(config.algorithm, total=total, completed=round(self._fraction() * total), status="")
-            with self.log, self._diverging():
-                for remaining in self._schedule():
-                    learner.iterate(remaining, self)
+            with self.log:
+                self._iterate()
         if config.seconds is not None and (warning := missed(time.monotonic() - self.begun, config.seconds)):
             self.say(warning)
         policy, evaluation = self.evaluation or self._evaluated()  # None if the resumed run had ended before
@@ -212,21 +272,33 @@ class _Training(Callback):
         return self.at.stopped or self.learner.iteration >= self.config.iterations
 
     def _fraction(self) -> float:
-        """Fraction of the run that is over, by iterations or by time."""
         part, limit = self.learner.iteration / self.config.iterations, self.config.seconds
         return part if limit is None else min(1.0, max(part, self.at.seconds / limit))
 
-    def _schedule(self) -> Iterator[float]:
-        """Fraction of the run that remains in each iteration.
+    def _iterate(self) -> None:
+        """Iterate to the end of the run.
 
         Random numbers depend on the segment between two checkpoints alone, so a resumed run repeats them.
         """
-        while not self._over:
-            check_interrupt()
-            self.segment, done = divmod(self.learner.iteration, self.config.checkpoint_every)
-            if not done:
-                self.self_play.set_seed(self.learner.collector.set_seed(self._seed(_SEGMENT, self.segment) % SEEDS))
-            yield 1 - self._fraction()
+        learner = self.learner
+        try:
+            while not self._over:
+                check_interrupt()
+                self.segment, done = divmod(learner.iteration, self.config.checkpoint_every)
+                if not done:
+                    self.self_play.set_seed(learner.collector.set_seed(self._seed(_SEGMENT, self.segment) % SEEDS))
+                learner.iterate(1 - self._fraction(), self)
+        except DivergedError as error:
+            saved = f"the weights of iteration {self.at.iteration} are kept" if self.at.iteration else "no weights were saved yet"
+            raise DivergedError(
+                f"{self.folder}: learning diverged in iteration {learner.iteration}: {error}; {saved} in its checkpoints. "
+                "Train again with a lower --learning-rate"
+            ) from error
+        except torch.OutOfMemoryError as error:
+            raise TrainingError(
+                f"--device {self.config.device}: its memory is too small for this run ({_first_line(error)}); the last "
+                "checkpoint is intact; train with smaller --batch, --growth or --width, or with --device cpu"
+            ) from error
 
     def begin(self, learner: Learner) -> None:
         """Update the opponents of self-play."""
@@ -249,34 +321,12 @@ class _Training(Callback):
             self.evaluating = time.monotonic() - self.begun - at.seconds
             speed = f"{learner.strokes / max(at.seconds, 1e-9) / 1e3:.0f} k strokes/s"
             won = f"wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of matches"
-            self.bar.update(task.id, status=f"{won} · {evaluation.exploitability_text} · {evaluation.score_text} · {speed}")
+            self.bar.update(task.id, status=f"{won} · {evaluation.text} · {speed}")
         if learner.iteration % config.checkpoint_every == 0 or self._over:
-            self._save()
-
-    def _save(self) -> None:
-        state = {**self.learner.state_dict(), **self.self_play.state_dict()}
-        # The log is written to disk before the checkpoint, so that it holds all rallies that the checkpoint counts.
-        rallies, learner = self.log.flush(), self.learner
-        at = dataclasses.replace(self.at, iteration=learner.iteration, strokes=learner.strokes, rallies=rallies)
-        save_checkpoint(self.folder, learner.iteration, state, dataclasses.asdict(at))
-        self.at = at
-
-    @contextlib.contextmanager
-    def _diverging(self) -> Iterator[None]:
-        """Add the iteration and a remedy to errors of diverged learning, and of a device that is too small."""
-        try:
-            yield
-        except DivergedError as error:
-            saved = f"the weights of iteration {self.at.iteration} are kept" if self.at.iteration else "no weights were saved yet"
-            raise DivergedError(
-                f"{self.folder}: learning diverged in iteration {self.learner.iteration}: {error}; {saved} in its checkpoints. "
-                "Train again with a lower --learning-rate"
-            ) from error
-        except torch.OutOfMemoryError as error:
-            raise TrainingError(
-                f"--device {self.config.device}: its memory is too small for this run ({_first_line(error)}); the last "
-                "checkpoint is intact; train with smaller --batch, --growth or --width, or with --device cpu"
-            ) from error
+            state = {**learner.state_dict(), **self.self_play.state_dict()}
+            # The log is written to disk before the checkpoint, so that it holds all rallies that the checkpoint counts.
+            at.iteration, at.strokes, at.rallies = learner.iteration, learner.strokes, self.log.flush()
+            self.run.save(learner.iteration, dataclasses.asdict(at), {STATE: stored(state)})
 
     def _evaluate(self, losses: dict[str, float]) -> Evaluation:
         config, at, learner = self.config, self.at, self.learner
@@ -286,10 +336,9 @@ class _Training(Callback):
         line = {"iteration": learner.iteration, "strokes": learner.strokes, "seconds": round(at.seconds, 2), **figures}
         self.metrics.append([line])
         at.metrics += 1
-        for name, value in figures.items():
+        for name, value in {**figures, "strokes_per_second": learner.strokes / max(at.seconds, 1e-9)}.items():
             if value is not None:
                 self.board.add_scalar(name, value, learner.strokes)
-        self.board.add_scalar("strokes_per_second", learner.strokes / max(at.seconds, 1e-9), learner.strokes)
         exploitability, score = evaluation.exploitability, evaluation.normalised_score
         figure = -exploitability if config.self_play and exploitability is not None else evaluation.rally_win
         if at.best is None or figure > at.best:
@@ -305,32 +354,19 @@ class _Training(Callback):
         return policy, self.evaluator.evaluate(policy, exploitability=exploitability)
 
     def _restore(self) -> None:
-        """Restore the last checkpoint, or start anew."""
-        saved = last_checkpoint(self.folder)
-        if saved is not None:
-            fields, state = saved
+        if (saved := self.run.saved(STATE)) is not None:
             try:
-                self.at = msgspec.convert(fields, Checkpoint)
+                self.at, state = msgspec.convert(saved[0], Checkpoint), load(*saved[1])
                 self.learner.iteration, self.learner.strokes = self.at.iteration, self.at.strokes
                 self.learner.load_state_dict(state)
                 self.self_play.load_state_dict(state)
-            except (msgspec.ValidationError, KeyError, ValueError, RuntimeError) as error:
+            except (msgspec.ValidationError, SafetensorError, KeyError, ValueError, RuntimeError) as error:
                 raise TrainingError(
                     f"{self.folder}: the last checkpoint is of another kind of run ({type(error).__name__}: {error}); train "
                     "again with --overwrite"
                 ) from error
             self.say(f"continues after iteration {self.at.iteration}")
-        elif self.config.warm_start is not None:
-            self._warm_start(self.config.warm_start)
         self.metrics.keep(self.at.metrics)
-
-    def _warm_start(self, name: str) -> None:
-        policy = tabulate(resolve(name, self.game), self.game)
-        weight = exact.visits(policy, policy).states[0]
-        with self.console.status(Text(f"imitating {name}")):
-            gap = imitate(self.learner.actor, policy, weight, self.generator)
-            self.learner.eval_actor.load_state_dict(self.learner.actor.state_dict())
-        self.say(f"imitated {name}, {gap:.3f} nats per stroke above its entropy")
 
     def _save_agent(self, name: str, evaluation: Evaluation) -> None:
         card = {
@@ -358,3 +394,80 @@ def _bar(console: Console) -> Progress:
         TextColumn("{task.fields[status]}", table_column=Column(no_wrap=True, overflow="ellipsis")),
     )
     return Progress(*columns, console=console, transient=True, disable=not (console.is_terminal or console.is_jupyter))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Study:
+    """Finished runs that differ only in their seeds.
+
+    Attributes:
+        folder: run folder, with a folder ``seed-N`` for each seed.
+        evaluations: by seed, its last exact figures by name.
+        figures: by name, the interquartile mean over the seeds with its 95 % interval, and the lowest and highest value.
+    """
+
+    folder: Path
+    evaluations: dict[int, dict[str, float | None]]
+    figures: dict[str, dict[str, float]]
+
+
+def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console | None = None) -> Study:
+    """Train with the seeds ``config.seed`` to ``config.seed + seeds - 1``.
+
+    Args:
+        config: settings of each run; ``out``, ``resume`` and ``overwrite`` are those of the common folder.
+        seeds: number of runs, 2 or more.
+        jobs: number of parallel processes; does not change the results.
+        console: shows progress; None: silent.
+
+    Raises:
+        TrainingError: too few seeds or jobs, or a run failed (:func:`train`); finished runs are kept.
+        RunError: the folder cannot be used.
+        ClusterError: processes cannot be started.
+        KeyboardInterrupt: Ctrl-C; the message says what is saved.
+    """
+    if seeds < 2 or jobs < 1:
+        raise TrainingError(f"--seeds {seeds} --jobs {jobs}: expected at least 2 seeds and 1 job")
+    check_processes(min(jobs, seeds))
+    name, fixed = f"{config.algorithm}-{seeds}-seeds", {**config.fixed(), "seeds": seeds}
+    with runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite) as run:
+        run.begin(PACKAGES, same={})
+        folders = {seed: run.folder / f"seed-{seed}" for seed in range(config.seed, config.seed + seeds)}
+        configs = [
+            dataclasses.replace(config, seed=seed, out=out, resume=False, overwrite=False) for seed, out in folders.items()
+        ]
+        with run.resumable(lambda: f"{sum(map(runs.is_finished, folders.values()))} of {seeds} runs are finished"):
+            train_all(configs, jobs, console or Console(quiet=True))
+        evaluations = {seed: read_card(out / AGENT)["evaluation"] for seed, out in folders.items()}
+        study = Study(folder=run.folder, evaluations=evaluations, figures=_figures(list(evaluations.values())))
+        found = {"figures": study.figures, "seeds": {str(seed): each for seed, each in evaluations.items()}}
+        runs.write_json(run.folder / runs.RESULTS, {**runs.describe(PACKAGES), **found})
+        run.finish()
+    return study
+
+
+def _figures(evaluations: Sequence[dict[str, float | None]]) -> dict[str, dict[str, float]]:
+    figures = {}
+    for name in evaluations[0]:
+        values = [value for evaluation in evaluations if (value := evaluation[name]) is not None]
+        if len(values) == len(evaluations):
+            middle = interquartile_mean([values])
+            figures[name] = {**middle._asdict(), "lowest": min(values), "highest": max(values)}
+    return figures
+
+
+def _train(config: TrainingConfig) -> None:
+    assert config.out is not None
+    train(dataclasses.replace(config, resume=(config.out / runs.CONFIG).exists()))
+
+
+def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) -> None:
+    """Start or resume training runs, in processes that end with this one.
+
+    Args:
+        configs: their settings, in the order in which they start.
+        jobs: number of parallel processes; does not change the results.
+    """
+    done = in_processes(_train, configs, min(jobs, len(configs)))
+    for _ in track(done, "training", len(configs), console=console, transient=True):
+        pass

@@ -1,4 +1,4 @@
-"""Variants of self-play (:class:`~shuttle_marl.training.config.SelfPlayConfig`).
+"""Variants of self-play (:class:`~shuttle_marl.training.config.PPOConfig`).
 
 A learner that plays only itself is exploitable in states that its own play rarely reaches. Three variants change a fraction of
 its rallies:
@@ -28,14 +28,12 @@ from shuttle_marl import exact
 from shuttle_marl.base.arrays import F32
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.network import PolicyNetwork
-from shuttle_marl.training.config import SelfPlayConfig, TrainingConfig
+from shuttle_marl.training.config import PPOConfig, TrainingConfig
 from shuttle_marl.training.learner import Learner, Tensors, with_prefix
 from shuttle_marl.training.networks import ILLEGAL, tabulated, weights_of
 
 _HUNDRED: Final = 100
-"""Period of rallies in which the fraction is exact."""
 _RESTARTS: Final = 1 << 15
-"""Number of states from which rallies start."""
 _TOLERANCE: Final = 1e-4
 """Error bound of the values of best responses."""
 
@@ -48,7 +46,7 @@ class SelfPlayOpponents:
     """
 
     def __init__(self, config: TrainingConfig, game: Game, learner: Learner) -> None:
-        self._config = config if isinstance(config, SelfPlayConfig) else SelfPlayConfig()
+        self._config = config if isinstance(config, PPOConfig) else PPOConfig()
         self._game, self._learner, self._sampler = game, learner, learner.collector.sampler
         self._pool: list[dict[str, F32]] = []
         self.set_seed(0)
@@ -102,7 +100,7 @@ class SelfPlayOpponents:
 
 def n_opponents(config: TrainingConfig) -> int:
     """Maximum number of opponents of a variant of self-play."""
-    return {"best-response": 1, "pool": config.pool_size}.get(config.variant, 0) if isinstance(config, SelfPlayConfig) else 0
+    return {"best-response": 1, "pool": config.pool_size}.get(config.variant, 0) if isinstance(config, PPOConfig) else 0
 
 
 class ReferencePolicy:
@@ -112,7 +110,7 @@ class ReferencePolicy:
         network: logits of the learner, :func:`shuttle_marl.training.networks.logit_network`.
     """
 
-    def __init__(self, config: SelfPlayConfig, network: nn.Module) -> None:
+    def __init__(self, config: PPOConfig, network: nn.Module) -> None:
         self._config, self._current = config, network
         self.network = copy.deepcopy(network).requires_grad_(False)
 

@@ -5,8 +5,7 @@ import pytest
 pytest.importorskip("pygame")
 
 from benchmarks import recording
-from benchmarks.throughput import measure_recovery
-from benchmarks.throughput_cases import BATCHED, RECOVERY, SINGLE
+from benchmarks.throughput import BATCHED, RECOVERY, SINGLE, measure_recovery
 
 
 @pytest.mark.parametrize("what", [*BATCHED, *SINGLE])
@@ -28,7 +27,6 @@ def test_games_with_recovery_are_measured_beside_the_game_without(what: str) -> 
 
 @pytest.mark.slow
 def test_everything_is_measured() -> None:
-    found = recording.measure(matches=20, strokes=40_000, repeat=1)
+    found = recording.measure(matches=20, repeat=1)
     assert found["rallies"] > 6 * 20 * 2 * 21
     assert 0 < found["bytes_per_stroke"] < 5
-    assert 0 < found["training_overhead"] < 1

@@ -8,9 +8,9 @@ import pyarrow as pa
 from shuttle_marl.data.schema import REASONS
 from shuttle_marl.data.simulated import simulate
 from shuttle_marl.game import court, default_game
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import resolve
 
 SHOT_WORDS = (

@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.data import matches_of
-from shuttle_marl.data.conventions import with_common_labels
+from shuttle_marl.data.cleaning import with_common_labels
 from shuttle_marl.data.simulated import simulate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.stroke import SHOTS

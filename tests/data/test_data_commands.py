@@ -12,9 +12,9 @@ import pytest
 
 from shuttle_marl.base.errors import command
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import DataError, clean_matches, load_account, matches_of, read_matches, upstream, validate
+from shuttle_marl.data import DataError, clean_matches, matches_of, read_matches, upstream, validate
 from shuttle_marl.data.schema import STROKES, violations
-from shuttle_marl.data.table import provenance_of, write_parquet
+from shuttle_marl.data.table import load_counted, provenance_of, write_parquet
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import SHOTS
 from tests.data.upstream_layout import Layout, plain_game
@@ -124,7 +124,7 @@ def test_validate_a_bad_table(root: Path, tmp_path: Path, capsys: pytest.Capture
     rows[3]["technique"] = 9
     rows[4]["height"] = 7
     path = tmp_path / "bad.parquet"
-    account = {b"shuttle_marl.account": json.dumps(load_account(root).as_json())}
+    account = {b"shuttle_marl.account": json.dumps(load_counted(root)[1].as_json())}
     schema = STROKES.with_metadata({**STROKES.metadata, **account})
     pq.write_table(pa.Table.from_pylist(rows[1:], schema=schema), path)  # codes without a name cannot be written as names
     assert main(["validate", str(path), "--json"]) == 1
@@ -158,7 +158,7 @@ def file(tmp_path: Path, raw: Path) -> Path:
 def test_round_trip(raw: Path, strokes: pa.Table, file: Path) -> None:
     assert read_matches(file).equals(strokes)
     assert read_matches(str(raw)).equals(strokes)
-    assert load_account(file) == load_account(raw) == clean_matches(raw).account
+    assert load_counted(file)[1] == load_counted(raw)[1] == clean_matches(raw).account
     metadata = pq.read_schema(file).metadata
     assert b"39bbf3fd99b0b709ff6d1647383959b6fa5f5b74" in metadata[b"shuttle_marl.provenance"]
     assert b"2306.04948" in metadata[b"shuttle_marl.provenance"]

@@ -16,8 +16,9 @@ import pytest
 
 from shuttle_marl.base.files import FileWriteError
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import load_account, matches_of, read_matches, upstream
+from shuttle_marl.data import matches_of, read_matches, upstream
 from shuttle_marl.data.schema import DROP_REASONS, STROKES
+from shuttle_marl.data.table import load_counted
 from shuttle_marl.data.upstream import SPLITS, DownloadError, discipline, download, player_id
 
 CONTENT = {
@@ -182,7 +183,7 @@ def test_the_sample_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_card_tells_of_this_sample() -> None:
     provenance = json.loads(pq.read_schema(SAMPLE).metadata[b"shuttle_marl.provenance"])
-    text = SCRIPT["card"](read_matches(SAMPLE), load_account(SAMPLE), provenance, size=SAMPLE.stat().st_size)
+    text = SCRIPT["card"](read_matches(SAMPLE), load_counted(SAMPLE)[1], provenance, size=SAMPLE.stat().st_size)
     assert (SAMPLE.parent / "CARD.md").read_text(encoding="utf-8") == text
 
 

@@ -16,9 +16,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import DataError, load_account, read_matches
+from shuttle_marl.data import DataError, read_matches
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Cleaned
+from shuttle_marl.data.table import load_counted
 from shuttle_marl.game import court
 from tests.data.written_matches import as_csv
 
@@ -121,7 +122,7 @@ def test_import_prints_what_became_of_every_row(tmp_path: Path, capsys: pytest.C
     assert json.loads(capsys.readouterr().out) == expected
     assert main([*flags, "--out", str(tmp_path / "o.parquet"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == expected
-    assert load_account(tmp_path / "o.parquet").strokes == 6
+    assert load_counted(tmp_path / "o.parquet")[1].strokes == 6
     assert main(["validate", str(tmp_path / "o.parquet")]) == 0
 
 
@@ -137,7 +138,7 @@ def test_a_table_that_went_through_pandas(tmp_path: Path, capsys: pytest.Capture
     assert main(["validate", str(tmp_path / "p.parquet")]) == 0
     assert "another program wrote this file" in capsys.readouterr().out
     frame[frame["rally"] == 2].to_parquet(tmp_path / "p.parquet")
-    assert read_matches(tmp_path / "p.parquet").num_rows == load_account(tmp_path / "p.parquet").strokes == 2
+    assert read_matches(tmp_path / "p.parquet").num_rows == load_counted(tmp_path / "p.parquet")[1].strokes == 2
     for change, says in (
         ({"rally": frame["rally"] + 0.5}, "column 'rally' is no int16"),
         ({"player": None}, "column 'player' lacks 5 values"),

@@ -10,9 +10,9 @@ import pytest
 from shuttle_marl.commands import analysis, data, dynamics, report
 from shuttle_marl.commands.data import main
 from shuttle_marl.data import DataError, read_matches
-from shuttle_marl.data.column_map import COLUMNS, template
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS
+from shuttle_marl.data.words import COLUMNS, template
 from tests.data.test_cases import CASES
 
 FINAL = CASES / "a_match_of_two_games" / "final.csv"

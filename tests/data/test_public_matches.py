@@ -1,6 +1,7 @@
 """The published data itself, where SHUTTLESET names a folder that holds it: the numbers of the datasheet."""
 
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,6 @@ from shuttle_marl.data import clean_matches, matches_of, split_of, validate, wri
 from shuttle_marl.data.hands import hands_of
 from shuttle_marl.data.inference import MET
 from shuttle_marl.data.schema import DROP_REASONS, Cleaned
-from shuttle_marl.data.shuttleset import list_matches
 from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.stroke import SHOTS
 
@@ -21,10 +21,11 @@ pytestmark = [pytest.mark.skipif(not ROOT, reason="SHUTTLESET names no folder"),
 
 
 @pytest.fixture(scope="module")
-def public() -> Cleaned:
+def public(tmp_path_factory: pytest.TempPathFactory) -> Cleaned:
     """The matches of train and validation, whether the test matches are there or not."""
-    root = Path(str(ROOT))
-    return clean_matches(root, [m.name for m in list_matches(root) if split_of(m.name) != "test"])
+    folder = tmp_path_factory.mktemp("public")
+    shutil.copytree(str(ROOT), folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*matches_of("test")))
+    return clean_matches(folder)
 
 
 def test_counts(public: Cleaned) -> None:

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.data import DataError
-from shuttle_marl.data.column_map import COLUMNS, WORDS
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import violations
-from shuttle_marl.data.words import LANGUAGES, bare, table
+from shuttle_marl.data.words import COLUMNS, LANGUAGES, WORDS, bare, table
 from tests.data.test_cases import CASES
 
 SAMPLES = [path for path in sorted((CASES / "samples_of_each_format").iterdir()) if path.name != "expected.json"]

@@ -1,18 +1,14 @@
 """Tools of the documentation: each of them runs on the pages as they are, which hold what their sources say."""
 
 import re
-from pathlib import Path
 
 import pytest
-import yaml
 
 import shuttle_marl
-from docs.tools import croissant, figures, hub, notebooks, pictures, reproduce, site, size, tables
+from docs.tools import croissant, figures, notebooks, pictures, reproduce, site, size, tables
 from docs.tools.figures import FIGURES
 from docs.tools.markdown import ROOT
-from shuttle_marl import default_game, load_game, resolve, tabulate
-from shuttle_marl.game.shipped import model_folder
-from shuttle_marl.policy.agents import AGENTS, CARD
+from shuttle_marl import default_game, load_game
 
 
 def test_every_page_of_the_site_is_in_the_navigation() -> None:
@@ -86,15 +82,3 @@ def test_tables_are_of_the_shipped_games() -> None:
     assert len(rows) > 40
     for table, *_, game, commit in rows:
         assert (game in shipped) != (table in earlier) or not commit, table
-
-
-@pytest.mark.slow
-def test_agents_play_from_their_folders(tmp_path: Path) -> None:
-    game = default_game()
-    hub.main(out=tmp_path / "out", quick=True)
-    copied, shipped = (tabulate(resolve(name, game), game) for name in (f"agent:{tmp_path / 'out' / 'agents' / 'ppo'}", "ppo"))
-    assert (copied.pair_probabilities() == shipped.pair_probabilities()).all()
-    _, front, body = (tmp_path / "out" / "agents" / "README.md").read_text(encoding="utf-8").split("---\n", 2)
-    names = sorted(path.parent.name for path in (model_folder() / AGENTS).glob(f"*/{CARD}"))
-    assert [entry["name"] for entry in yaml.safe_load(front)["model-index"]] == names
-    assert all(f"| `{name}` |" in body for name in names)

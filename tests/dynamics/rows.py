@@ -19,6 +19,7 @@ def plain_rows(n: int, **known: Any) -> Rows:
     columns: dict[str, Any] = {
         "outcome": np.full(n, Outcome.RETURNED, np.int8),
         "reason": np.full(n, REASONS.index("returned"), np.int8),
+        "landed": np.full(n, -1, np.int16),
         "next_contact": np.full(n, -1, np.int8),
         "match": np.zeros(n, np.int32),
         "matches": ("match",),

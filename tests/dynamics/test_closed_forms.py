@@ -6,19 +6,13 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from shuttle_marl.dynamics import evaluate, prior, skill
+from shuttle_marl.dynamics import evaluate, fit, skill
 from shuttle_marl.dynamics.choices import fit_choice_shifts, fit_shifts
 from shuttle_marl.dynamics.evaluate import calibration_error, log_losses, reliability, scores
 from shuttle_marl.dynamics.features import SLOTS
 from shuttle_marl.dynamics.fitted import tilted
-from shuttle_marl.dynamics.models import (
-    log_loss,
-    log_odds,
-    sigmoid,
-    softmax,
-)
-from shuttle_marl.dynamics.situations import Situations
-from shuttle_marl.dynamics.trees import Trees
+from shuttle_marl.dynamics.models import log_loss, log_odds, sigmoid, softmax
+from shuttle_marl.dynamics.modules import Situations, Trees
 
 
 def test_faults_are_averaged_over_situations_and_moved_to_a_mean() -> None:
@@ -112,11 +106,11 @@ def test_fitted_shifts_balance_the_data_and_the_prior() -> None:
 def test_a_shift_is_the_mode_and_its_deviation_the_curvature() -> None:
     label = np.r_[np.ones(30), np.zeros(10)] == 1
     z = np.linspace(-1, 1, 40)
-    shift, deviation = prior.shift_of(lambda b: expit(z + b), label)
+    shift, deviation = fit.shift_of(lambda b: expit(z + b), label)
     p = expit(z + shift)
     assert (label - p).sum() == pytest.approx(4 * shift, abs=1e-3)
     assert deviation == pytest.approx(1 / math.sqrt((p * (1 - p)).sum() + 4), rel=1e-3)
-    assert prior.shift_of(lambda b: expit(z[:0] + b), label[:0]) == pytest.approx((0, 0.5), abs=1e-4)
+    assert fit.shift_of(lambda b: expit(z[:0] + b), label[:0]) == pytest.approx((0, 0.5), abs=1e-4)
 
 
 def test_the_slope_of_truth_on_offsets() -> None:

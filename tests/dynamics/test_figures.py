@@ -10,22 +10,22 @@ import pytest
 
 from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.choices import fit_history, player_choices
-from shuttle_marl.dynamics.compiled import support_of
+from shuttle_marl.dynamics.compiled import codes_of_pairs, layouts_of, support_of
 from shuttle_marl.dynamics.evaluate import evaluate, extremes
-from shuttle_marl.dynamics.features import Rows, codes_of_pairs, rows_from_strokes
-from shuttle_marl.dynamics.fit import intended_targets, layouts_of
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.habits import plays_of_strokes, tally
 from shuttle_marl.dynamics.models import (
+    EnsembleConfig,
     all_targets,
     fit_binary,
     fit_choice,
     fit_success,
     fit_target,
+    intended_targets,
     judged,
     mean_probabilities,
 )
-from shuttle_marl.dynamics.network import EnsembleConfig
 from shuttle_marl.game.shipped import default_game, load_game, model_folder
 from tests import golden
 
@@ -46,7 +46,7 @@ def rows() -> Rows:
 def sums(value: Any) -> Any:
     """Weighted sums of the arrays of a structure, and of the masks of their finite numbers."""
     if dataclasses.is_dataclass(value):
-        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.init}
     if isinstance(value, Mapping):
         return {str(name): sums(each) for name, each in value.items()}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":

@@ -10,7 +10,6 @@ from scipy.stats import beta
 
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
-from shuttle_marl.dynamics.card import strokes_hash
 from shuttle_marl.dynamics.compiled import (
     CREDIBLE,
     PRIOR_STROKES,
@@ -19,11 +18,11 @@ from shuttle_marl.dynamics.compiled import (
     replies_of,
     support_of,
 )
+from shuttle_marl.dynamics.evaluate import strokes_hash
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
-from shuttle_marl.dynamics.models import fit_ridge
-from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match
-from shuttle_marl.dynamics.splits import resampled
+from shuttle_marl.dynamics.make import resampled
+from shuttle_marl.dynamics.models import EnsembleConfig, fit_ridge, fold_of_match
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import area_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS

@@ -12,9 +12,10 @@ from shuttle_marl.base.arrays import Bools
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
-from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes
-from shuttle_marl.dynamics.hurried import SHARE, Hurry, fit_hurry
-from shuttle_marl.dynamics.situations import Situations, fit_situations
+from shuttle_marl.dynamics.boosting import SHARE, fit_hurry
+from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Hurry, Rows, rows_from_strokes
+from shuttle_marl.dynamics.models import fit_situations
+from shuttle_marl.dynamics.modules import Situations
 from shuttle_marl.game.stroke import SHOTS
 from tests import golden
 from tests.dynamics.rows import plain_rows

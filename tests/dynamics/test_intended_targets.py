@@ -5,9 +5,8 @@ import pytest
 
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.dynamics.fit import intended_targets
-from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, softmax
-from shuttle_marl.dynamics.network import EnsembleConfig, NetworkSpec
+from shuttle_marl.dynamics.models import EnsembleConfig, fit_success, fit_target, intended_targets, latent_target, softmax
+from shuttle_marl.dynamics.modules import GOOD, SPECS, NetworkSpec
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import SHOTS
 from tests.dynamics.rows import plain_rows

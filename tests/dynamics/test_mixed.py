@@ -16,19 +16,23 @@ from shuttle_marl.base.arrays import F64, I64, Ints
 from shuttle_marl.base.files import seal
 from shuttle_marl.data.upstream import date_of, matches_of
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances, gradient_of, posterior
 from shuttle_marl.dynamics.skill import (
     GROUP,
     VARIANCES,
     FittedSkill,
+    MixedModel,
     Predicted,
+    Walks,
     check,
     deviations_in,
     fit_skill,
+    fit_variances,
+    gradient_of,
+    posterior,
     summary,
 )
+from shuttle_marl.game.pairs import COMPONENTS, load_skill
 from shuttle_marl.game.shipped import CARD, SKILL
-from shuttle_marl.game.skill import COMPONENTS, load_skill
 from shuttle_marl.game.stroke import N_SHOTS
 from tests import golden
 from tests.dynamics.rows import plain_rows

@@ -19,17 +19,17 @@ from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.boosting import PARAMETERS
-from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.compiled import load_support
+from shuttle_marl.dynamics.evaluate import write_card
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
-from shuttle_marl.dynamics.network import attributes
-from shuttle_marl.dynamics.trees import INPUTS, fit_trees
+from shuttle_marl.dynamics.models import fit_trees
+from shuttle_marl.dynamics.modules import INPUTS, attributes
+from shuttle_marl.game.layout import GameError, base_pairs
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, model_folder, read_model_card
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import base_pairs
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import clones
 
 NESTED = "[" * 100_000

@@ -10,14 +10,8 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import data, dynamics, league
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.splits import (
-    MIN_STROKES,
-    MIN_STROKES_WITH_PRIOR,
-    require_enough,
-    train_and_validation,
-)
-from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, variants
-from shuttle_marl.game.variants import steps_between
+from shuttle_marl.dynamics.make import MIN_STROKES, MIN_STROKES_WITH_PRIOR, require_enough, train_and_validation
+from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, steps_between, variants
 from shuttle_marl.policy import registry
 from tests.data.club_matches import strokes_of_club, write_club
 

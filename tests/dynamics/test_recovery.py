@@ -13,7 +13,7 @@ from scipy.special import expit
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import STROKES, Outcome
-from shuttle_marl.dynamics.card import as_markdown, write_card
+from shuttle_marl.dynamics.evaluate import as_markdown, write_card
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.recovery import (
     FEATURES,
@@ -28,10 +28,10 @@ from shuttle_marl.dynamics.recovery import (
 )
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery
 from shuttle_marl.game.shipped import POSITIONS, load_game, model_folder, read_model_card
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
-from shuttle_marl.game.tables import GameError
 from tests import golden
 from tests.dynamics.rows import plain_rows
 

@@ -2,18 +2,23 @@
 
 import functools
 import json
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
+from shuttle_marl import load_models
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.base.pytorch import own_settings
-from shuttle_marl.dynamics.card import as_markdown
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import (
     MIN_END,
     THREADS,
+    codes_of_pairs,
     compile_game,
     is_duel_pair,
     is_long_duel_pair,
@@ -21,15 +26,20 @@ from shuttle_marl.dynamics.compiled import (
     load_support,
     pair_probabilities,
 )
-from shuttle_marl.dynamics.evaluate import health
-from shuttle_marl.dynamics.features import codes_of_pairs
+from shuttle_marl.dynamics.evaluate import as_markdown, health, play_of_people
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds
+from shuttle_marl.dynamics.modules import attributes
+from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.exact import PairPolicy
 from shuttle_marl.game import default_game, model_folder
-from shuttle_marl.game.shipped import BC, CHOICE_UNITS, NETWORKS, read_model, read_model_card
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.shipped import BC, CHOICE_UNITS, NETWORKS, load_game, read_model, read_model_card, real_play
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
+from tests.dynamics.rows import plain_rows
+from tests.exact.exact_games import random_game
 
 ULP = 1.0 / ONE
 
@@ -136,4 +146,119 @@ def test_the_figures_of_the_model_card_are_those_of_the_solvers() -> None:
     expected = dict(flat(card["health"]))
     numbers = {key for key, value in found.items() if isinstance(value, float)}
     assert {key: found[key] for key in numbers} == pytest.approx({key: expected[key] for key in numbers}, abs=2e-9)
-    assert {key: found[key] for key in found.keys() - numbers} == {key: expected[key] for key in expected.keys() - numbers}
+    assert {key: found[key] for key in found.keys() - numbers} == {key: expected[key] for key in found.keys() - numbers}
+
+
+PLAYED = (  # match, stroke, shot type, area, height, outcome
+    (0, 1, "short-serve", 1, 0, Outcome.RETURNED),
+    (0, 2, "cross-court-net-shot", 0, 0, Outcome.RETURNED),
+    (0, 3, "cross-court-net-shot", 2, 0, Outcome.RETURNED),
+    (0, 4, "cross-court-net-shot", 0, 1, Outcome.RETURNED),
+    (0, 5, "lift", 7, 0, Outcome.RETURNED),
+    (0, 6, "smash", 5, 1, Outcome.WINNER),
+    (0, 1, "short-serve", 1, 0, Outcome.RETURNED),
+    (0, 2, "lift", 6, 0, Outcome.RETURNED),
+    (0, 3, "clear", 8, 1, Outcome.FAULT),
+    (0, 1, "short-serve", 1, 0, Outcome.RETURNED),
+    (0, 2, "net-shot", 1, 0, Outcome.RETURNED),
+    (0, 3, "cross-court-net-shot", 2, 0, Outcome.RETURNED),
+    (0, 4, "cross-court-net-shot", 2, 0, Outcome.RETURNED),
+    (0, 6, "cross-court-net-shot", 2, 0, Outcome.RETURNED),  # a row was dropped
+    (1, 7, "cross-court-net-shot", 2, 0, Outcome.UNKNOWN),
+)
+
+
+def test_play_of_people_in_three_rallies() -> None:
+    match, stroke, shot, area, height, outcome = zip(*PLAYED, strict=True)
+    code = [SHOTS.index(name) for name in shot]
+    incoming = [13 if number == 1 else before for number, before in zip(stroke, [13, *code[:-1]], strict=True)]
+    codes = {
+        name: np.array(values, np.int16)
+        for name, values in {"shot": code, "area": area, "contact": height, "incoming_shot": incoming}.items()
+    }
+    rows = plain_rows(
+        len(PLAYED),
+        codes=codes,
+        match=np.array(match, np.int32),
+        stroke=np.array(stroke, np.int16),
+        outcome=np.array(outcome, np.int8),
+    )
+    found = play_of_people(rows)
+    assert found["shots"]["cross-court-net-shot"] == pytest.approx(7 / 15)
+    assert found["types"] == 6
+    assert found["kinds"] == 7  # not the clear, a fault, whose target is not known
+    assert found["smash_after_lift"] == 0.5
+    assert {name: share for name, share in found["short_serve_replies"].items() if share} == pytest.approx(
+        {"cross-court-net-shot": 1 / 3, "lift": 1 / 3, "net-shot": 1 / 3}
+    )
+    assert found["net_runs"] == 3 / 8
+    assert found["length"] == 4.5
+    assert play_of_people(rows.take(np.zeros(len(rows), bool)))["length"] == 0
+
+
+def test_shipped_card_has_play_of_people() -> None:
+    people = real_play(default_game())
+    assert people is not None
+    assert set(people) == set(play_of_people(plain_rows(1)))
+    for mix in (people["shots"], people["short_serve_replies"]):
+        assert (set(mix), sum(mix.values())) == (set(SHOTS), pytest.approx(1))
+    assert real_play(load_game("default:recovery")) == people
+    assert real_play(load_game("default:women")) is None
+
+
+def test_m_succ_and_m_ret_are_torch_modules_that_can_be_called() -> None:
+    models, game = load_models(), default_game()
+    pairs = np.random.default_rng(0).integers(0, game.n_base_pairs, 300)
+    arrays = codes_of_pairs(game, pairs, opposite=False) | {"discipline": np.ones(len(pairs), np.int16)}
+    codes = attributes(arrays)
+    for module, chance in ((models.m_succ, 1 - models.fault(arrays)), (models.m_ret, models.returned(arrays))):
+        assert isinstance(module, torch.nn.Module)
+        found = module(codes)
+        assert found.shape == (300,)
+        assert found.dtype == torch.float64
+        assert np.abs(found.numpy() - chance).max() < 1e-12
+        # A row does not depend on the others.
+        assert torch.allclose(module(codes[:7]), found[:7], rtol=0, atol=1e-12)
+    assert models.m_contact(codes).shape == (300,)
+    assert models.m_hurried(codes).shape == (300, 2)
+
+
+def test_a_shift_moves_the_log_odds_of_a_fault() -> None:
+    models, game = load_models(), default_game()
+    codes = attributes(codes_of_pairs(game, np.arange(50), opposite=False))
+    plain, moved = models.m_succ(codes), models.m_succ(codes, 0.5)
+    assert torch.allclose(torch.logit(plain) - torch.logit(moved), torch.full((50,), 0.5, dtype=torch.float64))
+    assert torch.allclose(models.m_succ.shifted(0.5)(codes), moved)
+    assert torch.equal(models.m_succ(codes), plain)
+
+
+def rallies(env: Any, seeds: range) -> list[tuple[int, str, float]]:
+    """Number of the stroke, reason and reward of the server at every step of random rallies."""
+    seen = []
+    for seed in seeds:
+        env.reset(seed=seed)
+        rng = np.random.default_rng(seed)
+        while not any(env.terminations.values()):
+            mask = env.observe(env.agent_selection)["action_mask"]
+            action = int(rng.choice(np.flatnonzero(mask)))
+            env.step(action)
+            seen.append((action, env.agent_selection, env.rewards["player_0"]))
+    return seen
+
+
+def test_rallies_of_the_modules_are_those_of_the_tables() -> None:
+    tables, models = rally_v0.env(), rally_v0.env(outcomes="models")
+    assert rallies(models, range(12)) == rallies(tables, range(12))
+    again = pickle.loads(pickle.dumps(rally_v0.raw_env(outcomes="models")))
+    assert rallies(again, range(3)) == rallies(tables, range(3))
+
+
+@pytest.mark.parametrize("game", ["default:men", "default:recovery", random_game(0)])
+def test_games_without_models_are_refused(game: Game | str) -> None:
+    with pytest.raises(OptionError, match="only the game of a model"):
+        match_v0.env(game=game, outcomes="models")
+
+
+def test_unknown_outcomes_are_refused() -> None:
+    with pytest.raises(OptionError, match="tables, models"):
+        rally_v0.env(outcomes="torch")

@@ -14,7 +14,6 @@ import pytest
 
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
-from shuttle_marl.env.words import TextRallyEnv, text_env
 from tests.recovery import Prefers, small_recovery_game
 
 GAME = small_recovery_game()
@@ -50,7 +49,6 @@ def same(a: Any, b: Any) -> bool:
         match_v0.env,
         lambda **options: match_v0.env(reward="rally", mask="info", info="full", **options),
         lambda **options: rally_v0.env(action="components", **options),
-        text_env,
     ],
 )
 def test_what_is_received_does_not_depend_on_the_position(make: Callable[..., Any]) -> None:
@@ -84,21 +82,20 @@ def test_what_is_received_does_not_depend_on_the_position(make: Callable[..., An
     assert min(told) > 0
 
 
-@pytest.mark.parametrize("make", [SingleRallyEnv, SingleMatchEnv, TextRallyEnv])
+@pytest.mark.parametrize("make", [SingleRallyEnv, SingleMatchEnv])
 def test_against_an_opponent_only_the_outcome_tells(make: Callable[..., Any]) -> None:
     envs = [make(opponent=Prefers(weights), game=GAME) for weights in ((9, 1, 1) * 3, (1, 1, 9) * 3)]
     rng, differ = np.random.default_rng(2), 0
     for seed in range(120):
         told = [env.reset(seed=seed) for env in envs]
         for _ in range(40):
-            raws = [env.unwrapped.rally.raw if make is TextRallyEnv else env.unwrapped.raw for env in envs]
+            raws = [env.unwrapped.raw for env in envs]
             assert same(*told)
             if raws[0].terminations["player_0"]:
                 break
             legal = np.flatnonzero(raws[0].observe(raws[0].agent_selection)["action_mask"])
             action = int(rng.choice(legal))
-            sent = raws[0].game.action_names[action] if make is TextRallyEnv else action
-            told = [env.step(sent) for env in envs]
+            told = [env.step(action) for env in envs]
             first, second = ([(one.stroke, one.outcome) for one in raw.snapshot().strokes] for raw in raws)
             if first != second:
                 differ += 1

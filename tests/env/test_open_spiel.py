@@ -15,10 +15,11 @@ from shuttle_marl import exact, rally_v0
 from shuttle_marl.env.open_spiel import NAME, RECOVERY_NAME, RallyGame, open_spiel_policy
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.layout import layout
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, layout
-from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import game_without_outcomes, hand_made, random_game, random_policy, with_probabilities
 from tests.recovery import with_recovery
 

@@ -6,7 +6,7 @@ import pytest
 
 from shuttle_marl.env.open_spiel import RallyGame, RallyObserver, RallyState
 from shuttle_marl.game import default_game
-from shuttle_marl.game.observation import SWAP, observations
+from shuttle_marl.game.layout import SWAP, observations
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import load_game
 from tests.exact.exact_games import hand_made, tiring_game

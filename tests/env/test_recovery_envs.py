@@ -8,10 +8,9 @@ import pytest
 
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.single import SingleMatchEnv
-from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
-from shuttle_marl.game.observation import HURRIED, SWAP, observations
+from shuttle_marl.game.layout import SWAP, observations
 from shuttle_marl.game.policy import GamePolicy, PolicyError, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.shipped import default_game
@@ -125,47 +124,6 @@ def test_forks_draw_the_hidden_position_from_what_is_believed(make: Any) -> None
     assert {waited_in(env.fork(seed, np.eye(9)[last]), at) for seed in range(20)} == {last}
     with pytest.raises(PolicyError, match="illegal position"):
         env.fork(1, np.eye(9)[feasible.argmin()])
-
-
-def test_rallies_in_words_ask_where_to_wait() -> None:
-    rng, asked = np.random.default_rng(3), set[bool]()
-    env: Any = text_env(game=GAME)
-    for _ in range(20):
-        env.reset(seed=None if asked else 1)
-        for agent in env.agent_iter():
-            text, _, over, _, _ = env.last()
-            assert env.observation_space(agent).contains(text)
-            if over:
-                assert text == OVER
-                env.step(None)
-                continue
-            waits = env.unwrapped.chooses_position
-            names = text.rstrip("\n").rpartition("Places: " if waits else "Legal strokes: ")[2].split(", ")
-            legal = np.flatnonzero(env.unwrapped.observe(agent)["action_mask"])
-            assert names == [env.unwrapped.game.action_names[action] for action in legal]
-            hurried = env.unwrapped.observe(agent)["observation"][HURRIED] == 1
-            assert hurried == ("hurried:" in text)
-            if waits:
-                assert "You played: " in text
-                assert ("Your opponent is hurried" in text) == hurried
-                other = next(name for name in env.possible_agents if name != agent)
-                assert env.observe(other) == "Your opponent chooses where to wait."
-            asked.add(waits)
-            env.step(f"I choose {rng.choice(names)}.")
-    assert asked == {False, True}
-
-
-def test_words_that_name_no_place_lose() -> None:
-    env = TextRallyEnv(opponent=FORWARD, game=GAME, info="full")
-    for seed in range(50):
-        text, _ = env.reset(seed=seed)
-        over = False
-        while not over and "Places: " not in text:
-            text, _, over, _, _ = env.step(text.rstrip("\n").rpartition(", ")[2])
-        if not over:
-            break
-    text, reward, over, _, info = env.step("I stay where I am.")
-    assert (text, reward, over, info["reason"]) == (OVER, -1.0, True, "illegal position")
 
 
 def test_opponents_who_wait_are_told_the_score_of_the_striker_and_the_strokes() -> None:

@@ -19,7 +19,7 @@ from shuttle_marl.env.open_spiel import RallyGame
 from shuttle_marl.env.single import SingleEnv, SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.kernel import KernelError
@@ -248,7 +248,7 @@ single = functools.partial(gymnasium.make, "shuttle_marl/Rally-v0")
         (versus, {"batch": 4, "opponents": "bcc"}, PolicyError, "no policy 'bcc'; did you mean bc"),
         (versus, {"batch": 4, "opponents": ["bc", ByScore()]}, PolicyError, "'ByScore' reads the score"),
         (versus, {"batch": 4, "opponents": []}, KernelError, "no policy: expected one or more"),
-        (versus, {"batch": 4, "threads": 0}, KernelError, "threads 0"),
+        (versus, {"batch": 4, "threads": 0}, OptionError, "threads 0"),
         *((RallyGame, {"params": wrong}, OptionError, "expected") for wrong in ({"server": 2}, {"max_strokes": -1})),
     ],
 )

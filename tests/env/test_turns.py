@@ -18,7 +18,7 @@ from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.aec import PlayedRally, ShuttleEnv
 from shuttle_marl.game import rules
 from shuttle_marl.game.draws import draw, first_server, outcome_draw, stream
-from shuttle_marl.game.observation import RALLY_WIDTH, observations
+from shuttle_marl.game.layout import RALLY_WIDTH, observations
 from shuttle_marl.game.rules import RETURNED_BELOW, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.tables import Game

@@ -14,9 +14,9 @@ from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
 from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 from tests.kernel.recovery import with_positions
 from tests.recovery import small_recovery_game, with_recovery

@@ -3,8 +3,8 @@
 import pytest
 
 from shuttle_marl.exact import Solution, solve
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.baselines import load
 from tests.reduced import reduced_game
 

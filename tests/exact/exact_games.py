@@ -11,10 +11,11 @@ from scipy.sparse import coo_array, eye_array
 from scipy.sparse.linalg import spsolve
 
 from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.game.draws import HURRY_ONE, ONE
+from shuttle_marl.game.layout import base_pairs, layout
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.tables import HURRY_ONE, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.tables import Game, thresholds
 
 Floats = npt.NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from scipy import stats
 
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.exact import ExactError, best_response, evaluate, solve
-from shuttle_marl.exact.away import over, spread
+from shuttle_marl.exact.odds import over, spread
 from shuttle_marl.exact.profile import moved
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer
 from tests.exact.exact_games import with_probabilities

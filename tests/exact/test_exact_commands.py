@@ -14,7 +14,7 @@ from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
 from shuttle_marl.reports.charts import best_replies
@@ -162,8 +162,8 @@ def test_aims_are_the_best_replies_by_area() -> None:
     [
         (["evaluate"], "no policy given"),
         (["evaluate", "stranger"], "no policy 'stranger'"),
-        (["evaluate", "bc", "--matches", "0"], "--matches 0: expected a number from 1"),
-        (["evaluate", "bc", "--seed", "-1"], "--seed -1: expected a whole number from 0"),
+        (["evaluate", "bc", "--matches", "0"], "--matches 0: expected `int` >= 1"),
+        (["evaluate", "bc", "--seed", "-1"], "--seed -1: expected `int` >= 0"),
         (["solve", "--game", "nothing"], "no model 'nothing'"),
         (["solve", "--incoming", "smash"], "name its file with --plot FILE"),
         (["solve", "--plot", "court.gif"], "pictures are written as .png, .svg, .pdf"),

@@ -11,9 +11,9 @@ import pytest
 
 from shuttle_marl.commands.exact import main
 from shuttle_marl.data import read_matches
-from shuttle_marl.dynamics.card import add_truth, write_card
+from shuttle_marl.dynamics.evaluate import add_truth, write_card
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import Estimate, factor_of, factors_of, load_game, read_model_card
-from shuttle_marl.game.tables import GameError
 from shuttle_marl.policy import baselines
 from shuttle_marl.reports import add_values
 from tests.reduced import reduced_model

@@ -8,15 +8,13 @@ import pytest
 from scipy.optimize import linprog
 
 from shuttle_marl.exact import best_response, evaluate, nash_conv, policy_regret, solve, solve_robust, solve_soft, visits
-from shuttle_marl.exact.matrix_games import matrix_game
 from shuttle_marl.exact.optimal import restricted_response, restricted_value
 from shuttle_marl.exact.profile import moved, tabulated_pairs
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions
-from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import random_game, random_policy
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
@@ -73,28 +71,12 @@ def entries(game: Game, state: int, following: Floats) -> Floats:
     return out
 
 
-def test_matrix_games_equal_linear_programs() -> None:
-    rng = np.random.default_rng(0)
-    for case in range(200):
-        k, m = int(rng.integers(1, 30)), int(rng.integers(1, 10))
-        matrix = rng.normal(size=(k, m)) if case % 2 else rng.integers(-2, 3, (k, m)).astype(float)  # many ties
-        unit, shift = ((1.0, 0.0), (1e-7, 0.0), (1e5, -3e5))[case % 3]
-        matrix = matrix * unit + shift
-        x, y = np.empty(k), np.empty(m)
-        low, high = matrix_game(matrix, x, y)
-        expected = pytest.approx(value_by_program((matrix - shift) / unit) * unit + shift, abs=1e-9 * unit)
-        assert (low, high, (x @ matrix).min(), (matrix @ y).max()) == (expected,) * 4
-        assert x.sum() == pytest.approx(1)
-        assert y.sum() == pytest.approx(1)
-        assert min(x.min(), y.min()) >= 0
-
-
 @pytest.mark.parametrize(("seeds", "least"), [(range(30), 22), pytest.param(range(200), 150, marks=pytest.mark.slow)])
 def test_values_of_random_games_are_those_of_linear_programs(seeds: range, least: int) -> None:
     """In every state, so that they are the fixed point of the equation that defines them."""
     mixed = 0
     for seed in seeds:
-        game = with_recovery(random_game(seed, 3 + seed % 3), seed)
+        game = with_recovery(random_game(seed, 3 + seed % 3), seed, size=0.8 * (seed % 5 > 0))  # many ties without effects
         found = solve(game)
         assert found.error_bound <= 2e-9
         for state in range(min(game.n_states, 20)):

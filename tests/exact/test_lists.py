@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 
 from shuttle_marl.exact import best_response, evaluate, holes, solve, visits
-from shuttle_marl.exact.lists import averaged, cells_of, lists
-from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.exact.play import averaged, cells_of, lists
+from shuttle_marl.game.layout import GameError
+from shuttle_marl.game.policy import UniformPolicy, tabulate
 from shuttle_marl.game.shipped import least_support, load_game, real_strokes
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import games, random_policy, seeds, tiring_game
 from tests.reduced import reduced_game, reduced_model
@@ -76,8 +76,8 @@ def test_no_allowed_stroke_is_better_than_the_limited_response() -> None:
     assert value.odds().rally == pytest.approx(answer.value.odds().rally, abs=1e-8)
     # Policy improvement: with the values of this profile, the best allowed stroke is the one that is played.
     worth = np.where(allowed, GAME.stroke_values(value.striking[1]), -2)
-    best = np.maximum.reduceat(worth, GAME.first_pairs)
-    assert np.maximum.reduceat(np.where(played, worth, -2), GAME.first_pairs) == pytest.approx(best, abs=1e-7)
+    best = np.maximum.reduceat(worth, GAME.pair_start[:-1][GAME.playable])
+    assert np.maximum.reduceat(np.where(played, worth, -2), GAME.pair_start[:-1][GAME.playable]) == pytest.approx(best, abs=1e-7)
     assert answer.value.odds().rally < best_response(opponent).value.odds().rally
 
 

@@ -80,17 +80,14 @@ def test_maximal_lotteries_of_known_games() -> None:
     assert np.allclose(maximal_lottery(np.maximum(margins, 0)), np.array([2, 1, 3]) / 6, atol=1e-9)
 
 
-@pytest.mark.parametrize("alpha", [0.1, 1.0, 10.0, np.inf])
+@pytest.mark.parametrize("alpha", [0.1, 1.0, 10.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_alpha_rank_equals_open_spiel(alpha: float, seed: int) -> None:
     theirs = pytest.importorskip("open_spiel.python.egt.alpharank")
     raw = np.random.default_rng(seed).normal(size=(6, 6))
     payoff = raw - raw.T if seed else raw
-    infinite = bool(np.isinf(alpha))
-    _, _, expected, _, _ = theirs.compute(
-        [payoff], m=20, alpha=1.0 if infinite else alpha, use_inf_alpha=infinite, inf_alpha_eps=0.02
-    )
-    assert np.allclose(alpha_rank(payoff, alpha=alpha, population=20, noise=0.02), expected, atol=1e-6)
+    _, _, expected, _, _ = theirs.compute([payoff], m=20, alpha=alpha)
+    assert np.allclose(alpha_rank(payoff, alpha=alpha, population=20), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -126,11 +123,9 @@ def test_payoffs_are_antisymmetric_up_to_a_millionth_of_the_largest() -> None:
         nash_average(np.eye(2))
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"alpha": 0.0}, {"alpha": -1.0}, {"alpha": np.nan}, {"population": 1}, {"noise": 0.0}, {"noise": 1.0}]
-)
+@pytest.mark.parametrize("wrong", [{"alpha": 0.0}, {"alpha": -1.0}, {"alpha": np.nan}, {"alpha": np.inf}, {"population": 1}])
 def test_parameters_of_a_population(wrong: dict[str, Any]) -> None:
-    with pytest.raises(MetaGameError, match=r"expected alpha > 0, population >= 2 and 0 < noise < 1"):
+    with pytest.raises(MetaGameError, match="expected a finite alpha > 0, and population >= 2"):
         alpha_rank(TRANSITIVE, **wrong)
 
 

@@ -17,12 +17,11 @@ from shuttle_marl.exact import (
     solve,
     visits,
 )
-from shuttle_marl.exact import known as cached
+from shuttle_marl.game.draws import odds_of_steps
 from shuttle_marl.game.pairs import STEP, pair_game, without_skill
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
+from shuttle_marl.game.shipped import with_odds
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.game.thresholds import odds_of_steps
-from shuttle_marl.game.variants import with_odds
 from shuttle_marl.policy.registry import resolve
 from tests.reduced import reduced_model
 
@@ -76,7 +75,7 @@ def test_best_responses_are_those_of_the_other_player(pair: Game, clones: tuple[
 def test_crossplay_of_both_players(pair: Game) -> None:
     names = ("bc", "random")
     first, second = zip(*(seated(pair, name, name) for name in names), strict=True)
-    odds, again = crossplay(first, second), cached.crossplay(first, second)
+    odds, again = crossplay(first, second), crossplay(first, second)
     for i, j in itertools.product(range(2), repeat=2):
         expected = evaluate(first[i], second[j]).odds()
         assert (odds.serving[i, j], odds.receiving[i, j]) == pytest.approx((expected.serving, expected.receiving), abs=1e-8)

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.exact import known, visits
+from shuttle_marl.exact import visits
+from shuttle_marl.exact.odds import restricted_odds
 from shuttle_marl.exact.optimal import restricted_response, restricted_value
 from shuttle_marl.exact.play import impossible, play, unusual
 from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
@@ -102,8 +103,8 @@ def test_odds_under_restrictions_are_those_of_the_solvers(tmp_path: Path, monkey
     game = hand_made()
     policy, opponent = random_policy(game, 0), random_policy(tiring_game(), 1)
     pairs: Any = [(None, opponent), (random_policy(GAME, 2), opponent), (None, policy), (None, opponent)]
-    found = known.restricted_odds(pairs, 0.75, tolerance=1e-6)
+    found = restricted_odds(pairs, 0.75, tolerance=1e-6)
     assert found[0] == found[3] == restricted_response(opponent, 0.75, tolerance=1e-6).value.odds()
     assert found[1] == restricted_value(pairs[1][0], opponent, 0.75, tolerance=1e-6).odds()
-    assert known.restricted_odds(pairs, 0.75, tolerance=1e-6) == found
-    assert known.restricted_odds(pairs[:1], 0.5, tolerance=1e-6) != found[:1]
+    assert restricted_odds(pairs, 0.75, tolerance=1e-6) == found
+    assert restricted_odds(pairs[:1], 0.5, tolerance=1e-6) != found[:1]

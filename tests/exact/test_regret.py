@@ -21,9 +21,9 @@ from shuttle_marl.exact.fixed_point import (
 )
 from shuttle_marl.exact.optimal import limited, restricted_response
 from shuttle_marl.exact.profile import induced
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 from tests.exact.test_hidden_positions_solved import waiting, with_recovery
 from tests.reduced import reduced_game
@@ -101,7 +101,7 @@ def test_endless_states_are_named() -> None:
     stroke = GAME.catalogue.names[int(GAME.base_pair_stroke[GAME.base_pair_start[state]])]
     with pytest.raises(ExactError, match=re.escape(f"{stroke} never ends the rally in state: {GAME.describe(state)};")):
         solve(endless)
-    with pytest.raises(ExactError, match="never ends the rally against some position"):
+    with pytest.raises(ExactError, match=re.escape(f"never ends the rally in state: {GAME.describe(state)}")):
         solve(with_recovery(endless, 2))
     with pytest.raises(ExactError, match=re.escape(f"ever ends the rally in state: {GAME.describe(state)}")):
         evaluate(random_policy(endless, 0), random_policy(GAME, 0))

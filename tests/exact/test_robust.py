@@ -25,7 +25,7 @@ def test_one_game_is_minimax(game: Game) -> None:
 
 def over_strokes(game: Game, values: Floats) -> Floats:
     best = np.zeros(game.n_states)
-    best[game.playable] = np.maximum.reduceat(values, game.first_pairs)
+    best[game.playable] = np.maximum.reduceat(values, game.pair_start[:-1][game.playable])
     return best
 
 

@@ -1,5 +1,6 @@
 """Scorecards, sampled and exact, and the league's exact figures."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -10,9 +11,8 @@ import pytest
 
 from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
 from shuttle_marl.exact.match import normalised_score
-from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.policy import PolicyError, States, tabulate
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.ranking import exact_odds
@@ -114,7 +114,7 @@ def test_exact_figures_of_a_game_without_clones_and_of_one_without_end() -> None
     assert np.isnan(found.normalised_score).all()
     threshold = game.threshold.copy()
     threshold[:, :2] = 0
-    endless = type(game)(**{**{f: getattr(game, f) for f in game.__dataclass_fields__}, "threshold": threshold})
+    endless = dataclasses.replace(game, threshold=threshold)
     pool = [Entrant(name=name, policy=Moody("safe"), table=random_policy(endless, i)) for i, name in enumerate("ab")]
     found = exact_odds(endless, pool)
     assert "ever ends the rally" in found.problem

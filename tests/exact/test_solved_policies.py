@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.exact import PairPolicy, best_response, evaluate, solve, solve_robust, solve_soft
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.game.shipped import refits_of
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import baselines, registry
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import hand_made

@@ -41,25 +41,17 @@ def test_next_stroke_names_a_split_that_the_data_lack() -> None:
 @pytest.mark.slow
 def test_next_stroke_scores_all_predictors(tmp_path: Path) -> None:
     data = tmp_path / "strokes.parquet"
-    write_published(data, (*matches_of("train")[:2], *matches_of("validation")[:1]), seed=2)
-    result = result_of("experiments.next_stroke", "--data", data, "--out", tmp_path / "next_stroke.json")
-    assert list(result["rows"]) == ["all strokes", "rally strokes", "rally strokes, contact height not known"]
+    write_published(data, matches_of("validation")[:1], seed=2)
+    settings = ("--data", data, "--model", reduced_model(), "--out", tmp_path / "next_stroke.json")
+    result = result_of("experiments.next_stroke", *settings)
+    assert list(result["rows"]) == ["all strokes", "rally strokes"]
     for scores in result["rows"].values():
-        assert list(scores) == ["imitator", "own clone", "average clone"]
+        assert list(scores) == ["own clone", "average clone"]
         assert all(np.diff(of["shot_type"]).min() >= 0 for of in scores.values())
-    # The players of the game are the average player, whose clone no other predictor can beat by much.
-    average, imitator = (result["rows"]["all strokes"][name]["cross_entropy"] for name in ("average clone", "imitator"))
-    assert average < imitator
+    # The strokes are those of the average player.
+    own, average = (result["rows"]["all strokes"][name]["cross_entropy"] for name in ("own clone", "average clone"))
+    assert average <= own
     assert json.loads((tmp_path / "next_stroke.json").read_text())["rows"] == result["rows"]
-
-
-def test_recovery_bracket_solves_hidden_and_seen_positions() -> None:
-    found = result_of("experiments.recovery_bracket", "--model", reduced_model())["bracket"]
-    assert 0.5 < found["sees"]["known"] <= found["sees"]["not_known"]
-    for name in ("people", "hidden", "seen"):
-        for mix in ("shots", "positions"):
-            assert sum(found[name][mix].values()) == pytest.approx(1)
-    assert max(found[name]["error_bound"] for name in ("hidden", "seen")) < 1e-9
 
 
 @pytest.mark.slow
@@ -98,9 +90,9 @@ def test_truth_finds_that_promises_come_true_in_the_game_itself(tmp_path: Path) 
     assert all(is_near(slope, slope["value"], 1.0) for slope in slopes.values()), slopes
     assert result["value_log_loss"] < np.log(2)
     assert is_near(result["two_sample_auc"], result["two_sample_auc"]["value"], 0.5)
-    errors = [role for roles in result["value_error"].values() for role in roles.values() if role["n"] >= 300]
+    errors = [error for error in result["value_error"].values() if error["n"] >= 300]
     assert [error for error in errors if not is_near(error, error["points"], 0.0)] == []
-    assert result["illegal"]["share"] == 0
+    assert result["illegal"] == 0
 
 
 @pytest.mark.slow
@@ -112,28 +104,6 @@ def test_human_finds_a_known_tau_again(tmp_path: Path) -> None:
     result = result_of("experiments.human", "--data", data, "--model", reduced_model())
     assert min(result["curve"], key=lambda of: of["cross_entropy"]["value"])["tau"] == 0.1
     assert all(of["gain"]["low"] > 0 for of in result["players"])
-
-
-@pytest.mark.slow
-def test_league_training_compares_variants_and_resumes(tmp_path: Path) -> None:
-    saved = tmp_path / "results.json"
-    flags = (
-        "--quick",
-        "--variants",
-        "plain",
-        "psro-exact",
-        "--game",
-        reduced_model(),
-        "--out",
-        tmp_path / "study",
-        "--json",
-        saved,
-    )
-    assert "| psro-exact |" in run("experiments.league_training", *flags)
-    result = json.loads(saved.read_text())
-    assert [(row["variant"], row["seeds"]) for row in result["rows"]] == [("plain", 2), ("psro-exact", 1)]
-    run("experiments.league_training", *flags, "--resume")
-    assert json.loads(saved.read_text())["rows"] == result["rows"]
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.game.observation import RALLY_WIDTH, SWAP, observations
+from shuttle_marl.game.layout import RALLY_WIDTH, SWAP, observations
 from shuttle_marl.game.policy import PolicyError, States, act
 from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import hand_made, tiring_game

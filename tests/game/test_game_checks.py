@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import tiring_game
 from tests.recovery import with_recovery
 from tests.reduced import reduced_game, reduced_model

@@ -11,8 +11,9 @@ from safetensors.numpy import save_file
 from shuttle_marl.base.errors import OptionError, ShuttleError
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tables import Game
 from tests.game.test_rally_layout import random_game
 
 

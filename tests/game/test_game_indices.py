@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally.record import states_of_rallies
+from shuttle_marl.game.draws import HURRY_ONE, ONE
+from shuttle_marl.game.rally import states_of_rallies
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
-from shuttle_marl.game.tables import HURRY_ONE, Game
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import struck
 from tests.game.test_rally_layout import games
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from shuttle_marl.game import default_game, tabulate
-from shuttle_marl.game.rally.stepper import RallyDraws, choose, stepper_of
+from shuttle_marl.game.rally import RallyDraws, choose, stepper_of
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.policy import resolve

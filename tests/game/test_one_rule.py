@@ -9,10 +9,9 @@ import pytest
 
 from shuttle_marl import match_v0
 from shuttle_marl.game import default_game, scoring
-from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.policy import UniformPolicy, tabulate
 from shuttle_marl.game.rules import next_score
 from shuttle_marl.game.scoring import Rules
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.kernel.matches import ask, play
 

@@ -15,9 +15,12 @@ from safetensors.numpy import load as load_arrays
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
+from shuttle_marl.game.layout import GameError, base_pairs, layout
 from shuttle_marl.game.pairs import (
+    Skill,
     game_between,
     game_of_people,
+    load_skill,
     looks_of,
     opponent_tables,
     pair_game,
@@ -28,10 +31,8 @@ from shuttle_marl.game.pairs import (
     without_skill,
 )
 from shuttle_marl.game.shipped import CARD, SKILL, load_game, model_folder, origin_of, read_model_card
-from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import base_pairs, layout
+from shuttle_marl.game.tables import Game
 from tests.reduced import reduced_game, reduced_model
 
 A, B, WOMAN = "viktor-axelsen", "kento-momota", "an-se-young"

@@ -10,9 +10,11 @@ import zstandard
 
 from shuttle_marl.base.tensor_files import read_tensors, tensor_bytes
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.policy import PolicyError, States, UniformPolicy
-from shuttle_marl.game.tabulated import (
+from shuttle_marl.game.policy import (
+    PolicyError,
+    States,
     TabulatedPolicy,
+    UniformPolicy,
     cumulative_positions,
     from_pair_probabilities,
     tabulate,

@@ -12,12 +12,11 @@ from scipy.optimize import brentq
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, HURRY_ONE, ONE, with_fault_odds
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.recovery import STEP, Recovery
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
-from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
-from shuttle_marl.game.tabulated import thresholds
-from shuttle_marl.game.thresholds import ONE, with_fault_odds
+from shuttle_marl.game.tables import Game, thresholds
 from shuttle_marl.kernel import struck
 from tests.exact.exact_games import tiring_game
 from tests.recovery import with_recovery

@@ -8,7 +8,7 @@ import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import area_box, service_box
-from shuttle_marl.game.rally.record import OPTIONAL, Rallies, Rally, RallyError, columns_of, stroke_dtype
+from shuttle_marl.game.rally import OPTIONAL, Rallies, Rally, RallyError, columns_of, stroke_dtype
 from shuttle_marl.game.rules import FAULT, HURRIED_ABOVE, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game

@@ -13,8 +13,7 @@ from shuttle_marl.env import rally_v0
 from shuttle_marl.game import Game, UniformPolicy, default_game, load_game, rules, tabulate
 from shuttle_marl.game.draws import draw, extend, first_server, outcome_draw, stream
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import Rallies, stepper_of
 from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER, State
 from shuttle_marl.kernel import Matches, RallyBatch, RallySampler, play_matches, play_rallies, struck
 from tests.exact.exact_games import random_game

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import shipped
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import (
     Estimate,
     default_game,
@@ -22,7 +23,6 @@ from shuttle_marl.game.shipped import (
     supported,
     variant_of,
 )
-from shuttle_marl.game.tables import GameError
 from tests.exact.exact_games import tiring_game
 from tests.reduced import reduced_game, reduced_model
 

@@ -6,10 +6,10 @@ import pickle
 import numpy as np
 import pytest
 
-from shuttle_marl.game import Game, UniformPolicy, court, default_game, tabulate
+from shuttle_marl.game import Game, UniformPolicy, default_game, tabulate
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
-from shuttle_marl.game.observation import SWAP, observations
-from shuttle_marl.game.rally.stepper import RallyDraws, Stepper, choose, stepper_of
+from shuttle_marl.game.layout import SWAP, observations
+from shuttle_marl.game.rally import RallyDraws, Stepper, choose, stepper_of
 from shuttle_marl.game.rules import HURRIED_BELOW
 
 
@@ -66,22 +66,3 @@ def test_copies_share_the_stepper_of_the_game(game: Game) -> None:
     stepper = stepper_of(game)
     assert copy.deepcopy(stepper) is stepper
     assert isinstance(pickle.loads(pickle.dumps(stepper)), Stepper)
-
-
-@pytest.mark.parametrize(
-    ("name", "metres"),
-    [
-        ("LENGTH", 13.4),
-        ("WIDTH", 6.1),
-        ("SINGLES_WIDTH", 5.18),
-        ("NET_HEIGHT", 1.55),
-        ("NET_HEIGHT_CENTRE", 1.524),
-        ("SHORT_SERVICE", 1.98),
-        ("LONG_SERVICE", 0.76),
-        ("LINE", 0.04),
-        ("NET_DEPTH", 0.76),
-        ("TAPE", 0.075),
-    ],
-)
-def test_dimensions_are_those_of_the_laws(name: str, metres: float) -> None:
-    assert getattr(court, name) == metres

@@ -15,24 +15,28 @@ from safetensors.numpy import save_file
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import Tensors, read_tensors
-from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.dynamics.evaluate import write_card
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import shipped
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import (
     BC,
     OPPOSITE,
+    STEP,
     VARIANTS,
     load_game,
     model_folder,
+    moved,
     origin_of,
+    packed,
     read_model_card,
     refits_of,
     resolve_game,
+    steps_between,
+    unpacked,
 )
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import thresholds
-from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpacked
+from shuttle_marl.game.tables import Game, thresholds
 from shuttle_marl.policy import baselines
 from tests.exact.exact_games import tiring_game
 from tests.reduced import reduced_game, reduced_model
@@ -231,8 +235,8 @@ def test_what_unpacks_to_more_than_a_table_is_refused_before_it_does() -> None:
     game = load_game()
     header = {"variants": json.dumps({"game": game.hash, "hashes": {"1": ""}})}
     bomb = np.frombuffer(lzma.compress(bytes(10**8)), dtype=np.uint8)
-    with pytest.raises(ValueError, match=f"a packed array of {5 * game.n_base_pairs + 1} bytes, expected"):
-        unpacked(Tensors(header, {"1.steps": bomb, "1.fault_odds": game.fault_odds}), game, "1")
+    with pytest.raises(GameError, match=f"a packed array of {5 * game.n_base_pairs + 1} bytes, expected"):
+        unpacked(Tensors(header, {"1.steps": bomb, "1.fault_odds": game.fault_odds}), game, "1", Path("model"))
 
 
 def test_models_with_the_same_tables_have_their_own_refits() -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from shuttle_marl.env import rally_v0
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.tables import Game
 from tests.reduced import reduced_game

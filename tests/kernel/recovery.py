@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.policy.registry import resolve
 from tests.recovery import small_recovery_game
 from tests.reduced import reduced_game, reduced_model

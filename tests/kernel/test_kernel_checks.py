@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy, UniformPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, RallyBatch, RallySampler, pack, play_matches
 from shuttle_marl.kernel.rows import Observations
 from tests.exact.exact_games import hand_made, random_game, random_policy, tiring_game
@@ -42,7 +41,7 @@ def test_a_mask_of_rows_is_one_truth_value_a_row(batch: RallyBatch, rows: Any) -
 
 @pytest.mark.parametrize("change", [np.float64, bool, str, object])
 def test_strokes_are_whole_numbers(batch: RallyBatch, change: Any) -> None:
-    strokes, before = batch.random_strokes(), state_of(batch)
+    strokes, before = batch.random_actions()[0], state_of(batch)
     with pytest.raises(KernelError, match=r"strokes: .*; expected int64"):
         batch.step(strokes.astype(change))
     with pytest.raises(KernelError, match="strokes: 0 to 18446744073709551615; expected"):
@@ -67,7 +66,7 @@ def locked(array: np.ndarray) -> np.ndarray:
     ],
 )
 def test_room_for_observations_is_checked(batch: RallyBatch, change: Callable[[Observations], Observations]) -> None:
-    strokes, before, room = batch.random_strokes(), state_of(batch), change(batch.new_observations())
+    strokes, before, room = batch.random_actions()[0], state_of(batch), change(batch.new_observations())
     for use in (lambda: batch.observe(room), lambda: batch.step(strokes, observed=room)):
         with pytest.raises(KernelError, match=r"output array for (tokens|mask)"):
             use()
@@ -149,7 +148,7 @@ def test_positions_of_receivers_are_needed_where_no_learner_chooses_them() -> No
     batch.step(stroke, first)
     for other in (RallyBatch(GAME, 3), RallyBatch(HIDDEN, 3, opponents=[WAITING])):
         with pytest.raises(KernelError, match="positions are for rows without opponents in the game with recovery"):
-            other.step(other.random_strokes(), np.zeros(3, np.int64))
+            other.step(other.random_actions()[0], np.zeros(3, np.int64))
 
 
 @pytest.mark.parametrize(

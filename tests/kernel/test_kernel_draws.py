@@ -1,4 +1,4 @@
-"""The compiled draws and choices against the definitions in ``shuttle_marl.game.draws`` and ``shuttle_marl.game.tabulated``."""
+"""The compiled draws and choices against the definitions in ``shuttle_marl.game.draws`` and ``shuttle_marl.game.policy``."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,11 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.base.compiling import compiled
-from shuttle_marl.env.single import Opponent
 from shuttle_marl.game import draws
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
 from shuttle_marl.game.policy import States, drawn_strokes
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.rally import choose
 from shuttle_marl.kernel import Players, core, pack
 from shuttle_marl.kernel import players as packed
 from tests.exact.exact_games import random_game, random_policy
@@ -71,7 +70,7 @@ def _every_choice(players: Players, state: int, start: int, chosen: npt.NDArray[
 def test_every_player_of_the_package_turns_a_draw_into_the_same_stroke(sharpness: float) -> None:
     game = random_game(11, 9, 0.9)
     policy = random_policy(game, 3, sharpness)
-    players, single = pack([policy], game), Opponent(policy, game)
+    players = pack([policy], game)
     draw = np.arange(CHOICE_ONE)
     for state in np.flatnonzero(game.legal_count(np.arange(game.n_states)) > 1)[:3].tolist():
         compiled_choice = np.empty(CHOICE_ONE, np.int64)
@@ -81,7 +80,7 @@ def test_every_player_of_the_package_turns_a_draw_into_the_same_stroke(sharpness
         p = policy.probabilities(States(game=game, state=states[:1].astype(np.int32)))
         asked = drawn_strokes(np.broadcast_to(p, (CHOICE_ONE, game.n_strokes)), draw)
         assert np.array_equal(asked, game.stroke_at(states, compiled_choice))
-        assert [single.choose(state, u, None) for u in draw[::97].tolist()] == asked[::97].tolist()
+        assert [choose(policy, game, state, u) for u in draw[::97].tolist()] == asked[::97].tolist()
         # And each stroke is played as often as its table says.
         share = np.bincount(compiled_choice, minlength=int(game.legal_count(state))) / CHOICE_ONE
         assert np.array_equal(share, policy.pair_probabilities()[game.pairs_of(state)])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import draws
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.policy import PolicyError, States, UniformPolicy
 from shuttle_marl.game.scoring import Rules
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Matches
 from shuttle_marl.kernel.matches import ask, ask_position, asking, play
 from tests.exact.exact_games import hand_made, tiring_game

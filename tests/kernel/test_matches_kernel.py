@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game import scoring
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.game.tables import Game, GameError
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import KernelError, Matches, MatchResults, pack, play_matches, play_rallies
 from shuttle_marl.kernel.core import BLOCK
 from shuttle_marl.kernel.matches import play

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl import rally_v0
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game import default_game, draws
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch, play_rallies, struck
 from shuttle_marl.kernel.rows import Rows
 from shuttle_marl.policy.registry import resolve
@@ -99,14 +100,14 @@ def test_a_batch_by_itself_plays_as_it_does_from_outside(size: int, threads: int
     for strokes in (1, 13, 30):
         alone.run(strokes)
         for _ in range(strokes):
-            steered.step(steered.random_strokes())
+            steered.step(steered.random_actions()[0])
         assert_rows(alone.rows, steered.rows)
 
 
 def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
     batch = RallyBatch(GAME, 3000, seed=2, threads=2)
     batch.run(3)
-    strokes = batch.random_strokes()
+    strokes = batch.random_actions()[0]
     before = state_of(batch)
     wrong = strokes.copy()
     wrong[2500] = wrong[1700] = int(np.flatnonzero(~GAME.mask(batch.rows.state[1700]))[0])
@@ -132,7 +133,7 @@ def test_rallies_of_two_policies_are_those_of_the_environment() -> None:
     compare_with_rally_v0(3, rallies, game=game)
     assert rallies.match.tolist() == list(range(n))
     assert (rallies.policy == [0, 1]).all()
-    with pytest.raises(KernelError, match="rallies 0: expected a whole number"):
+    with pytest.raises(OptionError, match="rallies 0: expected a whole number"):
         play_rallies(game, (one, other), 0)
 
 
@@ -158,7 +159,7 @@ Rally = list[Turn] | bool
 
 
 def learners_choice(game: Game, key: np.uint64, count: int, state: int) -> int:
-    """The choice of ``random_strokes``, by its definition."""
+    """The choice of ``random_actions``, by its definition."""
     first, last = int(game.pair_start[state]), int(game.pair_start[state + 1])
     upper = int(draws.draw(np.array([key]), count)[0]) >> 32
     return int(game.pair_stroke[first + (upper * (last - first) >> 32)])
@@ -198,7 +199,7 @@ def by_kernel(batch: RallyBatch, rallies: int, *, fused: bool = True) -> tuple[d
     met: dict[int, int] = {}
     while batch.rows.rally.min() < rallies:
         state, rally, opponent = batch.rows.state.copy(), batch.rows.rally.copy(), batch.opponents.opponent.copy()
-        strokes = batch.random_strokes()
+        strokes = batch.random_actions()[0]
         reward, done = batch.step(strokes, reset=fused)
         assert np.array_equal(done, reward != 0)
         if not fused:
@@ -260,7 +261,7 @@ def test_assigned_opponents_come_with_the_next_rally() -> None:
     batch.assign(np.full(50, 2))
     unchanged = np.ones(50, np.bool_)
     for _ in range(15):
-        _, done = batch.step(batch.random_strokes())
+        _, done = batch.step(batch.random_actions()[0])
         unchanged &= ~done
         assert np.array_equal(batch.opponents.opponent, np.where(unchanged, np.arange(50) % 3, 2))
     assert not unchanged.all()
@@ -272,7 +273,7 @@ def test_another_policy_in_the_place_of_an_opponent() -> None:
     replaced.reset(7)
     reference = RallyBatch(GAME, 20, opponents=[table("bc")], seed=7)
     for _ in range(20):
-        strokes = reference.random_strokes()
+        strokes = reference.random_actions()[0]
         got, expected = replaced.step(strokes), reference.step(strokes)
         assert np.array_equal(got[0], expected[0])
         assert np.array_equal(replaced.rows.state, reference.rows.state)
@@ -297,5 +298,5 @@ other_game = random_game(1)
 )
 def test_options_out_of_range_are_refused(options: dict[str, object], message: str) -> None:
     given: dict[str, object] = {"batch": 4, "opponents": [table("bc")], **options}
-    with pytest.raises(KernelError, match=message):
+    with pytest.raises((KernelError, OptionError), match=message):
         RallyBatch(GAME, **given)  # type: ignore[arg-type]

@@ -9,8 +9,8 @@ import pytest
 from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.game import draws
+from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions
 from shuttle_marl.kernel import (
     KernelError,
     Matches,

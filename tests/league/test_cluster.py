@@ -61,9 +61,9 @@ def test_ray_that_is_missing_is_named(
 
 def test_workers_with_other_versions_refuse(monkeypatch: pytest.MonkeyPatch) -> None:
     versions = module._versions(("numpy",))
-    assert module._call(product, [3, 4], versions) == 12
+    assert module._call(product, versions, 3, 4) == 12
     with pytest.raises(ClusterError, match=r"numpy 1\.0 there, .* here\); install the same"):
-        module._call(product, [3, 4], {**versions, "numpy": "1.0"})
+        module._call(product, {**versions, "numpy": "1.0"}, 3, 4)
 
 
 needs_ray = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
@@ -141,10 +141,10 @@ def test_ray_on_this_machine_and_no_cluster_anywhere(
     assert _files(tmp_path / "local") == _files(tmp_path / "serial")
     with open_cluster("local", ()) as cluster:
         ten = cluster.share(10)
-        assert [task.result() for task in [cluster.submit(product, ten, b) for b in range(3)]] == [0, 10, 20]
+        assert [task() for task in [cluster.submit(product, ten, b) for b in range(3)]] == [0, 10, 20]
         with pytest.raises(ValueError, match="unlucky"):
-            cluster.submit(product, 1, 13).result()
+            cluster.submit(product, 1, 13)()
         with pytest.raises(ClusterError, match=r"lost 4 times with its worker.*--resume"):
-            cluster.submit(os._exit, 1).result()
+            cluster.submit(os._exit, 1)()
     with pytest.raises(ClusterError, match="no cluster can be reached"), open_cluster("auto", ()):
         pass

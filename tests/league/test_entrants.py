@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.game.policy import States
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.policy import States, tabulate
 from shuttle_marl.kernel.matches import play
 from shuttle_marl.league.entrants import Entrant, Strikers, enter
 from shuttle_marl.league.ranking import rank, results_table
-from shuttle_marl.league.tournament import MatchOptions, Tournament, matches_of, round_robin
+from shuttle_marl.league.tournament import Tournament, matches_of, round_robin
 from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
 from tests.reduced import reduced_game
@@ -68,7 +67,7 @@ def entrant(name: str, function: Callable[[States], Any], *, reads_score: bool =
 
 
 def tournament(entrants: list[Entrant], matches: int = 4, batch: int = 8192) -> Tournament:
-    return Tournament(GAME, entrants, MatchOptions(matches=matches, seed=0, batch=batch, keep_strokes=True))
+    return Tournament(GAME, entrants, matches=matches, seed=0, batch=batch, keep_strokes=True)
 
 
 @pytest.mark.parametrize("function", FAILURES, ids=lambda f: f.__name__)

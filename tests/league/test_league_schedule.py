@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.training.league.config import LeagueTrainingConfig
-from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs
-from shuttle_marl.training.league.psro import meta_strategy
-from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised
-from shuttle_marl.training.league.state import LeagueState, Member, Turn
+from shuttle_marl.training.league.population import TOLERANCE, Frozen, LeagueState, Member, Payoffs, Turn
+from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, meta_strategy, order, prioritised
 from tests.exact.exact_games import tiring_game
 
 NAMES = ["main-agent-0", "main-agent-1", "main-exploiter-0", "league-exploiter-0"]

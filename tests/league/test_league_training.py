@@ -20,18 +20,16 @@ from safetensors.numpy import load
 from shuttle_marl import exact
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
-from shuttle_marl.training.league.population import TABLES, Payoffs
+from shuttle_marl.training.league.population import LEAGUE, TABLES, Payoffs
 from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import FLOOR, prioritised, uniform
-from shuttle_marl.training.league.state import LEAGUE
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.recording.conftest import read_rallies
 from tests.stops import Killed, stop
@@ -247,7 +245,7 @@ def test_damage_is_noticed(whole: Path, model: str, tmp_path: Path) -> None:
         (["--budget", "0m"], "expected a time"),
         (["--budget", "5m", "--strokes", "10"], "give one of them"),
         (["--response-fraction", "0.9", "--past-fraction", "0.5"], "fractions that add up to 1 or less"),
-        (["--main-agents", "0"], "whole number from 1"),
+        (["--main-agents", "0"], "expected `int` >= 1"),
         (["--variant", "psro", "--strokes", "10"], "nothing learns"),
         (["--pool", "nobody"], "nobody"),
     ],

@@ -11,25 +11,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from shuttle_marl.exact.away import Spread
 from shuttle_marl.game import load_game
-from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games, stability
+from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games
 from shuttle_marl.league.entrants import enter
-from shuttle_marl.league.ranking import ExactOdds, rank
-from shuttle_marl.league.ratings import (
+from shuttle_marl.league.ranking import (
     ELO,
+    ExactOdds,
     bradley_terry,
     exact_ratings,
     misfit,
     prior_wins,
+    rank,
     rank_intervals,
     ratings,
+    unknown,
     wins_of,
 )
 from shuttle_marl.league.tournament import (
     BOUND,
     COUNTS,
-    MatchOptions,
     PairResult,
     Tournament,
     decided,
@@ -216,12 +216,6 @@ def played(wins: dict[tuple[str, str], int], pool: tuple[str, ...], matches: int
     return found
 
 
-def unknown(pool: tuple[str, ...]) -> ExactOdds:
-    n = len(pool)
-    nothing = np.full(n, np.nan)
-    return ExactOdds(names=pool, match=np.full((n, n), np.nan), exploitability=nothing, normalised_score=nothing)
-
-
 def test_a_circle_of_three_is_found_once_and_begins_with_the_first_in_the_pool() -> None:
     (cycle,) = cycles(NAMES, ROCK)
     assert cycle["players"] == ("rock", "scissors", "paper")
@@ -262,7 +256,6 @@ def test_a_tournament_in_a_circle() -> None:
     assert found.win == pytest.approx(ROCK, abs=0.02)
     assert found.misfit.p < 1e-6
     assert [set(cycle["players"]) for cycle in found.cycles] == [set(NAMES)]
-    assert found.stability is None
     text = json.dumps(as_json(found, standings), allow_nan=False)
     assert json.loads(text)["ranking"][0]["player"] == standings[0].player
     assert math.isnan(standings[0].rating_exact)
@@ -276,16 +269,6 @@ def test_exact_odds_come_before_sampled_ones() -> None:
     assert win[0, 1] == 0.25
     assert win[1, 0] == 0.75
     assert win[0, 2] == pytest.approx(0.8, abs=0.01)
-
-
-def test_ranks_in_refits() -> None:
-    match = np.array([[0.5, 0.6, 0.9], [0.4, 0.5, 0.7], [0.1, 0.3, 0.5]])
-    nothing = np.full(3, np.nan)
-    shares = np.array([[0.75, 0.55, 0.2], [0.6, 0.7, 0.2]])
-    found = stability(ExactOdds(names=NAMES, match=match, exploitability=nothing, normalised_score=nothing, away_shares=shares))
-    assert found["rank"] == [1, 2, 3]
-    assert found["rank_in_refits"] == [[1, 2, 3], [2, 1, 3]]
-    assert found["kendall_tau"] == pytest.approx([1, 1 / 3])
 
 
 def counts(**given: int) -> dict[str, int]:
@@ -319,15 +302,13 @@ def test_standings_are_ratios_of_the_counts() -> None:
 
 def test_exact_figures_of_a_standing() -> None:
     match = np.array([[0.5, 0.8, np.nan], [0.2, 0.5, np.nan], [np.nan] * 3])
-    away = Spread(value=np.array([0.1, 0.2, np.nan]), low=np.array([0.0, 0.1, np.nan]), high=np.array([0.3, 0.4, np.nan]))
     exact = ExactOdds(
-        names=NAMES, match=match, away=away,
+        names=NAMES, match=match,
         exploitability=np.array([0.25, 0.5, np.nan]), normalised_score=np.array([1.5, -0.5, np.nan]),
     )  # fmt: skip
     wins = {("rock", "paper"): 60, ("rock", "scissors"): 80, ("paper", "scissors"): 30}
     found = {standing.player: standing for standing in rank(NAMES, played(wins, NAMES), 0, exact)}
     rock, paper = found["rock"], found["paper"]
-    assert (rock.away_share, rock.away_low, rock.away_high) == (0.1, 0.0, 0.3)
     assert (paper.exact_share, paper.exploitability, paper.normalised_score) == (pytest.approx(0.2), 0.5, -0.5)
     assert (rock.exact_share, rock.rating_exact) == (pytest.approx(0.8), pytest.approx(200 * math.log10(4), abs=1e-6))
     assert math.isnan(found["scissors"].exact_share)
@@ -366,22 +347,6 @@ def test_the_clearest_cycles_are_listed_first_and_twenty_at_most() -> None:
     assert closest == pytest.approx(sorted(every, reverse=True)[:20])
 
 
-def test_ties_share_the_better_rank_in_refits_and_unknown_entrants_are_left_out() -> None:
-    nothing = np.full(3, np.nan)
-    match = np.array([[0.5, np.nan, 0.5], [np.nan] * 3, [0.5, np.nan, 0.5]])
-    shares = np.array([[0.5, np.nan, 0.5], [0.4, np.nan, 0.6]])
-    found = stability(ExactOdds(names=NAMES, match=match, exploitability=nothing, normalised_score=nothing, away_shares=shares))
-    assert found is not None
-    assert (found["players"], found["rank"], found["rank_in_refits"]) == (["rock", "scissors"], [1, 1], [[1, 1], [2, 1]])
-    alone = ExactOdds(
-        names=NAMES, match=match[:, :1], exploitability=nothing, normalised_score=nothing,
-        away_shares=np.array([[0.5, np.nan, np.nan]]),
-    )  # fmt: skip
-    only = stability(alone)
-    assert only is not None
-    assert math.isnan(only["kendall_tau"][0])
-
-
 DECIDED = 40.0
 
 
@@ -410,8 +375,7 @@ def test_a_pairing_stops_when_it_is_decided(small_model: str) -> None:
     entrants = [asked, enter("random", game), enter("attacking", game)]
 
     def results(batch: int, decide: float | None) -> list[tuple[int, tuple[int, int, int]]]:
-        options = MatchOptions(matches=64, seed=1, batch=batch, keep_strokes=True, decide=decide)
-        tournament = Tournament(game, entrants, options)
+        tournament = Tournament(game, entrants, matches=64, seed=1, batch=batch, keep_strokes=True, decide=decide)
         blocks = [block for group in tournament.play(round_robin(["a", "b", "c"])) for block in group]
         return [(sum(seat["matches"] for seat in result.seats), result.cells) for result, _ in blocks]
 

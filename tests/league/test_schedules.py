@@ -1,25 +1,18 @@
-"""Forms of tournaments, and entrants that are added to a finished one."""
+"""Forms of tournaments: their pairings, results and rounds."""
 
 import contextlib
-import json
 import random
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.csv
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.base import runs
 from shuttle_marl.game import draws, load_game
-from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.league import LeagueConfig, LeagueError
-from shuttle_marl.league.entrants import Format
-from shuttle_marl.league.run import continued
+from shuttle_marl.game.rally import Rallies
+from shuttle_marl.league import LeagueConfig
 from shuttle_marl.league.tournament import (
     COUNTS,
     Pairing,
@@ -29,7 +22,6 @@ from shuttle_marl.league.tournament import (
     stages,
     tally,
 )
-from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from tests.reduced import reduced_model
 from tests.stops import Killed, stop
@@ -80,21 +72,6 @@ def test_a_bye_counts_as_one_win() -> None:
     results = [result(pairing, 5) for pairing in first]
     # Now a, c and e, which had the bye, have one point each; d rests.
     assert [pairing.names for pairing in stages("abcde", "swiss", results)[1]] == [("a", "c"), ("b", "e")]
-
-
-@given(st.integers(2, 5), st.lists(st.integers(1, 3), max_size=3), st.sampled_from(["round-robin", "gauntlet"]))
-def test_additions_play_what_is_missing(first: int, more: list[int], form: Format) -> None:
-    sizes = [first]
-    for number in more:
-        sizes.append(sizes[-1] + number)
-    pool = [f"p{i}" for i in range(sizes[-1])]
-    known = stages(pool, form, [], grown=sizes[:-1])
-    for k in range(len(sizes)):
-        before = stages(pool[: sizes[k]], form, [], grown=sizes[:k])
-        assert before == known[: k + 1]
-    whole = stages(pool, form, [])[0]
-    assert {frozenset(p.names) for stage in known for p in stage} == {frozenset(p.names) for p in whole}
-    assert sum(map(len, known)) == len(whole)
 
 
 def test_results_as_each_side_has_them() -> None:
@@ -208,71 +185,6 @@ def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_byt
         assert {name: (out / name).read_bytes() for name in names} == expected, when
 
 
-def test_an_addition_plays_only_what_is_missing(small_model: str, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    config: dict[str, Any] = {"matches": 6, "game": small_model, "out": out}
-    first = play_league(LeagueConfig(pool=POOL[:2], **config))
-    log = (out / "rallies.mcap").read_bytes()
-    grown = play_league(LeagueConfig(pool=POOL[2:3], extend=True, **config))
-    assert grown.results[:1] == first.results
-    assert (out / "rallies.mcap").read_bytes() == log
-    play_league(LeagueConfig(pool=(POOL[0], POOL[3]), extend=True, **config))
-    whole = play_league(LeagueConfig(pool=POOL, matches=6, game=small_model, out=tmp_path / "whole"))
-    rows = {
-        name: pyarrow.csv.read_csv(folder / "ranking.csv").to_pylist() for name, folder in (("a", out), ("b", tmp_path / "whole"))
-    }
-    assert [row["player"] for row in rows["a"]] == [row["player"] for row in rows["b"]]
-    assert [row["wins"] for row in rows["a"]] == [row["wins"] for row in rows["b"]]
-    assert len({line["pairing"] for line in map(json.loads, (out / "pairings.jsonl").read_text().splitlines())}) == 6
-    assert len(whole.results) == 6
-    with RallyLog(out) as logs:
-        assert len(logs.header.policies) == 4
-        assert logs.n_rallies == sum(found.seen_by(found.names[0])["rallies"] for found in whole.results)
-    assert all(check(out / name, load_game(small_model)).problems == () for name in ("rallies-2.mcap", "rallies-3.mcap"))
-    again = play_league(LeagueConfig(pool=POOL, resume=True, **config))
-    assert len(again.standings) == 4
-
-
-def test_an_addition_that_was_killed_continues(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config: dict[str, Any] = {"matches": 6, "game": small_model}
-    for name in ("run", "whole"):
-        play_league(LeagueConfig(pool=POOL[:2], **config, out=tmp_path / name))
-    play_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "whole"))
-
-    with monkeypatch.context() as patch, contextlib.suppress(Killed):
-        stop(patch, 5, "fsync")
-        play_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "run"))
-    assert not runs.is_finished(tmp_path / "run")
-    play_league(LeagueConfig(pool=POOL, resume=True, **config, out=tmp_path / "run"))
-    for name in (*TABLES, "rallies-2.mcap"):
-        assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-
-
-def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    play_league(LeagueConfig(pool=POOL[:2], matches=2, game=small_model, out=out))
-    refused: tuple[tuple[dict[str, Any], str], ...] = (
-        ({"pool": POOL[:1], "matches": 2}, "are already in this run"),
-        ({"pool": POOL[2:], "matches": 4}, "other flags (matches: 2 then, 4 now)"),
-        ({"pool": POOL[2:], "matches": 2, "format": "gauntlet"}, "other flags (format"),
-        ({"pool": POOL[2:], "matches": 2, "out": tmp_path / "none"}, "contains no run"),
-        ({"pool": ()}, "give both"),
-        ({"pool": POOL, "format": "swiss"}, "not available with"),
-    )
-    for flags, says in refused:
-        with pytest.raises(LeagueError, match=re.escape(says)):
-            play_league(LeagueConfig(**{"game": small_model, "out": out, "extend": True, **flags}))
-
-
-def test_an_entrant_that_does_not_exist_leaves_a_finished_run_as_it_is(small_model: str, tmp_path: Path) -> None:
-    config: dict[str, Any] = {"matches": 2, "game": small_model, "out": tmp_path}
-    play_league(LeagueConfig(pool=POOL[:2], **config))
-    before = {name: (tmp_path / name).read_bytes() for name in ("config.json", "manifest.json")}
-    with pytest.raises(PolicyError, match="no policy 'attaking'; did you mean attacking"):
-        play_league(LeagueConfig(pool=("attaking",), extend=True, **config))
-    assert {name: (tmp_path / name).read_bytes() for name in before} == before
-
-
 def test_workers_change_no_byte(small_model: str, tmp_path: Path) -> None:
     config: dict[str, Any] = {"pool": POOL, "matches": 6, "game": small_model, "batch": 6}
     for workers in (1, 3):
@@ -281,40 +193,6 @@ def test_workers_change_no_byte(small_model: str, tmp_path: Path) -> None:
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "3" / name).read_bytes()
 
 
-def written(folder: Path, **changes: Any) -> None:
-    config = LeagueConfig(pool=("a", "b"), out=folder)
-    (folder / runs.CONFIG).write_text(json.dumps({**config.fixed(), **changes}))
-
-
 @pytest.mark.parametrize("profile", ["women", "men"])
 def test_tournaments_are_played_in_their_profile(profile: Any) -> None:
     assert LeagueConfig(game=reduced_model(), profile=profile).load().hash == load_game(f"{reduced_model()}:{profile}").hash
-
-
-def test_the_entrants_of_a_continued_run(tmp_path: Path) -> None:
-    def config(*pool: str, **flags: Any) -> LeagueConfig:
-        return LeagueConfig(pool=pool, out=tmp_path, **flags)
-
-    with pytest.raises(LeagueError, match="contains no run to extend"):
-        continued(config("c", extend=True))
-    assert continued(config("a", "b", resume=True)).grown == ()
-    written(tmp_path)
-    first = continued(config("b", "c", extend=True))
-    assert (first.pool, first.grown, first.resume, first.extend) == (("a", "b", "c"), (2,), True, False)
-    with pytest.raises(LeagueError, match="all entrants of --pool are already in this run"):
-        continued(config("b", extend=True))
-    with pytest.raises(runs.RunError, match=r"other flags \(seed: 0 then, 1 now"):
-        continued(config("c", extend=True, seed=1))
-    written(tmp_path, pool=["a", "b", "c", "d"], grown=[2, 3])
-    assert continued(config("a", "b")).pool == ("a", "b"), "a new run"
-    resumed = continued(config("a", "d", resume=True))
-    assert (resumed.pool, resumed.grown) == (("a", "b", "c", "d"), (2, 3))
-    assert continued(config("a", "e", resume=True)).pool == ("a", "e"), "other flags, which are refused later"
-    more = continued(config("e", extend=True))
-    assert (more.pool, more.grown) == (("a", "b", "c", "d", "e"), (2, 3, 4))
-    for grown in ([3, 2], [1], [5], [2, 5]):
-        written(tmp_path, pool=["a", "b", "c", "d"], grown=grown)
-        with pytest.raises(LeagueError, match="expected ascending numbers of entrants"):
-            continued(config("a", "b", resume=True))
-    written(tmp_path, pool=["a", "b", "c", "d"], grown=[2, 4])
-    assert continued(config("a", "b", resume=True)).grown == (2, 4)

@@ -68,7 +68,7 @@ CHEAP = {
     "training a2c": ["--game {model} --strokes 256 --batch 256 --width 8 --out a2c"],
     "training sac": ["--game {model} --strokes 256 --batch 256 --width 8 --out sac"],
     "watch": ["--replay none.mcap"],
-    "": ["--help", "--version", "--completion bash"],
+    "": ["--help", "--version"],
 }
 """Arguments of cheap runs by command."""
 

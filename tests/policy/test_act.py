@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.game.observation import observations, states_of
+from shuttle_marl.game.layout import GameError, observations, states_of
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.tables import GameError
 from shuttle_marl.policy import resolve
 from tests.reduced import reduced_game
 

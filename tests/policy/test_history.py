@@ -11,17 +11,16 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.base.tensor_files import tensor_bytes
-from shuttle_marl.court.match import play_rally
+from shuttle_marl.court.match import PolicyTables, play_rally
 from shuttle_marl.court.plan import Side
-from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.simulated import simulate, simulated_rallies
-from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.choices import fit_history
+from shuttle_marl.dynamics.evaluate import write_card
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.observation import observations
+from shuttle_marl.game.layout import observations
 from shuttle_marl.game.policy import (
     STAGES,
     HistoryError,
@@ -31,15 +30,15 @@ from shuttle_marl.game.policy import (
     UniformPolicy,
     act,
     checked_probabilities,
+    tabulate,
 )
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.shipped import HISTORY, load_game, read_model_card
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league.entrants import default_pool, enter
-from shuttle_marl.policy import baselines, history, registry
-from shuttle_marl.policy.history import ATTRIBUTES, N_STYLES, HistoryPolicy
+from shuttle_marl.policy import baselines, registry
+from shuttle_marl.policy.baselines import ATTRIBUTES, N_STYLES, HistoryPolicy
 from tests.dynamics.rows import plain_rows
 from tests.reduced import reduced_game, reduced_model
 
@@ -320,13 +319,13 @@ def test_the_name_is_listed_and_resolved_where_the_model_has_it(game: Game) -> N
 
 def test_a_model_without_it_is_named(tmp_path: Path) -> None:
     game = load_game(str(copied(tmp_path)))
-    assert history.NAME not in registry.names(game)
+    assert baselines.REMEMBERING not in registry.names(game)
     with pytest.raises(PolicyError, match=f"no {HISTORY}; fit the model again, or use bc"):
         registry.resolve("bc:history", game)
 
 
 def test_tournaments_refuse_it(game: Game) -> None:
-    assert history.NAME not in default_pool(game)
+    assert baselines.REMEMBERING not in default_pool(game)
     for name in ("bc:history", "bc:history@0.5"):
         with pytest.raises(HistoryError, match=f"{name!r} reads the strokes of the rally so far"):
             enter(name, game)

@@ -23,8 +23,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from shuttle_marl.game import default_game, observations
-from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.policy import PolicyError, States, checked_probabilities, tabulate
 from shuttle_marl.policy import from_network, from_sb3, plain_network, registry, resolve, save_network
 from shuttle_marl.policy.registry import resolve_recorded
 from tests.exact.exact_games import tiring_game
@@ -147,11 +146,12 @@ class Computed(nn.Module):
 N = GAME.n_strokes
 REFUSED: dict[str, tuple[nn.Module, str]] = {
     "slope": (network(function=lambda: nn.LeakyReLU(0.2)), "play another policy, with a difference of"),
-    "scaled input": (
-        Computed(lambda s, x: s.fc((x - 0.5) * 10), fc=nn.Linear(60, N)),
-        "the input of Linear.* outside of its modules",
+    "scaled input": (Computed(lambda s, x: s.fc((x - 0.5) * 10), fc=nn.Linear(60, N)), "play another policy, with a difference"),
+    "temperature": (Computed(lambda s, x: s.fc(x) / 0.05, fc=nn.Linear(60, N)), "play another policy, with a difference of"),
+    "rule for the serve": (
+        Computed(lambda s, x: s.fc(x) + 9 * (x[:, 55:56] == 1) * torch.eye(N)[0], fc=nn.Linear(60, N)),
+        "play another policy, with a difference of",
     ),
-    "temperature": (Computed(lambda s, x: s.fc(x) / 0.05, fc=nn.Linear(60, N)), "its output is computed outside of its modules"),
     "in place": (
         Computed(lambda s, x: s.fc2(s.act(s.fc1(x).mul_(3))), fc1=nn.Linear(60, 8), act=nn.Tanh(), fc2=nn.Linear(8, N)),
         "play another policy, with a difference of",

@@ -19,7 +19,7 @@ TABLES = (
 )  # fmt: skip
 DERIVED = (
     "pair_start", "pair_state", "pair_stroke", "base_pair_start", "base_pair_state", "base_pair_rank",
-    "base_pair_edge", "base_pair_stroke", "first_reply", "first_pairs", "last_pairs", "playable", "reply_mask", "reply_rank",
+    "base_pair_edge", "base_pair_stroke", "first_reply", "last_pairs", "playable", "reply_mask", "reply_rank",
     "edge_attack", "limits",
 )  # fmt: skip
 

@@ -11,11 +11,10 @@ from shuttle_marl.commands import exact
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, area_centre
-from shuttle_marl.game.policy import States
+from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.policy import States, tabulate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
 from shuttle_marl.policy.registry import resolve

@@ -11,9 +11,7 @@ from mcap.reader import make_reader
 
 from shuttle_marl.base.files import seal, unsealed
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter
-from shuttle_marl.recording.chunks import encode
-from shuttle_marl.recording.file_writer import LogFileWriter
-from shuttle_marl.recording.log_file import part_path, unfinished
+from shuttle_marl.recording.log_file import LogFileWriter, encode, part_path, unfinished
 from tests.recording.conftest import a_header, some_rallies
 
 LENGTHS = (0, 1, 2**16, 2**31, 2**32 - 1, 2**32, 2**62, 2**63 - 1, 2**64 - 1)

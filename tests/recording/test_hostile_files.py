@@ -20,9 +20,8 @@ from mcap.records import Chunk
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands import analysis, recording
 from shuttle_marl.recording import LogHeader, Player, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.chunks import FRAME, message_of_chunk
 from shuttle_marl.recording.header import DamagedLogError
-from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.log_file import FRAME, message_of_chunk, unfinished
 from shuttle_marl.recording.replay import check
 from tests.recording.conftest import chunks_of, read_all, read_rallies
 from tests.recording.mutate import Mutator
@@ -74,7 +73,7 @@ def watch() -> Watch:
         (recording, ["info", "LOG"]),
         (recording, ["check", "LOG"]),
         (recording, ["recover", "LOG", "--out", "recovered.mcap"]),
-        (recording, ["export", "LOG", "strokes.parquet", "--rows", "strokes", "--game", "default"]),
+        (recording, ["export", "LOG", "strokes.parquet", "--rows", "strokes"]),
         (recording, ["show", "LOG", "--rally", "1"]),
         (recording, ["scene", "LOG", "--rally", "1", "--out", "scene.mcap"]),
         (analysis, ["LOG", "--rallies", "50", "--out", "pictures"]),

@@ -17,10 +17,8 @@ from mcap.records import Message
 from mcap.writer import Writer
 
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.chunks import decode, encode, from_arrow, to_arrow
 from shuttle_marl.recording.header import DamagedLogError
-from shuttle_marl.recording.log_file import unfinished
-from shuttle_marl.recording.recover import salvage
+from shuttle_marl.recording.log_file import decode, encode, from_arrow, salvage, to_arrow, unfinished
 from shuttle_marl.recording.replay import check
 from tests.recording.conftest import chunks_of, read_all
 

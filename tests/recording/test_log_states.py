@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from shuttle_marl.recording import Rallies, RallyLog, RallyLogWriter, RecordingError, recover
-from shuttle_marl.recording.recover import resume
+from shuttle_marl.recording.recorder import resume
 from tests.recording.conftest import a_header, read_rallies, same, some_rallies
 
 OPTIONS: dict[str, Any] = {"batch_rallies": 8, "max_bytes": 12_000}

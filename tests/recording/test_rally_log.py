@@ -16,8 +16,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
-from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
-from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.log_file import arrow_schema, from_arrow, to_arrow, unfinished
 from shuttle_marl.recording.logs import log_of, play_log
 from shuttle_marl.recording.reader import export, is_log
 from tests.exact.exact_games import THREE_STROKES, hand_made, random_policy

@@ -207,7 +207,7 @@ def test_writers_and_recorders_have_options(tmp_path: Path, header) -> None:
     with pytest.raises(RecordingError, match="max_bytes 0"):
         RallyLogWriter(tmp_path / "a.mcap", header(), max_bytes=0)
     with pytest.raises(RecordingError, match="--record none records nothing"):
-        RallyRecorder.create(tmp_path / "a.mcap", header(), "none")
+        RallyRecorder.create(tmp_path / "a.mcap", header(record="none"))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -15,10 +15,10 @@ import pytest
 from shuttle_marl.commands.league import main as league
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import parse
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.replay import Replay, check

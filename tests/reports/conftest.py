@@ -13,8 +13,8 @@ from shuttle_marl.court.building import BuildError
 from shuttle_marl.data import read_matches
 from shuttle_marl.game import default_game
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import REFITS, resolve_game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import add_values, strokes_of
 from shuttle_marl.reports.advice import Refitted, refitted

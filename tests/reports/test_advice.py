@@ -16,13 +16,12 @@ from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game import court
 from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.layout import GameError
+from shuttle_marl.game.pairs import load_skill
 from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
-from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import GameError
 from shuttle_marl.reports.advice import LEAST_STEADY, Refitted, advise
-from shuttle_marl.reports.brief import is_short, options
-from shuttle_marl.reports.habits import discoveries, endings, habits, interval
+from shuttle_marl.reports.habits import discoveries, endings, habits, interval, is_short, options
 from shuttle_marl.reports.scouting import EARNED, Realised, earned, scout
 from shuttle_marl.reports.value import calibrated, error_of
 from tests.reports.conftest import A, with_hand
@@ -138,10 +137,10 @@ def test_options_are_seen_at_the_strength_of_the_opponent() -> None:
 def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1, *, opposite: bool = False) -> Plays:
     """Strokes of own shot, incoming shot, area where they are met, contact, shot and area; opposite: to the other hand."""
     own, incoming, met, contact, shot, area = np.array(rows * copies, dtype=np.int64).T
-    ones, zeros = np.ones(len(own)), np.zeros(len(own))
+    none = np.zeros(len(own), bool)
     return Plays(
         own=own, incoming=incoming, met=met, contact=contact, shot=shot, technique=contact, area=area,
-        opposite=np.full(len(own), opposite), weight=ones, fault=zeros, winner=zeros, group=np.zeros(len(own), np.int64),
+        opposite=np.full(len(own), opposite), fault=none, winner=none, group=np.zeros(len(own), np.int64),
     )  # fmt: skip
 
 
@@ -265,7 +264,7 @@ def test_faults_and_winners(sample: pa.Table) -> None:
         for each in listed:
             here = some.shot == SHOTS.index(each.shot)
             here &= True if each.technique is None else some.technique == TECHNIQUES.index(each.technique)
-            for end in (some.fault, some.winner):
+            for end in (some.fault.astype(int), some.winner.astype(int)):
                 counts = [[end[here & who].sum(), (1 - end[here & who]).sum()] for who in players]
                 p.append(stats.chi2_contingency(counts, correction=False).pvalue if np.sum(counts, axis=0).all() else 1.0)
         assert np.ravel([each.clear for each in listed]).tolist() == discoveries(p).tolist()

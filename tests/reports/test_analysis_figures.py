@@ -14,10 +14,9 @@ from shuttle_marl.data.schema import STROKES
 from shuttle_marl.dynamics.habits import NONE, Plays, Tally, questions, tally
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
-from shuttle_marl.reports.brief import brief, expected_of, options, won_or_lost
-from shuttle_marl.reports.habits import discoveries, endings, habits, interval
+from shuttle_marl.reports.habits import brief, discoveries, endings, expected_of, habits, interval, options
 from shuttle_marl.reports.scouting import season
-from shuttle_marl.reports.summary import AnalysisError, rally_table, summarise
+from shuttle_marl.reports.summary import AnalysisError, rally_table, summarise, won_or_lost
 from tests.reports.played import strokes_of
 
 SERVE, LIFT, CLEAR, DROP, SMASH = (SHOTS.index(name) for name in ("short-serve", "lift", "clear", "drop", "smash"))
@@ -29,9 +28,7 @@ def plays_of(n: int, **columns: Any) -> Plays:
         **{name: np.full(n, LIFT) for name in ("own", "incoming", "shot")},
         **{name: np.full(n, -1) for name in ("met", "area")},
         **{name: np.zeros(n, np.int64) for name in ("contact", "technique", "group")},
-        **{name: np.zeros(n) for name in ("fault", "winner")},
-        "opposite": np.zeros(n, np.bool_),
-        "weight": np.ones(n),
+        **{name: np.zeros(n, np.bool_) for name in ("fault", "winner", "opposite")},
     }
     return Plays(**{**usual, **columns})
 
@@ -47,8 +44,8 @@ def some_plays(n: int, seed: int, smashes: float = 0.3) -> tuple[Plays, np.ndarr
     found = plays_of(
         n, shot=shot, area=area, technique=rng.integers(0, 4, n),
         incoming=np.where(shot == SERVE, NONE, rng.choice([SERVE, DROP], n)),
-        contact=rng.integers(0, 2, n), met=rng.integers(-1, 9, n), fault=(end < 0.3 + 0.3 * (shot == SMASH)) * 1.0,
-        winner=(end > 0.9) * 1.0, own=rng.choice([SERVE, LIFT], n),
+        contact=rng.integers(0, 2, n), met=rng.integers(-1, 9, n), fault=end < 0.3 + 0.3 * (shot == SMASH),
+        winner=end > 0.9, own=rng.choice([SERVE, LIFT], n),
     )  # fmt: skip
     return found, won
 
@@ -128,10 +125,10 @@ def test_a_page_names_what_won_and_lost_and_how_the_opponent_answers() -> None:
     assert page.answers[1].areas == (0,) * 9
     assert page.expected == ()
     few = tally(both.take(np.arange(204) >= 203))
-    assert brief(own, few, None, np.zeros(0), towards, ~towards).answers[0].expected.about == "clear", (
-        "without matches, by the tally"
-    )
-    assert brief(own, few, None, np.zeros(0), towards, ~towards).dos == ()
+    without = brief(own, few, plays_of(0), np.zeros(0), np.zeros(0, bool), np.zeros(0, bool))
+    assert without.answers[0].expected.about == "clear", "a single stroke is an answer"
+    assert without.answers[0].areas == ()
+    assert without.dos == ()
 
 
 def test_expected_answers_are_the_three_most_frequent() -> None:
@@ -273,7 +270,7 @@ def test_the_form_of_a_player_in_dated_matches() -> None:
     names = pa.array(["x 2025-03-01" if name == "1" else "y" for name in strokes["match"].to_pylist()])
     strokes = strokes.set_column(0, STROKES.field("match"), names)
     shot = np.array([SERVE, SMASH, SERVE, LIFT, SERVE, SERVE])
-    plays = plays_of(6, shot=shot, fault=np.array([0, 0, 0, 1.0, 0, 0]), winner=np.array([0, 1.0, 0, 0, 1, 1]))
+    plays = plays_of(6, shot=shot, fault=np.arange(6) == 3, winner=np.isin(np.arange(6), (1, 4, 5)))
     [form] = season(strokes, plays, "A")
     assert (form.day, form.against, form.rallies, form.strokes) == (datetime.date(2025, 3, 1), "B", 3, 3)
     assert form.won == pytest.approx((1 / 3, *interval(1 / 3, 3)))

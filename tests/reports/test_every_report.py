@@ -18,10 +18,11 @@ from shuttle_marl.court.clips import match_clips
 from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
-from shuttle_marl.reports import match_page, scout_page, sources
-from shuttle_marl.reports.brief import DONTS, DOS, Brief, is_short
+from shuttle_marl.reports import coach
+from shuttle_marl.reports.habits import DONTS, DOS, Brief, is_short
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 from shuttle_marl.reports.match import MatchReport, matches_in
+from shuttle_marl.reports.pages import match_page, scouting_page
 from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
 
 if TYPE_CHECKING:
@@ -143,15 +144,15 @@ def some(names: Sequence[T]) -> Sequence[T]:
 
 def test_the_report_of_every_match(file: Path, strokes: pa.Table, paper: "Page", unbuilt: None) -> None:
     game = resolve_game(None)
-    sources.of_strokes(file, game, matches_in(strokes)[0])  # what is computed once in a process
+    coach.of_strokes(file, game, matches_in(strokes)[0])  # what is computed once in a process
     recorded = RealRallies(file, game, strokes)
     seconds: list[float] = []
     wrong: list[tuple[object, ...]] = []
     short = 0
     for name in some(matches_in(strokes)):
         started = time.monotonic()
-        report, source = sources.of_strokes(file, game, name)
-        pages = contents(lambda report=report, source=source: match_page.match_page(report, source))  # type: ignore[misc]
+        report, source = coach.of_strokes(file, game, name)
+        pages = contents(lambda report=report, source=source: match_page(report, source, match_clips(report, source)))  # type: ignore[misc]
         seconds.append(time.monotonic() - started)
         wrong += [(name, *each) for each in wrong_pages(pages, paper, file)]
         numbers = match_clips(report, source).numbers
@@ -174,7 +175,7 @@ def test_the_report_of_every_match(file: Path, strokes: pa.Table, paper: "Page",
     assert float(np.median(seconds)) <= 20
 
 
-def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: "Page", file: Path, unbuilt: None) -> None:
+def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: "Page", file: Path) -> None:
     listed = players_of()
     count = {each.name: each.strokes for each in listed}
     alike = ((a.name, b.name) for a, b in itertools.combinations(listed, 2) if a.discipline == b.discipline)
@@ -184,7 +185,7 @@ def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: "Page", file: Pat
     for player, opponent in some(sorted(alike, key=lambda pair: -count[pair[0]] - count[pair[1]])[:PAIRS]):
         started = time.monotonic()
         report = scout(opponent, player, data=strokes)
-        pages = contents(lambda report=report: scout_page.scouting_page(report))  # type: ignore[misc]
+        pages = contents(lambda report=report: scouting_page(report))  # type: ignore[misc]
         seconds.append(time.monotonic() - started)
         wrong += [(player, opponent, *each) for each in wrong_pages(pages, paper, file)]
         check_brief(report.brief)

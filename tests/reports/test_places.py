@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.exact import Solution, solve
-from shuttle_marl.exact.met import met
+from shuttle_marl.exact.profile import met
 from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game

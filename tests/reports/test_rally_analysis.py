@@ -6,16 +6,14 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from shuttle_marl.court.openings import opening, states_after
+from shuttle_marl.court.values import opening, states_after
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.exact.match import match_table
-from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.policy import Policy, tabulate
+from shuttle_marl.game.rally import Rally, stepper_of
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import Players, analyse_rally, decision
 from shuttle_marl.reports.rally import match_win_after

@@ -13,8 +13,8 @@ import pytest
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import read_parquet, write_parquet
+from shuttle_marl.commands.options import ReportOptions
 from shuttle_marl.commands.report import main as report_command
-from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.court import WatchError, clips
@@ -25,12 +25,10 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.reports import charts, sources
-from shuttle_marl.reports import match_page as match_pages
-from shuttle_marl.reports import scout_page as scout_pages
-from shuttle_marl.reports.course import Chances, RallyRow, score_of
+from shuttle_marl.reports import charts, coach
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
-from shuttle_marl.reports.match import MatchReport, match_report, matches_in
+from shuttle_marl.reports.match import Chances, MatchReport, RallyRow, match_report, matches_in, score_of
+from shuttle_marl.reports.pages import Clips, gaps, match_page, scouting_page
 from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.reports.summary import AnalysisError, rally_table
 from shuttle_marl.reports.words import Words
@@ -55,7 +53,7 @@ def match(sample: pa.Table) -> pa.Table:
     return sample.filter(pc.equal(sample["match"], matches_in(sample)[1]))
 
 
-def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str, unbuilt: None) -> None:
+def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str) -> None:
     faults = np.flatnonzero(match["outcome"].to_numpy() == Outcome.FAULT)
     forced: list[bool | None] = [None] * len(match)
     for i, kind in zip(faults, (True, False, False, *[True] * len(faults)), strict=False):
@@ -63,13 +61,13 @@ def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str,
     at = match.schema.get_field_index("forced")
     report = match_report(match.set_column(at, match.schema.field(at), pa.array(forced, pa.bool_())), game=resolve_game(model))
     assert np.sum(report.faults, axis=0).tolist() == [len(faults) - 2, 2]
-    _, text = read(match_pages.match_page(report))
+    _, text = read(match_page(report))
     for player, (pressed, own) in zip(report.players, report.faults, strict=True):
         assert f"{own} unforced errors, {pressed} forced by the opponent" in text, player
 
 
-def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt: None) -> None:
-    tags, text = read(scout_pages.scouting_page(scouted))
+def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport) -> None:
+    tags, text = read(scouting_page(scouted, clips=Clips(reason="Node is missing")))
     assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
         "brief", "how-kento-momota-plays", "serve,-return-and-third-stroke:-what-to-expect", "where-kento-momota-can-be-hurt",
         "what-to-train-this-week", "how-sure-is-this?",
@@ -82,11 +80,11 @@ def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt:
     assert "100 variations" not in text
 
 
-def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, reported: MatchReport, unbuilt: None) -> None:
+def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, reported: MatchReport) -> None:
     found = {}
     for name, page in (
-        ("scouting report", scout_pages.scouting_page(scouted)),
-        ("match report", match_pages.match_page(reported)),
+        ("scouting report", scouting_page(scouted)),
+        ("match report", match_page(reported)),
     ):
         for number, svg in enumerate(re.findall("<svg.*?</svg>", page.decode(), re.DOTALL)):
             found[f"{name}, {number}"] = golden.drawing(svg)
@@ -99,19 +97,19 @@ def test_the_figures_are_the_written_ones(scouted: ScoutingReport, reported: Mat
         golden.check(name, figures | {"model": None} if name == "scouting_report" else figures)
 
 
-def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table, model: str, unbuilt: None) -> None:
+def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table, model: str) -> None:
     a, b = dict.fromkeys([*match["player"].to_pylist()])
     report = match_report(with_hand(match, {a: 1, b: None}), game=resolve_game(model))
     assert report.hands == ("left", None)
     first, second = map(Words("en").player, (a, b))
-    _, text = read(match_pages.match_page(report))
+    _, text = read(match_page(report))
     assert f"{first}, left-handed · {second}, hand not known, played as right-handed · Match report" in text
     assert f"{first} strikes at the bottom of the picture; the opponent's forehand side is on the left" in text
     assert f"{second} strikes at the bottom of the picture; the opponent's backhand side is on the left" in text
     people = {
         name: dataclasses.replace(getattr(scouted, name), hand=hand) for name, hand in (("player", "right"), ("opponent", "left"))
     }
-    _, text = read(scout_pages.scouting_page(dataclasses.replace(scouted, **people)))
+    _, text = read(scouting_page(dataclasses.replace(scouted, **people)))
     assert "Viktor Axelsen, right-handed · Kento Momota, left-handed · Scouting report" in text
 
 
@@ -173,22 +171,22 @@ def test_a_drill_is_drawn_as_both_players_stand() -> None:
     assert len(serves) == 1
 
 
-def test_drills_name_areas_as_the_player_sees_them(reported: MatchReport, unbuilt: None) -> None:
+def test_drills_name_areas_as_the_player_sees_them(reported: MatchReport) -> None:
     catalogue, choice = reported.game.catalogue, reported.choices[0]
     stroke = next(k for k in range(len(catalogue)) if catalogue.area[k] == 6 and not catalogue.is_serve[k])
     met = next(k for k in range(len(catalogue)) if catalogue.area[k] == 0 and not catalogue.is_serve[k])
     choice = dataclasses.replace(choice, incoming=met, better=stroke)
     serve = dataclasses.replace(choice, incoming=len(catalogue), better=0)
-    _, text = read(match_pages.match_page(dataclasses.replace(reported, choices=[choice, serve])))
+    _, text = read(match_page(dataclasses.replace(reported, choices=[choice, serve])))
     assert "to your front forehand corner (blue)" in text
     assert "to their rear forehand corner (orange)" in text
     assert Words("en")("drills.serve", number=2, stroke="a")[:12] in text
 
 
-def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
+def test_a_profile_alone_has_no_advice(model: str) -> None:
     report = scout(B, model=model)
     assert (report.rally, report.player, [*report.advice]) == (None, None, [])
-    _, text = read(scout_pages.scouting_page(report))
+    _, text = read(scouting_page(report))
     assert "How Kento Momota plays" in text
     assert "Strokes of Kento Momota after the serve" in text
     assert "How the strokes end" in text
@@ -196,7 +194,7 @@ def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
     assert "Drill" not in text
 
 
-def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None) -> None:
+def test_a_player_with_fifty_strokes(model: str, sample: pa.Table) -> None:
     few = sample.filter(pc.equal(sample["match"], matches_in(sample)[3])).slice(0, 100)
     names = few["player"].to_pylist()
     for column in ("player", "opponent"):
@@ -205,15 +203,15 @@ def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None
     report = scout("club-player", model=model, data=few)
     assert report.opponent.since is None
     assert report.seen[0] <= 60
-    _, text = read(scout_pages.scouting_page(report))
+    _, text = read(scouting_page(report))
     assert f"There are only {report.seen[0]} strokes of Club Player" in text
     whole = scout("club-player", A if report.discipline == "men" else "an-se-young", model=model, data=few)
-    _, text = read(scout_pages.scouting_page(whole))
+    _, text = read(scouting_page(whole))
     assert "The data have no strokes of Club Player" in text
     # Nor is an average player advised, or described, under this name.
     for unknown in (whole, scout(whole.player.name if whole.player else "", "club-player", model=model, data=few)):
         assert not [*unknown.advice]
-        _, text = read(scout_pages.scouting_page(unknown))
+        _, text = read(scouting_page(unknown))
         assert "The model has no strokes of Club Player" in text
 
 
@@ -313,20 +311,20 @@ def test_a_costly_decision_is_one_of_a_lost_rally_and_keeps_the_technique(report
 
 
 def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, reported: MatchReport) -> None:
-    assert "By the score" not in read(match_pages.match_page(reported))[1]
+    assert "By the score" not in read(match_page(reported))[1]
     keep = pc.invert(pc.is_in(match["rally"], value_set=pa.array([3, 4, 9], match.schema.field("rally").type)))
     report = match_report(match.filter(keep), game=resolve_game(model))
     played = sum(map(sum, report.score))
     assert played > len(report.rallies)
-    _, text = read(match_pages.match_page(report))
+    _, text = read(match_page(report))
     assert f"By the score {played} rallies were played; the data have {len(report.rallies)} of them" in text
     first = match["game"].to_numpy() == 1
     late = first & (match["rally"].to_numpy() > match["rally"].to_numpy()[first].max() - 2)
     assert match_report(match.filter(pa.array(~late)), game=resolve_game(model)).rallies[-1].after == reported.rallies[-1].after
 
 
-def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table, unbuilt: None) -> None:
-    assert sources.gaps(match) == ()
+def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table) -> None:
+    assert gaps(match) == ()
     n = len(match)
     returned = np.flatnonzero(match["outcome"].to_numpy() == 0)
     area: list[int | None] = match["area"].to_pylist()
@@ -341,36 +339,36 @@ def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table,
     for name, values in (("area", area), ("inferred", inferred), ("confidence", sure)):
         field = match.schema.field(name)
         match = match.set_column(match.schema.get_field_index(name), field, pa.array(values, field.type))
-    places, doubtful = sources.gaps(match)
+    places, doubtful = gaps(match)
     assert places.startswith(f"Of {n:,} strokes of your data, 2 have a place that was inferred")
     assert "right in 50 of 100 cases, and 3 have none" in places
     assert doubtful.startswith("A program recognised 2 strokes")
     write_parquet(tmp_path / "own.parquet", match)
-    _, content = read(match_pages.match_page(*sources.of_strokes(tmp_path / "own.parquet", resolve_game(model))))
+    _, content = read(match_page(*coach.of_strokes(tmp_path / "own.parquet", resolve_game(model))))
     assert places in content
     assert doubtful in content
 
 
 def test_numbers_of_the_live_court_are_those_of_its_option(tmp_path: Path, model: str, match: pa.Table, unbuilt: None) -> None:
     write_parquet(tmp_path / "strokes.parquet", match)
-    report, source = sources.of_strokes(tmp_path / "strokes.parquet", resolve_game(model))
+    report, source = coach.of_strokes(tmp_path / "strokes.parquet", resolve_game(model))
     rallies = RealRallies(tmp_path / "strokes.parquet", resolve_game(model))
     numbers = clips.match_clips(report, source).numbers
     assert sorted(numbers.values()) == list(range(rallies.count))
     # The page counts from 1, and neither names folders.
-    _, content = read(match_pages.match_page(report, source))
+    _, content = read(match_page(report, source, clips.match_clips(report, source)))
     assert "--real strokes.parquet" in content
     assert str(tmp_path) not in content
     for i in report.moments:
         assert f"Rally {numbers[i] + 1}, game {report.rallies[i].key[0]}" in content
 
 
-def test_names_stay_text(scouted: ScoutingReport, reported: MatchReport, unbuilt: None) -> None:
+def test_names_stay_text(scouted: ScoutingReport, reported: MatchReport) -> None:
     assert scouted.player is not None
     player, opponent = dataclasses.replace(scouted.player, name=TURNED), dataclasses.replace(scouted.opponent, name=EVIL)
     pages = {
-        (EVIL, TURNED): scout_pages.scouting_page(dataclasses.replace(scouted, player=player, opponent=opponent)),
-        (EVIL, LONG, TURNED): match_pages.match_page(dataclasses.replace(reported, players=(EVIL, LONG), match=TURNED)),
+        (EVIL, TURNED): scouting_page(dataclasses.replace(scouted, player=player, opponent=opponent)),
+        (EVIL, LONG, TURNED): match_page(dataclasses.replace(reported, players=(EVIL, LONG), match=TURNED)),
     }
     for names, content in pages.items():
         tags, text = read(content)
@@ -456,14 +454,14 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
 def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CHROMIUM", "false")
     with pytest.raises(WatchError, match=r"/false cannot print the report \(.*\); open .*page.html in another browser"):
-        write_report(b"<p>report</p>", tmp_path / "page.html", tmp_path / "page.pdf")
+        ReportOptions(pdf=tmp_path / "page.pdf", out=tmp_path / "page.html").write({}, lambda: b"<p>report</p>", "")
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_scouting_reports_fit_a_telephone_and_paper_in_every_language(
-    tmp_path: Path, browser: "Browser", scouted: ScoutingReport, unbuilt: None, language: Language
+    tmp_path: Path, browser: "Browser", scouted: ScoutingReport, language: Language
 ) -> None:
     with speaking(language):
-        content = scout_pages.scouting_page(scouted)
+        content = scouting_page(scouted)
     assert_fits(content, language, tmp_path, browser)

@@ -20,8 +20,8 @@ from shuttle_marl.data.simulated import (
     simulate,
 )
 from shuttle_marl.game import court
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.reports import charts
 
 RETURNED, OUT, NET, SHORT, LANDED = (REASONS.index(name) for name in ("returned", "out", "net", "short", "landed"))

@@ -14,19 +14,23 @@ from shuttle_marl.commands.analysis import RallyFilter
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
+from shuttle_marl.data import Account, write_parquet
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.exact import solve
 from shuttle_marl.game import court
-from shuttle_marl.game.pairs import pair_game, people_of
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.pairs import load_skill, pair_game, people_of
+from shuttle_marl.game.shipped import load_game, model_folder
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.league import pairs
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.reports import AnalysisError, charts, rally, rally_table, strokes_of, strokes_of_log, summarise
-from shuttle_marl.reports.summary import players_of
+from shuttle_marl.reports.match import match_report, matches_in
+from shuttle_marl.reports.summary import hand_of, players_of, with_hands_of_model
 from tests import golden
 from tests.recording.conftest import read_rallies
 from tests.reduced import reduced_model
+from tests.reports.played import strokes_of as rallies
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -133,7 +137,6 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
     drawn = {
         "landings.png": charts.landings(found, summarise(valued), "all together"),
         "replies.svg": charts.transitions(found["bc"], "bc"),
-        "shots.pdf": charts.shot_mix(found),
     }
     golden.check("pictures", {name: golden.artists(figure) for name, figure in drawn.items()})
     for name, figure in drawn.items():
@@ -191,7 +194,7 @@ def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFix
     assert found["attacking"]["rating"] > found["random"]["rating"]
     assert found["strokes.parquet"]["rating"] is None
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "landings.png", "rallies.csv", "rallies.parquet", "shots.png", "strokes.csv", "strokes.parquet",
+        "landings.png", "rallies.csv", "rallies.parquet", "strokes.csv", "strokes.parquet",
         *(f"replies-{name}.png" for name in ("attacking", "bc", "random", "strokes.parquet")),
     }  # fmt: skip
     assert analysis([str(tournament)]) == 0
@@ -244,3 +247,49 @@ def test_a_drawn_court_is_symmetric_and_as_large_as_a_court() -> None:
         assert {tuple(sorted((across * x, along * y) for x, y in line)) for line in lines} == lines
     (mat,) = axes.patches
     assert {tuple(np.abs(corner)) for corner in mat.get_xy()} == {(court.WIDTH / 2, court.HALF_LENGTH)}
+
+
+def test_a_report_is_of_one_match_of_two() -> None:
+    two = rallies("ABw", "ABw", match="xy")
+    assert matches_in(two) == ["x", "y"]
+    three = rallies("ABw", "Cw")
+    for wrong, says in (
+        (two, "2 matches of 2 players"),
+        (three, "1 matches of 3 players"),
+        (STROKES.empty_table(), "0 matches of 0"),
+    ):
+        with pytest.raises(AnalysisError, match=says):
+            match_report(wrong)
+
+
+MEN = ("viktor-axelsen", "kento-momota")
+
+
+@pytest.mark.parametrize(
+    ("some", "says"),
+    [
+        (MEN[:1], f"--players {MEN[0]}: expected two or more"),
+        (MEN[:1] * 2, "each once"),
+        ((MEN[0], "an-se-young"), "who play men's singles"),
+    ],
+)
+def test_players_of_an_outlook_share_a_discipline(some: tuple[str, ...], says: str) -> None:
+    assert pairs.players_of("men", "default", MEN[::-1]) == [*MEN[::-1]]
+    with pytest.raises(AnalysisError, match=says):
+        pairs.players_of("men", "default", some)
+
+
+def test_hands_are_those_of_the_table_and_else_of_the_model() -> None:
+    strokes = rallies("BCw", "BCw", hand=[None, 0, None, None])
+    named = strokes.set_column(strokes.column_names.index("player"), STROKES.field("player"), pa.array(MEN * 2))
+    assert [hand_of(named, name) for name in (*MEN, "x")] == [None, "right", None]
+    told = with_hands_of_model(named, load_skill(model_folder()))
+    assert told["hand"].to_pylist() == [0, 0, 0, 1], "the table comes first, row by row"
+
+
+def test_files_without_strokes(tmp_path: Path) -> None:
+    empty = STROKES.empty_table()
+    write_parquet(empty, tmp_path / "e.parquet", account=Account.of(empty), provenance={})
+    with pytest.raises(AnalysisError, match="no strokes; record or convert some first"):
+        strokes_of(tmp_path / "e.parquet")
+    assert players_of(rallies("ABAw", "Cw", "Dw")) == ["A", "B", "C", "D"], "most strokes first, then by name"

@@ -15,10 +15,10 @@ import pytest
 
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.reports.habits import plain
 from shuttle_marl.reports.languages import LANGUAGES, Language, current, speaking
 from shuttle_marl.reports.match import MatchReport, matches_in
-from shuttle_marl.reports.match_page import match_page
-from shuttle_marl.reports.scouting import plain
+from shuttle_marl.reports.pages import match_page
 from shuttle_marl.reports.waits import LEAST_MATCHES, Wait, waits
 from shuttle_marl.reports.words import Words
 from tests.reports.conftest import assert_fits, with_hand
@@ -147,9 +147,7 @@ def section(report: MatchReport, found: list[Wait], names: tuple[str, str]) -> s
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_section_says_what_the_data_support(
-    match: pa.Table, reported: MatchReport, unbuilt: None, language: Language
-) -> None:
+def test_the_section_says_what_the_data_support(match: pa.Table, reported: MatchReport, language: Language) -> None:
     players, names = players_of(match), ("<b>Ann", "Bea")
     found = waits(placed(match, (3.5, 4.0), (0, 0)), players)
     assert waits(placed(match, (3.5, 4.0), (0, 0)), players) == found
@@ -172,7 +170,7 @@ def unclear(wait: Wait) -> Wait:
     return dataclasses.replace(wait, **{n: dataclasses.replace(getattr(wait, n), clear=False) for n in ("depth", "side")})
 
 
-def test_unclear_differences_are_said_to_be_none(match: pa.Table, reported: MatchReport, unbuilt: None) -> None:
+def test_unclear_differences_are_said_to_be_none(match: pa.Table, reported: MatchReport) -> None:
     found = waits(placed(match, (3.5, 4.0), (0, 0)), players_of(match))
     alone, say = section(reported, [unclear(wait) for wait in found], ("Ann", "Bea")), Words("en")
     assert f'<p class="lead">{say("waits.none")}</p>' in alone
@@ -181,7 +179,7 @@ def test_unclear_differences_are_said_to_be_none(match: pa.Table, reported: Matc
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_match_reports_fit_a_telephone_and_paper_in_every_language(
-    match: pa.Table, reported: MatchReport, unbuilt: None, tmp_path: Path, browser: "Browser", language: Language
+    match: pa.Table, reported: MatchReport, tmp_path: Path, browser: "Browser", language: Language
 ) -> None:
     found = waits(placed(match, (3.5, 4.0), (0.5, -0.5)), players_of(match))
     report = dataclasses.replace(reported, waits=found, players=("Pornpawee Chochuwong", "Ratchanok Intanon"))

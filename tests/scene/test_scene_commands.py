@@ -17,7 +17,7 @@ from shuttle_marl.court.scene import SceneError, select, topics
 from shuttle_marl.court.scene.rally_report import report_rally
 from shuttle_marl.court.scene.write import write_scene
 from shuttle_marl.game import default_game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter

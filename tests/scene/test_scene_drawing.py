@@ -2,7 +2,6 @@
 
 import itertools
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +9,12 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.court.scene.board import name_lines
 from shuttle_marl.court.scene.motion import frames_of
-from shuttle_marl.court.scene.shapes import court
+from shuttle_marl.court.scene.topics import court, name_lines
 from shuttle_marl.court.scene.write import percent
-from shuttle_marl.court.staging import CORK, FEATHER, RACKET_BUTT, RACKET_HEAD, RACKET_LENGTH, Motion
+from shuttle_marl.court.staging import stage
+from shuttle_marl.court.staging.skeleton import CORK, FEATHER, RACKET_BUTT, RACKET_HEAD, RACKET_LENGTH
+from tests.staging.played import self_play_rallies
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_racket_and_shuttle_keep_the_laws() -> None:
 
 def test_the_cork_flies_ahead() -> None:
     """From a contact to the next one."""
-    motion = Motion.unpack((Path(__file__).parents[1] / "staging" / "golden" / "rally.smot").read_bytes())
+    motion = stage(next(rally for rally in self_play_rallies("bc", 40, seed=11) if len(rally) == 4), seed=5)
     cork = Rotation.from_quat(frames_of(motion)["shuttle"][:, 3:]).as_matrix()[:, :, 2]
     seen = 0
     for first, last in itertools.pairwise(motion.contact_frame.tolist()):

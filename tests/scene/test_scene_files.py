@@ -15,12 +15,13 @@ from shuttle_marl.court.scene import topics
 from shuttle_marl.court.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.court.scene.topics import WORLD, bone_frame
 from shuttle_marl.court.scene.write import CUT, EPOCH, LAYOUTS, write_scene
-from shuttle_marl.court.staging import BONES, SWEET_SPOT, load_skeleton, stage
+from shuttle_marl.court.staging import BONES, stage
+from shuttle_marl.court.staging.skeleton import SWEET_SPOT, load_skeleton
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREA_WORDS
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.reports import LogPlayers

@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl.court.match import Match
-from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.match import Match, MatchLog, PolicyTables
 from shuttle_marl.court.plan import Plan, Side
-from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.court.scene import topics
 from shuttle_marl.court.scene.write import write_scene
 from shuttle_marl.game.recovery import POSITIONS

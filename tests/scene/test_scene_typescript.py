@@ -20,5 +20,5 @@ def test_every_message_and_attachment_is_read(reel: Any, scene_file: Path, tmp_p
     expected = dict(collections.Counter(topic for _, topic, _ in reel.messages))
     assert found["streamed"] == found["indexed"] == expected
     layouts = {f"{name}.{viewer}.json" for name in ("layout", "match") for viewer in ("foxglove", "lichtblick")}
-    assert set(found["attachments"]) == {*layouts, "rallies.arrow"}
+    assert set(found["attachments"]) == layouts
     assert min(found["attachments"].values()) > 1000

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from shuttle_marl.court.staging import Motion, stage
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally import Rally
 from tests.staging.played import self_play_rallies
 
 HANDS = (("right", "right"), ("left", "right"), ("right", "left"), ("left", "left"))

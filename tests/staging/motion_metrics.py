@@ -10,12 +10,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.court.staging.arm import (
-    ANGLES,
+from shuttle_marl.court.staging.body import NECK_LIMITS
+from shuttle_marl.court.staging.draw import load_measured
+from shuttle_marl.court.staging.flight import net_height
+from shuttle_marl.court.staging.geometry import cross, matrix, unit
+from shuttle_marl.court.staging.limbs import (
+    ANKLE_LIMITS,
     BEND,
     DEVIATION,
     ELBOW,
     FORWARD,
+    HIP_LIMITS,
+    KNEE_LIMITS,
     LIMITS,
     MIDDLE,
     PRONATION,
@@ -23,18 +29,15 @@ from shuttle_marl.court.staging.arm import (
     ROLL,
     SWING_1,
     SWING_LIMIT,
+    TOE_LIMITS,
     TWIST,
     Arm,
     arm_of,
 )
-from shuttle_marl.court.staging.body import NECK_LIMITS
-from shuttle_marl.court.staging.draw import load_measured
-from shuttle_marl.court.staging.flight import net_height
-from shuttle_marl.court.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
 from shuttle_marl.court.staging.motion import Motion
-from shuttle_marl.court.staging.rotation import cross, matrix, unit
+from shuttle_marl.court.staging.poses import own_frame
 from shuttle_marl.court.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
-from shuttle_marl.court.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, own_frame
+from shuttle_marl.court.staging.trajectory import NET, OPEN, OUT, RETURN, WIN
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
 from shuttle_marl.game.stroke import SHOTS
 
@@ -48,7 +51,7 @@ _ROUNDING: float = 2e-6
 
 
 def to_yaw_pitch_roll(m: F64) -> tuple[F64, F64, F64]:
-    """Yaw, pitch and roll ``[...]`` [rad] of rotations ``[..., 3, 3]``, as of ``rotation.from_yaw_pitch_roll``."""
+    """Yaw, pitch and roll ``[...]`` [rad] of rotations ``[..., 3, 3]``, as of ``geometry.from_yaw_pitch_roll``."""
     return (
         np.arctan2(-m[..., 0, 1], m[..., 1, 1]),
         -np.arcsin(np.clip(m[..., 2, 1], -1, 1)),
@@ -102,11 +105,11 @@ def joints(motion: Motion, seat: int) -> list[Joint]:
         chain = [turn @ rotation[:, BONE[f"{letter}{b}"]] @ turn for b in ("Shoulder", "Arm", "ForeArm", "Hand")]
         chest = turn @ rotation[:, BONE["Spine2"]] @ turn
         angles = arm_angles(arm, chest, chain, rotation[:, BONE["Racket"]] if side == "racket" else None)
-        for k, name in enumerate(ANGLES):
+        for k in range(len(LIMITS)):
             if k == SWING_1:
                 add(f"{side} shoulder swing", np.linalg.norm(angles[:, k : k + 2], axis=1), (-1.0, SWING_LIMIT))
             elif k != SWING_1 + 1 and not (k == ROLL and side == "free"):
-                add(f"{side} {name}", angles[:, k], LIMITS[k])
+                add(f"{side} angle {k}", angles[:, k], LIMITS[k])
     for side, turn in (("right", np.eye(3)), ("left", _FLIP)):
         names = [f"{side.capitalize()}{b}" for b in ("UpLeg", "Leg", "Foot", "ToeBase")]
         leg = leg_angles(skeleton, *(turn @ rotation[:, BONE[b]] @ turn for b in ("Hips", *names)))
@@ -127,7 +130,7 @@ def as_right_hander(motion: Motion, seat: int) -> F64:
 def arm_angles(arm: Arm, chest: F64, chain: list[F64], racket: F64 | None) -> F64:
     """``[F, 10]`` angles of an arm from the rotations of chest, collar bone, upper arm, forearm, hand, and racket."""
     collar, upper, fore, hand = chain
-    out, lower = np.zeros((len(chest), len(ANGLES))), -arm.axes[PRONATION]
+    out, lower = np.zeros((len(chest), len(LIMITS))), -arm.axes[PRONATION]
     m = _inverse(chest) @ collar
     out[:, RAISE], out[:, FORWARD] = np.arcsin(np.clip(m[:, 2, 0], -1, 1)), np.arctan2(m[:, 1, 0], m[:, 0, 0])
     m = _inverse(collar) @ upper @ arm.to_middle.T

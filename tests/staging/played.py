@@ -1,8 +1,8 @@
 """Rallies to stage."""
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.policy import tabulate
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 

@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from shuttle_marl.court.staging import ATHLETES, BONES, StagingError, finger_pose, load_skeleton, model_file
-from shuttle_marl.court.staging.library import library_of
-from shuttle_marl.court.staging.motions import MOTIONS
+from shuttle_marl.court.staging import BONES, StagingError, model_file
+from shuttle_marl.court.staging.poses import MOTIONS, library_of
+from shuttle_marl.court.staging.skeleton import ATHLETES, finger_pose, load_skeleton
 from tests import golden
 
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from shuttle_marl.court.staging.curves import curve, curve_at, half_time, leap, slopes_through
+from shuttle_marl.court.staging.geometry import curve, curve_at, slopes_through
+from shuttle_marl.court.staging.timeline import half_time, leap
 
 STEPS = st.lists(st.integers(1, 9), min_size=1, max_size=8)
 

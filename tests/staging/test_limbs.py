@@ -7,8 +7,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.court.staging import SWEET_SPOT, load_skeleton
-from shuttle_marl.court.staging.arm import (
+from shuttle_marl.court.staging.feet import Feet
+from shuttle_marl.court.staging.geometry import from_yaw_pitch_roll
+from shuttle_marl.court.staging.limbs import (
     LIMITS,
     RELAXED,
     SWING_1,
@@ -18,14 +19,15 @@ from shuttle_marl.court.staging.arm import (
     Goal,
     anywhere,
     arm_of,
+    legs,
+    settle,
     solve,
     solve_best,
+    strays,
     sweet_spot,
     sweet_spot_jacobian,
 )
-from shuttle_marl.court.staging.feet import Feet
-from shuttle_marl.court.staging.legs import legs, settle, strays
-from shuttle_marl.court.staging.rotation import from_yaw_pitch_roll
+from shuttle_marl.court.staging.skeleton import SWEET_SPOT, load_skeleton
 
 RIGHTWARDS, FORWARD, UP = np.eye(3)
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.court.staging import linear, rotation
+from shuttle_marl.court.staging import geometry
 
 RIGHTWARDS, FORWARD, UP = np.eye(3)
 
@@ -33,23 +33,23 @@ ACROSS /= np.linalg.norm(ACROSS)
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        (linear.add(A, B), A + B),
-        (linear.sub(A, B), A - B),
-        (linear.scaled(3.0, A), 3 * A),
-        (linear.over(A, 4.0), A / 4),
-        (linear.dot(A, B), A @ B),
-        (linear.cross(A, B), np.cross(A, B)),
-        (linear.unit(A), AXIS),
-        (linear.unit(1e-6 * A), AXIS),
-        (linear.unit(np.zeros(3)), np.zeros(3)),
-        (linear.transposed(M), M.T),
-        (linear.mat_vec(M, A), M @ A),
-        (linear.mat_mul(M, N), M @ N),
-        (linear.orthonormal_frame(A, B), np.column_stack([AXIS, ACROSS, np.cross(AXIS, ACROSS)])),
-        (rotation.frame(A, B), np.column_stack([AXIS, ACROSS, np.cross(AXIS, ACROSS)])),
-        (rotation.cross(M, N), np.cross(M, N)),
-        (rotation.unit(np.stack([A, 1e-6 * A, np.zeros(3)])), [AXIS, AXIS, np.zeros(3)]),
-        (rotation.apply(np.stack([M, N]), np.stack([A, B])), [M @ A, N @ B]),
+        (geometry.add(A, B), A + B),
+        (geometry.sub(A, B), A - B),
+        (geometry.scaled(3.0, A), 3 * A),
+        (geometry.over(A, 4.0), A / 4),
+        (geometry.dot(A, B), A @ B),
+        (geometry.cross_of(A, B), np.cross(A, B)),
+        (geometry.unit_of(A), AXIS),
+        (geometry.unit_of(1e-6 * A), AXIS),
+        (geometry.unit_of(np.zeros(3)), np.zeros(3)),
+        (geometry.transposed(M), M.T),
+        (geometry.mat_vec(M, A), M @ A),
+        (geometry.mat_mul(M, N), M @ N),
+        (geometry.frame_of(A, B), np.column_stack([AXIS, ACROSS, np.cross(AXIS, ACROSS)])),
+        (geometry.frame(A, B), np.column_stack([AXIS, ACROSS, np.cross(AXIS, ACROSS)])),
+        (geometry.cross(M, N), np.cross(M, N)),
+        (geometry.unit(np.stack([A, 1e-6 * A, np.zeros(3)])), [AXIS, AXIS, np.zeros(3)]),
+        (geometry.apply(np.stack([M, N]), np.stack([A, B])), [M @ A, N @ B]),
     ],
 )
 def test_vectors_and_matrices_are_those_of_numpy(found: F64, expected: F64) -> None:
@@ -58,19 +58,19 @@ def test_vectors_and_matrices_are_those_of_numpy(found: F64, expected: F64) -> N
 
 @pytest.mark.parametrize("angle", [-2.5, -0.4, 0.0, 1.1, 3.0])
 def test_rotations_are_those_of_scipy(angle: float) -> None:
-    assert_allclose(linear.rotation_about(AXIS, angle), Rotation.from_rotvec(angle * AXIS).as_matrix(), atol=1e-14)
+    assert_allclose(geometry.rotation_about(AXIS, angle), Rotation.from_rotvec(angle * AXIS).as_matrix(), atol=1e-14)
     for other in (0.3, -1.2):
         angles = angle, other, angle - other
-        assert_allclose(linear.from_yaw_pitch_roll(*angles), by_scipy(*angles), atol=1e-14)
-        many = rotation.from_yaw_pitch_roll(*(np.array([x, 0.0]) for x in angles))
+        assert_allclose(geometry.turned_by(*angles), by_scipy(*angles), atol=1e-14)
+        many = geometry.from_yaw_pitch_roll(*(np.array([x, 0.0]) for x in angles))
         assert_allclose(many, [by_scipy(*angles), np.eye(3)], atol=1e-14)
 
 
 def test_a_quarter_turn_left_a_bow_forward_and_a_lean_to_the_right() -> None:
     quarter, zero = np.array(np.pi / 2), np.zeros(())
-    assert_allclose(rotation.turned(np.pi / 2) @ FORWARD, -RIGHTWARDS, atol=1e-15)
-    assert_allclose(rotation.from_yaw_pitch_roll(zero, quarter, zero) @ UP, FORWARD, atol=1e-15)
-    assert_allclose(rotation.from_yaw_pitch_roll(zero, zero, quarter) @ UP, RIGHTWARDS, atol=1e-15)
+    assert_allclose(geometry.turned(np.pi / 2) @ FORWARD, -RIGHTWARDS, atol=1e-15)
+    assert_allclose(geometry.from_yaw_pitch_roll(zero, quarter, zero) @ UP, FORWARD, atol=1e-15)
+    assert_allclose(geometry.from_yaw_pitch_roll(zero, zero, quarter) @ UP, RIGHTWARDS, atol=1e-15)
 
 
 def test_quaternions_of_all_turns_of_a_cube_and_near_half_turns() -> None:
@@ -79,7 +79,7 @@ def test_quaternions_of_all_turns_of_a_cube_and_near_half_turns() -> None:
     cube = [np.diag(s)[list(p)] for s in signs for p in itertools.permutations(range(3))]
     turns = [turn for turn in cube if np.linalg.det(turn) > 0]
     turns += [Rotation.from_rotvec((np.pi - 0.01) * side * axis).as_matrix() for axis in (*np.eye(3), AXIS) for side in (1, -1)]
-    found = rotation.quaternion(np.array(turns))
+    found = geometry.quaternion(np.array(turns))
     assert len(turns) == 32
     assert (found[:, 3] >= 0).all()
     assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-15)
@@ -90,8 +90,8 @@ def test_quaternions_of_all_turns_of_a_cube_and_near_half_turns() -> None:
 def test_quaternions_and_matrices_of_any_shape(shape: tuple[int, ...]) -> None:
     v = np.random.default_rng(0).normal(size=(*shape, 3))
     turn = Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
-    q = rotation.quaternion(turn)
+    q = geometry.quaternion(turn)
     assert q.shape == (*shape, 4)
     assert (q[..., 3] >= 0).all()
-    assert_allclose(rotation.matrix(q), turn, atol=1e-15)
-    assert_allclose(rotation.matrix(2 * q), turn, atol=1e-15)
+    assert_allclose(geometry.matrix(q), turn, atol=1e-15)
+    assert_allclose(geometry.matrix(2 * q), turn, atol=1e-15)

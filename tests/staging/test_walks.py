@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.court.staging import BONES, Motion, StagingError, stage, with_walk
-from shuttle_marl.court.staging.rotation import matrix
+from shuttle_marl.court.staging.geometry import matrix
 from shuttle_marl.game.court import NET_HEIGHT
 from shuttle_marl.game.rules import FAULT
 from tests import golden
@@ -85,8 +85,8 @@ def test_a_shuttle_near_the_net_is_flicked_over_it(distance: float, played) -> N
 
 def test_what_does_not_follow_is_refused(match, played) -> None:
     following = dataclasses.replace(played[1], hands=match[0].hands)
-    with pytest.raises(StagingError, match="unpacked"):
-        with_walk(Motion.unpack(match[0].pack()), match[1])
+    with pytest.raises(StagingError, match="follows a walk already"):
+        with_walk(dataclasses.replace(match[0], players=None), match[1])
     with pytest.raises(StagingError, match="different fps"):
         with_walk(match[0], stage(following, seed=0, athletes=("male", "female"), fps=100))
     with pytest.raises(StagingError, match="different skeletons"):

@@ -11,15 +11,14 @@ from scipy.optimize import minimize_scalar
 from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.profile import positions_of
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import baselines
+from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.stored import StoredPolicies
-from shuttle_marl.suite import store
+from shuttle_marl.suite import results
 from shuttle_marl.suite.adapt import CHANGES, AdaptSetting, PlayedRally, observed
-from shuttle_marl.suite.frontier import WEIGHT, exploitabilities, gains
 from shuttle_marl.suite.methods.adapters import (
     Likeliest,
     Minimax,
@@ -36,7 +35,7 @@ from shuttle_marl.suite.methods.adapters import (
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import FAMILIES, families, known, opponent, waiting
 from shuttle_marl.suite.registry import arena_of, find_task
-from shuttle_marl.suite.task import Arena, Case, Outcome
+from shuttle_marl.suite.task import WEIGHT, Arena, Case, Outcome, exploitabilities, gains
 from tests import golden
 from tests.exact.exact_games import THREE_STROKES, hand_made, random_policy
 from tests.reduced import reduced_game, reduced_model
@@ -146,9 +145,9 @@ class Peeking(Oracle):
 
 def test_regret_is_exact(tmp_path: Path, arena: Arena) -> None:
     folder = run(tmp_path, f"{__name__}:Oracle")
-    first, second = (store.read_entry(store.entry_path(folder, number, 0)) for number in (0, 1))
+    first, second = (results.read_entry(results.entry_path(folder, number, 0)) for number in (0, 1))
     assert first.scores["regret_500"] == pytest.approx(0, abs=1e-3)
-    player = StoredPolicies(folder / store.POLICIES, GAME).read(first.policies["0"])
+    player = StoredPolicies(folder / results.POLICIES, GAME).read(first.policies["0"])
     habit = opponent(arena, "waiting", 0).policies[0]
     lost = 100 * (best_response(habit).value.odds().rally - evaluate(player, habit).odds().rally)
     assert [second.scores[f"regret_{n}"] for n in (20, 500)] == pytest.approx([lost, lost], abs=1e-2)

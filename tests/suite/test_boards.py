@@ -76,11 +76,9 @@ def test_boards_stand_by_task_split_budget_and_cases() -> None:
 
 def test_names_of_strangers_are_escaped_and_short() -> None:
     rows: list[Row] = [row(0.4, method="<b>x</b>|y `z` @all"), row(0.6, method="other", author="")]
-    markdown, html = render(rows, "md"), render(rows, "html")
+    markdown = render(rows)
     assert markdown.index("| 1 | `other` |") < markdown.index("| 2 | `alice/<b>x</b>\\|y 'z' @all` |")
-    assert "<b>x" not in html
-    assert "&lt;b&gt;x" in html
-    shown = render([row(method=name, author="") for name in ("\u0440po", "x" * 10**6, "\u200b ")], "md")
+    shown = render([row(method=name, author="") for name in ("\u0440po", "x" * 10**6, "\u200b ")])
     assert all(text in shown for text in ("`\\u0440po`", f"`{'x' * 60}...`", "`\\u200b`"))
 
 

@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.cache import NAME
-from shuttle_marl.base.files import cache_folder, content_hash, seal
+from shuttle_marl.base.cache import NAME, cache_folder
+from shuttle_marl.base.files import content_hash, seal
 from shuttle_marl.commands.suite import main
-from shuttle_marl.suite import store
+from shuttle_marl.suite import results
 from shuttle_marl.suite.board import called, render, rows_of, shown
 from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.options import SuiteError
@@ -38,13 +38,13 @@ def player(setting: Any) -> Trained:
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two seeds by alice."""
     folder = run(TASK, f"{__name__}:player", tmp_path_factory.mktemp("honest") / "run", quick=False, split="test", seeds=2)
-    (folder / store.CARD).write_text('{"author": "alice"}')
+    (folder / results.CARD).write_text('{"author": "alice"}')
     return folder
 
 
 def copied(honest: Path, folder: Path) -> Path:
     """A copy that may be changed; aggregates are not copied, because they would be refused."""
-    return Path(shutil.copytree(honest, folder, ignore=shutil.ignore_patterns(store.RESULTS)))
+    return Path(shutil.copytree(honest, folder, ignore=shutil.ignore_patterns(results.RESULTS)))
 
 
 @pytest.fixture
@@ -54,13 +54,13 @@ def folder(honest: Path, tmp_path: Path) -> Path:
 
 def entry(folder: Path, number: int = 0, **changes: Any) -> None:
     """Change the entry of a seed and seal it again."""
-    path = store.entry_path(folder, 0, number)
+    path = results.entry_path(folder, 0, number)
     fields = {**json.loads(path.read_text()), **changes}
     path.write_bytes(seal({name: value for name, value in fields.items() if name != "checksum"}))
 
 
 def scored(folder: Path, **changes: float) -> None:
-    entry(folder, scores={**json.loads(store.entry_path(folder, 0, 0).read_text())["scores"], **changes})
+    entry(folder, scores={**json.loads(results.entry_path(folder, 0, 0).read_text())["scores"], **changes})
 
 
 def config(folder: Path, **changes: Any) -> None:
@@ -69,17 +69,17 @@ def config(folder: Path, **changes: Any) -> None:
 
 
 def card(folder: Path, content: str) -> None:
-    (folder / store.CARD).write_text(content)
+    (folder / results.CARD).write_text(content)
 
 
 def append_to_a_policy(folder: Path) -> None:
-    digest = store.read_entry(store.entry_path(folder, 0, 0)).policies["player"]
-    with (folder / store.POLICIES / f"{digest}.zst").open("ab") as file:
+    digest = results.read_entry(results.entry_path(folder, 0, 0)).policies["player"]
+    with (folder / results.POLICIES / f"{digest}.zst").open("ab") as file:
         file.write(b"payload")
 
 
 def without_a_seal(folder: Path) -> None:
-    path = store.entry_path(folder, 0, 0)
+    path = results.entry_path(folder, 0, 0)
     path.write_bytes(path.read_bytes().replace(b'"seconds": ', b'"seconds": 1'))
 
 
@@ -201,7 +201,7 @@ def test_a_stranger_has_no_name_of_the_package(name: str, folder: Path) -> None:
     config(folder, method=name)
     ((row,), _) = rows(folder)
     assert called(row) == f"mallory/{name}"
-    assert f"`mallory/{shown(name)}`" in render([row], "md")
+    assert f"`mallory/{shown(name)}`" in render([row])
     assert shown(name).isascii()
     assert row["access"] == "opponent"
 
@@ -210,10 +210,9 @@ def test_nothing_of_a_stranger_is_an_address_or_a_mention_on_a_board(folder: Pat
     config(folder, method="@all www.example.org <b>")
     card(folder, json.dumps({"author": "x", "tuning_strokes": "https://example.org @all | x"}))
     found, _ = rows(folder, honest)
-    for line in render(found, "md").splitlines():
+    for line in render(found).splitlines():
         assert not re.search("@|www|http", re.sub("`[^`]*`", "", line))
         assert not line.startswith("| `") or len(re.findall(r"(?<!\\)\|", line)) == 11
-    assert "<b>" not in render(found, "html")
 
 
 def test_reasons_are_printed_without_escapes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

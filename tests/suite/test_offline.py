@@ -9,20 +9,20 @@ import pytest
 
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.exact.profile import PairPolicy
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording.logs import Log, blank, log_of
 from shuttle_marl.suite.method import BASELINES
-from shuttle_marl.suite.methods import learned
-from shuttle_marl.suite.methods.estimators import (
+from shuttle_marl.suite.methods import logs
+from shuttle_marl.suite.methods.logs import (
     Behaviour,
     Dice,
     DoublyRobust,
     FittedQEvaluation,
     ImportanceSampling,
-    Model,
+    ModelValue,
     WeightedDoublyRobust,
     WeightedImportanceSampling,
     doubly_robust,
@@ -209,7 +209,7 @@ def test_a_model_is_the_estimated_game_with_the_cloned_opponent() -> None:
     policies, model = [smashing(game, share) for share in (0.2, 0.9)], estimated_game(log)
     opponent = PairPolicy(game=model, probability=cloned(game, log.pair[~log.own]))
     expected = [evaluate(TabulatedPolicy(game=model, cumulative=each.cumulative), opponent).odds().rally for each in policies]
-    assert Model().estimate(log, policies) == pytest.approx(expected, abs=1e-6)
+    assert ModelValue().estimate(log, policies) == pytest.approx(expected, abs=1e-6)
 
 
 SETTING: Any = None
@@ -225,20 +225,20 @@ def test_learners_from_logs_by_hand() -> None:
     """After a serve the log has a clear that lost and a smash that won, and a clear or smash is as likely as any other before."""
     game = three_strokes()
     data = by_hand(game).transitions
-    assert after_serve(game, learned.Clone(SETTING, "1e-9").fit(data)) == pytest.approx([0.5, 0.5], abs=1e-6)
-    assert after_serve(game, learned.Clone(SETTING, "7").fit(data)) == pytest.approx(
+    assert after_serve(game, logs.Clone(SETTING, "1e-9").fit(data)) == pytest.approx([0.5, 0.5], abs=1e-6)
+    assert after_serve(game, logs.Clone(SETTING, "7").fit(data)) == pytest.approx(
         after_serve(game, PairPolicy(game=game, probability=cloned(game, data.pair, shrink=7.0)))
     )
 
-    for method in (learned.OneStep, learned.FittedQ):
+    for method in (logs.OneStep, logs.FittedQ):
         assert after_serve(game, method(SETTING).fit(data)) == [0, 1]
     # The clear is the only stroke considered, or the one that is not rare.
     rare = dataclasses.replace(
         data, pair=np.array([*data.pair[:3], data.pair[3], data.pair[3]]), reward=np.array([0.0, 1, 0, 1, 0])
     )
-    assert after_serve(game, learned.Bcq(SETTING, "1").fit(rare)) == [1, 0]
-    assert after_serve(game, learned.FittedQPessimistic(SETTING, "0").fit(data)) == [0, 1]
-    assert after_serve(game, learned.FittedQPessimistic(SETTING, "100").fit(rare)) == [1, 0]
+    assert after_serve(game, logs.Bcq(SETTING, "1").fit(rare)) == [1, 0]
+    assert after_serve(game, logs.FittedQPessimistic(SETTING, "0").fit(data)) == [0, 1]
+    assert after_serve(game, logs.FittedQPessimistic(SETTING, "100").fit(rare)) == [1, 0]
 
 
 def test_responses_to_a_log_are_best_against_the_cloned_opponent() -> None:
@@ -246,12 +246,12 @@ def test_responses_to_a_log_are_best_against_the_cloned_opponent() -> None:
     log = by_hand(game)
     model = estimated_game(log)
     opponent = PairPolicy(game=model, probability=cloned(game, log.pair[~log.own], shrink=7.0))
-    found = learned.respond(log, model, 7.0)
+    found = logs.respond(log, model, 7.0)
     assert found.game is log.game
     assert np.array_equal(found.cumulative, best_response(opponent).policy.cumulative)
     penalty = np.where(game.base_pair_stroke == SMASH, 0.5, 0.0)
     assert after_serve(game, found) == [0, 1]
-    careful = learned.respond(log, model, 7.0, penalty=penalty)
+    careful = logs.respond(log, model, 7.0, penalty=penalty)
     assert after_serve(game, careful) == [1, 0]
 
 
@@ -314,7 +314,7 @@ def test_a_large_log_recovers_the_game() -> None:
     log = generate(arena, "bc@1.5", 300_000, seed=1)
     target, opponent = arena.policy("bc@0.7"), arena.policy(OPPONENT)
     true = evaluate(target, opponent).odds().rally
-    assert Model().estimate(log, [in_game(target, log.game)]) == pytest.approx([true], abs=0.01)
+    assert ModelValue().estimate(log, [in_game(target, log.game)]) == pytest.approx([true], abs=0.01)
     _, v = q_and_v(log.transitions, in_game(target, log.game))
     data = log.transitions
     assert (v[data.first].sum() + data.idle_wins) / data.n_rallies == pytest.approx(true, abs=0.02)

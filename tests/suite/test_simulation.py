@@ -8,10 +8,10 @@ import pytest
 
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.exact import best_response
-from shuttle_marl.exact.known import pair_odds
+from shuttle_marl.exact.odds import pair_odds
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.suite import store
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.suite import results
 from shuttle_marl.suite.adapt import CHANGES
 from shuttle_marl.suite.exploit import opponent_of
 from shuttle_marl.suite.offline import OPPONENT, targets
@@ -37,7 +37,7 @@ def simulated(player: TabulatedPolicy, against: TabulatedPolicy, seed: int) -> t
     env = RallyVectorEnv(ROWS, opponent=against, game=game, mask="none", info="none")
     _, infos = env.reset(seed=seed)
     first = np.zeros(game.n_states, dtype=np.int64)
-    first[game.playable] = game.first_pairs
+    first[game.playable] = game.pair_start[:-1][game.playable]
     played, won, unseen = np.zeros(ROWS, dtype=int), 0.0, np.zeros((ROWS, 2))
     while (played < EPISODES).any():
         counting = played < EPISODES
@@ -58,8 +58,8 @@ def simulated(player: TabulatedPolicy, against: TabulatedPolicy, seed: int) -> t
 def unit(task: str, method: str, folder: Path) -> tuple[dict[str, float], Outcome]:
     """Scores and outcome of the first case of a quick run."""
     played = run(task, method, folder / "run")
-    entry = store.read_entry(store.entry_path(played, 0, 0))
-    return dict(entry.scores), store.read_outcome(played, entry, arena_of(TASKS[task], reduced_model(), "dev", quick=True).game)
+    entry = results.read_entry(results.entry_path(played, 0, 0))
+    return dict(entry.scores), results.read_outcome(played, entry, arena_of(TASKS[task], reduced_model(), "dev", quick=True).game)
 
 
 @pytest.mark.parametrize(

@@ -15,13 +15,13 @@ from shuttle_marl.base.arrays import U16
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.suite import store
+from shuttle_marl.suite import results
 from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.registry import TASKS, task_of_run
-from shuttle_marl.suite.results import summarise, verify_run
+from shuttle_marl.suite.registry import TASKS
+from shuttle_marl.suite.results import summarise, task_of_run, verify_run
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified
@@ -66,7 +66,7 @@ def test_a_model_folder_that_a_run_names_is_not_opened(tmp_path: Path) -> None:
 
 def test_the_game_of_a_run_is_the_one_that_its_reader_names() -> None:
     about: dict[str, Any] = {"task": "exploit-v0", "method": "ppo", "split": "dev", "quick": False, "budget": 10**6, "seeds": 1}
-    config = store.RunConfig(**about, model="default", game="0" * 64)
+    config = results.RunConfig(**about, model="default", game="0" * 64)
     for model, found in ((None, "default"), (reduced_model(), reduced_model())):
         task, arena, cases = task_of_run(config, model)
         assert (task.name, arena.split, arena.quick, arena.budget) == ("exploit-v0", "dev", False, 10**6)
@@ -118,7 +118,7 @@ def test_declared_strokes_are_checked(tmp_path: Path) -> None:
     for name in ("halves", "negative", "many"):
         with pytest.raises(SuiteError, match="strokes"):
             played(tmp_path, f"{__name__}:{name}")
-        assert not list((tmp_path / f"{__name__}-{name}" / store.ENTRIES).glob("*"))
+        assert not list((tmp_path / f"{__name__}-{name}" / results.ENTRIES).glob("*"))
 
 
 def test_a_method_whose_library_is_missing_says_how_to_install_it(tmp_path: Path) -> None:
@@ -169,9 +169,9 @@ def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
 
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:First")
-    player = store.read_outcome(folder, store.read_entry(store.entry_path(folder, 0, 0)), GAME).policies["player"]
+    player = results.read_outcome(folder, results.read_entry(results.entry_path(folder, 0, 0)), GAME).policies["player"]
     first = np.zeros(GAME.n_pairs)
-    first[GAME.first_pairs] = 1
+    first[GAME.pair_start[:-1][GAME.playable]] = 1
     assert np.array_equal(player.pair_probabilities(), first)
 
 
@@ -183,12 +183,12 @@ def test_an_illegal_stroke_is_refused(tmp_path: Path) -> None:
 def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
     whole = summary(folder)
-    kept = store.entry_path(folder, 0, 0).read_bytes()
-    store.entry_path(folder, 0, 1).unlink()
+    kept = results.entry_path(folder, 0, 0).read_bytes()
+    results.entry_path(folder, 0, 1).unlink()
     with pytest.raises(SuiteError, match=r"000-1.json: No such file.*--resume"):
         summary(folder)
     played(tmp_path, f"{__name__}:noisy", seeds=2, resume=True)
-    assert store.entry_path(folder, 0, 0).read_bytes() == kept
+    assert results.entry_path(folder, 0, 0).read_bytes() == kept
     again = summary(folder)
     assert {**again, "seconds": 0} == {**whole, "seconds": 0}
     with pytest.raises(runs.RunError, match="other flags"):
@@ -206,16 +206,16 @@ def test_units_of_two_versions_of_a_method_are_not_mixed(tmp_path: Path, monkeyp
     folder = played(tmp_path, "my_methods:player", seeds=2)
     assert set(json.loads((folder / runs.MANIFEST).read_text())["sources"]) == {"my_methods"}
     helper.write_text("NAME = 'safe'\n")
-    kept = store.entry_path(folder, 0, 1).read_bytes()
+    kept = results.entry_path(folder, 0, 1).read_bytes()
     played(tmp_path, "my_methods:player", seeds=2, resume=True)  # nothing is left to play
-    store.entry_path(folder, 0, 1).unlink()
+    results.entry_path(folder, 0, 1).unlink()
     for _ in range(2):
         with pytest.raises(SuiteError, match=r"my_methods changed after .* --overwrite or another --out"):
             played(tmp_path, "my_methods:player", seeds=2, resume=True)
     helper.write_text("NAME = 'bc'\n")
     played(tmp_path, "my_methods:player", seeds=2, resume=True)
     assert {**json.loads(kept), "seconds": 0, "checksum": 0} == {
-        **json.loads(store.entry_path(folder, 0, 1).read_text()),
+        **json.loads(results.entry_path(folder, 0, 1).read_text()),
         "seconds": 0,
         "checksum": 0,
     }
@@ -223,9 +223,9 @@ def test_units_of_two_versions_of_a_method_are_not_mixed(tmp_path: Path, monkeyp
 
 def test_a_changed_policy_is_refused(tmp_path: Path) -> None:
     folder = played(tmp_path, "bc")
-    (folder / store.RESULTS).write_text('{"score": 0.99}')  # which nothing reads
+    (folder / results.RESULTS).write_text('{"score": 0.99}')  # which nothing reads
     assert reasons(folder) == []
-    (policy,) = (folder / store.POLICIES).iterdir()
+    (policy,) = (folder / results.POLICIES).iterdir()
     numbers = TabulatedPolicy.unpacked(policy.read_bytes(), GAME, "").cumulative.copy()
 
     def packed(numbers: U16) -> bytes:
@@ -260,14 +260,14 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     assert hidden == ["exploit-v0", "equilibrium-v0", "adapt-v0"]
     assert len({task["game"] for task in tasks.values()}) > 1
 
-    (tmp_path / store.CARD).write_text('{"author": "alice"}')
+    (tmp_path / results.CARD).write_text('{"author": "alice"}')
     found = told("run", "exploit-entrance-v0", "--method", "bc", "--quick", *game)
     assert found["remarks"] == ["a quick run"]
     assert told("verify", found["folder"], *game)["reproduced"] == 1
-    assert main(("board", found["folder"], *game, "--out", "board.html", "--html")) == 0
-    assert "alice/bc" in (tmp_path / "board.html").read_text()
+    assert main(("board", found["folder"], *game, "--out", "board.md")) == 0
+    assert "alice/bc" in (tmp_path / "board.md").read_text()
     # A damaged folder is left out of the board, and one is needed.
-    path = store.entry_path(Path(found["folder"]), 0, 0)
+    path = results.entry_path(Path(found["folder"]), 0, 0)
     entry = json.loads(path.read_text())
     path.write_text("{}")
     assert main(("board", found["folder"], str(tmp_path / "none"), *game)) == 1

@@ -12,17 +12,16 @@ from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate, restricted_response
 from shuttle_marl.exact.optimal import restricted_value
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import CHANGES
 from shuttle_marl.suite.exploit import opponent_of
-from shuttle_marl.suite.frontier import STEPS, WEIGHT, frontier
 from shuttle_marl.suite.offline import OPPONENT, targets
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import opponent
 from shuttle_marl.suite.registry import TASKS, arena_of
-from shuttle_marl.suite.task import Arena, Case, Outcome
+from shuttle_marl.suite.task import STEPS, WEIGHT, Arena, Case, Outcome, frontier
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified

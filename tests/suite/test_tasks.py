@@ -9,13 +9,14 @@ import pytest
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.table_files import read_parquet
-from shuttle_marl.game.observation import states_of
+from shuttle_marl.game.layout import states_of
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.suite.exploit import PlayerSetting
 from shuttle_marl.suite.method import find
 from shuttle_marl.suite.offline import generate
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.registry import arena_of, find_task, new_submission, write_data
+from shuttle_marl.suite.registry import arena_of, find_task, write_data
+from shuttle_marl.suite.run import new_submission
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, verified
 

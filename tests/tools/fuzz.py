@@ -51,7 +51,7 @@ from shuttle_marl.base.table_files import seal_parquet
 from shuttle_marl.commands import analysis, cli, data, dynamics, exact, league, recording, report, scout, suite, training
 from shuttle_marl.court.messages import TagRequest
 from shuttle_marl.court.tagging import TagFile
-from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH
 from tests.recording.mutate import Mutator, mutated
 from tests.reduced import reduced_model
 from tests.waiting import wait_until
@@ -140,7 +140,7 @@ LOG: Final = Format(
         "recording info rallies.mcap --json",
         "recording show rallies.mcap --match 0",
         "recording export rallies.mcap out.csv",
-        "recording export rallies.mcap out.csv --rows strokes --game model",
+        "recording export rallies.mcap out.csv --rows strokes",
         "recording recover rallies.mcap --out recovered.mcap",
         "recording scene rallies.mcap --rally 0 --out scene.mcap --game model",
         "analysis rallies.mcap --rallies 50 --game model --json",
@@ -155,7 +155,6 @@ FORMATS: Final[dict[str, Format]] = {
         ("config.json", "manifest.json", "pairings.jsonl", "report.json", "rallies.mcap", "results.parquet"),
         (
             "league --pool bc random attacking --matches 4 --game model --out . --resume",
-            "league --pool safe --matches 4 --game model --out . --extend",
             "league report . --out out.html",
         ),
         results=("ranking.csv",),

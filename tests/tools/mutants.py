@@ -87,8 +87,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
 CORE: Final = tuple(
     f"shuttle_marl/{name}"
     for name in (
-        *("game/", "kernel/", "env/", "exact/", "recording/", "data/readers/", "data/sheet.py", "data/own.py"),
-        *("league/ratings.py", "league/ranking.py"),
+        *("game/", "kernel/", "env/", "exact/", "recording/", "data/readers.py", "data/elan.py", "data/sheet.py", "data/own.py"),
+        "league/ranking.py",
     )
 )
 """Folders and files of rules, kernel, environments, exact values, recording, readers and ratings."""

@@ -4,20 +4,15 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
 from torch import nn
 
 from shuttle_marl.base import runs
-from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.checkpoints import last_checkpoint, save_checkpoint
 from shuttle_marl.training.learner import set_learning_rate
-from shuttle_marl.training.networks import imitate, make_actor, tabulated
 from shuttle_marl.training.self_play import ReferencePolicy
-from tests.exact.exact_games import tiring_game
 
 
 def test_learning_rates_fall_to_a_fiftieth() -> None:
@@ -67,33 +62,16 @@ def test_the_divergence_is_that_of_the_policy_from_the_reference() -> None:
 
 
 def test_the_latest_two_checkpoints_are_kept(tmp_path: Path) -> None:
-    assert last_checkpoint(tmp_path) is None
+    run = runs.Run(tmp_path)
+    assert (run.saved(), run.last) == (None, 0)
     for iteration in (3, 20, 100):
-        save_checkpoint(tmp_path, iteration, {"x": torch.tensor([float(iteration)])}, {"iteration": iteration})
+        run.save(iteration, {"iteration": iteration}, {"x": str(iteration).encode()})
     (tmp_path / "checkpoints" / "00000999").mkdir()  # incomplete
     assert sorted(path.name for path in (tmp_path / "checkpoints").iterdir()) == ["00000020", "00000100", "00000999"]
-    about, state = last_checkpoint(tmp_path) or ({}, {})
-    assert (about["iteration"], state["x"].tolist()) == (100, [100.0])
-    save_checkpoint(tmp_path, 100, {"x": torch.tensor([5.0])}, {"iteration": 100})
-    assert (last_checkpoint(tmp_path) or ({}, {}))[1]["x"].tolist() == [5.0]
+    about, content = run.saved("x") or ({}, [])
+    assert (run.last, about["iteration"], content) == (100, 100, [b"100"])
+    run.save(100, {"iteration": 100}, {"x": b"5"})
+    assert (run.saved("x") or ({}, []))[1] == [b"5"]
     (tmp_path / "file").touch()
     with pytest.raises(runs.RunError, match=r"00000001: cannot be written .* continue with --resume"):
-        save_checkpoint(tmp_path / "file", 1, {}, {})
-
-
-def test_an_actor_imitates_a_policy_in_every_state_however_rare() -> None:
-    game = tiring_game()
-    preferred = 4.0 ** -(game.pair_stroke % 3)
-    policy = from_pair_probabilities(game, preferred / np.bincount(game.pair_state, preferred)[game.pair_state])
-    weight = np.where(game.playable, 1e-6, 0.0)
-    weight[np.flatnonzero(game.playable)[-1]] = 1.0
-    gaps, tables = [], []
-    for steps in (1, 60):
-        torch.manual_seed(0)
-        actor = make_actor(game, width=8, hidden=0)
-        gaps.append(imitate(actor, policy, weight, torch.Generator().manual_seed(5), steps=steps))
-        tables.append(tabulated(actor, game).pair_probabilities())
-    start, end = (np.abs(table - policy.pair_probabilities()).max() for table in tables)
-    assert start > 0.25
-    assert end < 0.2
-    assert 0 < 5 * gaps[1] < gaps[0]
+        runs.Run(tmp_path / "file").save(1, {}, {})

@@ -9,8 +9,7 @@ from torchrl.envs.utils import check_env_specs
 
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import default_game
-from shuttle_marl.game.policy import States
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.policy import States, TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training.config import SHARP, A2CConfig, PPOConfig

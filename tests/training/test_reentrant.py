@@ -14,8 +14,8 @@ import pytest
 import torch
 
 from shuttle_marl.base.pytorch import own_settings
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import play_log
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
@@ -24,7 +24,7 @@ from tests.reduced import reduced_model
 
 SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 512, "width": 8, "evaluate_every": 4, "checkpoint_every": 3}
 CONFIGS: dict[str, TrainingConfig] = {
-    "ppo": PPOConfig(**SMALL, strokes=512 * 6, growth=0.0, warm_start="bc"),
+    "ppo": PPOConfig(**SMALL, strokes=512 * 6, growth=0.0),
     "self-play": PPOConfig(**SMALL, strokes=512 * 6, growth=0.0, opponent=("self",), variant="pool", update_interval=2),
     "sac": SACConfig(**SMALL, strokes=512 * 6, warm_up=600, minibatch=64, buffer=900, critics=2),
 }

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.game import default_game
+from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.learner import added_rewards, fault_penalty
 from shuttle_marl.training.networks import LegalStrokes, make_actor, tabulated

@@ -19,11 +19,10 @@ import torch
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import ClusterError, WorkerPool, check_processes, in_processes
 from shuttle_marl.base.files import read_sealed, seal
-from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
-from shuttle_marl.base.runs import METRICS, RunError
+from shuttle_marl.base.runs import METRICS, RunError, check_interrupt, interrupts_held
 from shuttle_marl.commands import league, training
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve
@@ -136,7 +135,7 @@ def test_a_run_folder_runs_no_code(run: Path, tmp_path: Path, monkeypatch: pytes
     config = json.loads((run / "config.json").read_text())
     card = read_card(run / "agent")
     about = read_sealed(checkpoint(run) / "about.json")
-    for key in ("opponent", "warm_start", "game"):
+    for key in ("opponent", "game"):
         changed = {**config, key: [named] if key == "opponent" else named}
         (run / "config.json").write_text(json.dumps(changed))
         with pytest.raises(RunError, match="was started with other flags"):
@@ -155,22 +154,6 @@ def test_a_device_that_is_not_there_is_refused(device: str, tmp_path: Path) -> N
         pytest.skip("there is one")
     with pytest.raises(TrainingError, match=rf"^--device {device}: cannot be used here \(.+\); --device cpu can"):
         train(dataclasses.replace(CONFIG, device=device, out=tmp_path / "run"))
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
-    ("config", "message"),
-    [
-        (PPOConfig(batch=10**8, growth=1000, strokes=10**15), "--batch and --growth"),
-        (PPOConfig(strokes=10**15, batch=16, growth=0, checkpoint_every=1), "--strokes with so small"),
-        (PPOConfig(width=10**7), "--width and --hidden"),
-        (SACConfig(buffer=10**13), "--buffer"),
-        (SACConfig(minibatch=10**12), "--minibatch"),
-    ],
-)
-def test_a_run_that_does_not_fit_into_the_memory_is_refused(config: TrainingConfig, message: str, tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match=rf"{message}.*: such a run needs [\d,]+ GB of memory or more, and this machine has"):
-        train(dataclasses.replace(config, out=tmp_path / "run"))
     assert not (tmp_path / "run").exists()
 
 

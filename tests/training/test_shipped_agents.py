@@ -18,9 +18,8 @@ from shuttle_marl.base import cache as base_cache
 from shuttle_marl.base.files import seal
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.policy import PolicyError, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import default_pool
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import CARD, NETWORK, load_agent, read_card, save_agent, shipped_folder

@@ -22,19 +22,18 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.training import main
-from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import PolicyError, States, TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import read_card
-from shuttle_marl.policy.mixtures import sharpened
+from shuttle_marl.policy.computed import sharpened
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog, replay
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
-from shuttle_marl.training.checkpoints import last_checkpoint
 from shuttle_marl.training.config import SelfPlayVariant
+from shuttle_marl.training.learner import STATE
 from shuttle_marl.training.networks import tabulated
 from shuttle_marl.training.ppo import PPO
-from shuttle_marl.training.study import train_seeds
+from shuttle_marl.training.run import train_seeds
 from tests.kernel.episodes import compare_with_rally_v0
 from tests.recording.conftest import read_rallies
 from tests.reduced import reduced_game, reduced_model
@@ -193,17 +192,16 @@ def test_the_agent_of_sac_is_the_mean_of_its_weights_which_changes_nothing_in_le
 
     def kept(name: str, **changes: Any) -> list[list[bytes]]:
         """Weights that collect, and weights that are shown."""
-        checkpoint = last_checkpoint(train(dataclasses.replace(sac, **changes, out=tmp_path / name)).folder)
-        floats = {name: part for name, part in checkpoint[1].items() if part.is_floating_point()}
+        saved = runs.Run(train(dataclasses.replace(sac, **changes, out=tmp_path / name)).folder).saved(STATE)
+        assert saved is not None
+        floats = {name: part for name, part in load(*saved[1]).items() if part.dtype.kind == "f"}
         prefixes = "loss.actor", "averaged."
-        return [sorted(part.numpy().tobytes() for name, part in floats.items() if name.startswith(p)) for p in prefixes]
+        return [sorted(part.tobytes() for name, part in floats.items() if name.startswith(p)) for p in prefixes]
 
     learned, shown = kept("plain", averaging=0.0)
     assert learned == shown
     same, mean = kept("mean", averaging=0.9)
     assert same == learned != mean
-    before, after = kept("started", strokes=1, warm_up=10_000, warm_start="bc")
-    assert before == after != kept("from nothing", strokes=1, warm_up=10_000)[0]
 
 
 def test_the_target_stops_the_run_and_it_stays_stopped(tmp_path: Path) -> None:
@@ -221,17 +219,6 @@ def test_the_target_stops_the_run_and_it_stays_stopped(tmp_path: Path) -> None:
 def test_ppo_learns_to_beat_bc(tmp_path: Path) -> None:
     done = train(PPOConfig(out=tmp_path / "run", strokes=2_000_000, target=0.98, evaluate_every=5))
     assert done.evaluation.match_win >= 0.98
-
-
-def test_a_warm_start_plays_like_its_model(tmp_path: Path) -> None:
-    ppo = CONFIGS["ppo"]
-    assert isinstance(ppo, PPOConfig)
-    base = dataclasses.replace(ppo, strokes=256, learning_rate=1e-9, eval_temperature=1.0)
-    config = dataclasses.replace(base, warm_start="bc", width=64, out=tmp_path / "run")
-    cold = dataclasses.replace(config, warm_start=None, out=tmp_path / "cold")
-    warm = train(config).evaluation
-    assert abs(warm.rally_win - 0.5) < 0.03
-    assert abs(warm.normalised_score) < abs(train(cold).evaluation.normalised_score) + 0.05
 
 
 def test_an_agent_plays_at_its_temperature_and_learns_at_1(tmp_path: Path) -> None:
@@ -397,13 +384,11 @@ def test_the_log_probability_is_that_of_the_weights(tmp_path: Path) -> None:
     """Before the first update the policy is known: that of a run that learned next to nothing."""
     config = PPOConfig(**{**LOGGED, "strokes": 256}, learning_rate=1e-12, eval_temperature=1.0, out=tmp_path / "run")
     done = train(config)
-    with RallyLog(done.folder / LOG) as log:
-        from shuttle_marl.recording import Derived
-
-        table = log.stroke_table(Derived(log, GAME, {"ppo-0": done.policy})).to_pandas()
-    own = table[table.policy == "ppo-0"]
-    assert len(own) > 50
-    assert np.allclose(np.exp(own.log_probability), own.probability, atol=2e-4)
+    found = read_rallies(done.folder / LOG)
+    own = found.policy[found.row_of_stroke, found.striker] == 0
+    state, k = (column[own] for column in found.legal(GAME))
+    assert own.sum() > 50
+    assert np.allclose(np.exp(found.log_probability[own]), done.policy.probability_of(GAME.pair_at(state, k)), atol=2e-4)
 
 
 def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:

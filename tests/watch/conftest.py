@@ -25,7 +25,7 @@ import pytest
 from shuttle_marl.court import messages
 from shuttle_marl.court.answers import Answers
 from shuttle_marl.court.building import SOURCE, BuildError, build, node
-from shuttle_marl.court.policies import PolicyTables
+from shuttle_marl.court.match import PolicyTables
 from shuttle_marl.court.server import Server, application, bind
 from shuttle_marl.game import default_game
 from shuttle_marl.game.shipped import load_game, origin_of
@@ -62,7 +62,7 @@ def policies() -> PolicyTables:
     """Policies of a small game with recovery that knows the model of its imitated players."""
     model = load_game(reduced_model(()))
     game = dataclasses.replace(model, recovery=load_game("default:recovery").recovery)
-    object.__setattr__(game, "_loaded_from", origin_of(model))
+    object.__setattr__(game, "origin", origin_of(model))
     return PolicyTables(game)
 
 

@@ -15,9 +15,9 @@ from docs.tools.first_rally import first_rally
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.watch import MatchOptions, RallyOptions, watch
 from shuttle_marl.court import WatchError, building
-from shuttle_marl.court.first_rally import shipped_rally
+from shuttle_marl.court.answers import shipped_rally
 from shuttle_marl.court.server import browser_flags, check_video, write_video
-from shuttle_marl.court.staging import Motion
+from tests.staging.reader import read
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_an_installed_page_that_is_not_complete_is_refused(checkout: Any) -> Non
 
 def test_browsers_of_users_have_a_sandbox(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.geteuid", lambda: 1000)
-    assert "--no-sandbox" not in browser_flags(mesa=False)
+    assert "--no-sandbox" not in browser_flags()
 
 
 def test_the_shipped_rally_is_that_of_the_default_match() -> None:
@@ -88,7 +88,7 @@ def test_the_shipped_rally_is_that_of_the_default_match() -> None:
     found = shipped_rally(expected.key)
     assert found is not None, "run python -m docs.tools.first_rally"
     assert msgspec.json.encode(found.reply) == msgspec.json.encode(expected.reply)
-    shown, staged = Motion.unpack(found.motion), Motion.unpack(expected.motion)
+    shown, staged = read(found.motion), read(expected.motion)
     np.testing.assert_allclose(shown.position, staged.position, atol=0.01)
     np.testing.assert_allclose(shown.shuttle, staged.shuttle, atol=0.01)
 

@@ -11,14 +11,10 @@ import pytest
 from shuttle_marl.court import WatchError, friends, messages
 from shuttle_marl.court.answers import Answers
 from shuttle_marl.court.friends import Friends
-from shuttle_marl.court.match import CourtRally, Match
+from shuttle_marl.court.match import CourtRally, Match, PolicyTables
 from shuttle_marl.court.messages import FriendReply, FriendRequest, FriendSeat, RallyFacts, RallyRequest
-from shuttle_marl.court.policies import PolicyTables
-from shuttle_marl.court.stager import Stager
 from tests.watch.conftest import replied
 from tests.watch.test_positions import plan_of
-
-STAGER = Stager()
 
 
 def asked(answers: Answers, **fields: Any) -> FriendReply:
@@ -60,7 +56,7 @@ def choices(facts: RallyFacts) -> list[int]:
 
 def test_no_message_depends_on_what_the_other_person_chose(policies: PolicyTables) -> None:
     """Neither the striker's messages on the position, nor the receiver's on the stroke; after both choices both are told."""
-    answers, rng = Answers(policies, plan_of(), STAGER), np.random.default_rng(3)
+    answers, rng = Answers(policies, plan_of()), np.random.default_rng(3)
     seats = begun(partial(asked, answers))
     token, hidden = seats[0].token, {True: 0, False: 0}
     while min(hidden.values()) < 2:
@@ -82,7 +78,7 @@ def test_no_message_depends_on_what_the_other_person_chose(policies: PolicyTable
 
 
 def test_a_seat_is_kept_and_nobody_else_takes_it(policies: PolicyTables) -> None:
-    answers = Answers(policies, plan_of(), STAGER)
+    answers = Answers(policies, plan_of())
     host, guest = begun(partial(asked, answers))
     assert asked(answers, token=host.token).refused == "taken"
     assert asked(answers, token=host.token, key="guessed").refused == "taken"

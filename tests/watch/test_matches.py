@@ -13,31 +13,27 @@ import pytest
 
 from shuttle_marl.commands.watch import MatchOptions
 from shuttle_marl.court import WatchError, messages
-from shuttle_marl.court.answers import Answers
-from shuttle_marl.court.first_rally import first_key
-from shuttle_marl.court.match import Match
-from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.answers import Answers, first_key
+from shuttle_marl.court.match import Match, MatchLog, PolicyTables
 from shuttle_marl.court.messages import RallyRequest, decode_request
 from shuttle_marl.court.plan import LADDER, Person, Plan, Side
-from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.court.recorded import LogRallies
-from shuttle_marl.court.stager import Stager
-from shuttle_marl.court.staging import Motion
 from shuttle_marl.court.values import ELITE, StrokeValues
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.pairs import looks_of, pair_game
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.reports.rating import Rating, rater_of
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
+from tests.staging.reader import read
 from tests.watch.conftest import replied
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -79,7 +75,7 @@ def test_persons_of_different_hands_meet_in_the_game_of_different_hands(small: P
     assert small.between(plan.sides_in(2)) is small
     opposite = small.between(plan.sides_in(0)).game
     assert opposite.hash == load_game(f"{reduced_model()}:opposite").hash != small.game.hash
-    answers, log = Answers(small, plan, STAGER), MatchLog(tmp_path, small)
+    answers, log = Answers(small, plan), MatchLog(tmp_path, small)
     rallies = [Match(plan, small).rally(number) for number in range(3)]
     assert [rally.hands for rally in rallies] == [("left", "right"), ("left", "right"), ("right", "right")]
     assert [rally.athletes for rally in rallies] == [("male", "female")] * 2 + [("female", "female")]
@@ -122,7 +118,7 @@ def test_likeness_counts_the_strokes_of_all_games_of_a_match(small: PolicyTables
         plan = Plan.parse({"seed": 3, "sides": sides, "changes": changes, "chosen": chosen})
     person = Person(seat=1, rally=0, stroke=0)
     request = messages.LikenessRequest(id=0, plan=plan, rally=1, person=person)
-    found = replied(Answers(small, plan, STAGER), request, messages.Likeness)
+    found = replied(Answers(small, plan), request, messages.Likeness)
     assert found.strokes == asked
     assert sum(found.probability) == pytest.approx(1, abs=1e-3)
 
@@ -130,12 +126,12 @@ def test_likeness_counts_the_strokes_of_all_games_of_a_match(small: PolicyTables
 def test_the_appearance_that_is_asked_for_overrides_that_of_the_players() -> None:
     policies = PolicyTables(pair())
     players, keys = [], set()
-    for stager in (Stager(), Stager(("female", "female")), Stager(hands=("left", "right"))):
-        reply, packed = Answers(policies, PAIR_PLAN, stager).rally(FIRST)
+    wanted: list[dict[str, Any]] = [{}, {"athletes": ("female", "female")}, {"hands": ("left", "right")}]
+    for looks in wanted:
+        reply, packed = Answers(policies, PAIR_PLAN, **looks).rally(FIRST)
         players.append([(player.athlete, player.hand) for player in reply.rally.players])
-        motion = Motion.unpack(packed)
-        assert [(motion.skeletons[seat].name, motion.hands[seat]) for seat in (0, 1)] == players[-1]
-        keys.add(first_key(pair(), PAIR_PLAN, stager))
+        assert [(player["athlete"], player["hand"]) for player in read(packed).head["players"]] == players[-1]
+        keys.add(first_key(pair(), PAIR_PLAN, **looks))
     assert players[0] == [("male", "right"), ("male", "left")]
     assert players[1] == [("female", "right"), ("female", "left")]
     assert players[2] == [("male", "left"), ("male", "right")]
@@ -144,7 +140,7 @@ def test_the_appearance_that_is_asked_for_overrides_that_of_the_players() -> Non
 
 def test_areas_are_named_by_the_forehand_of_the_receiver_and_lie_where_it_is() -> None:
     policies = PolicyTables(pair())
-    here, there = (Answers(policies, PAIR_PLAN, Stager(hands=(one, "right"))) for one in ("right", "left"))
+    here, there = (Answers(policies, PAIR_PLAN, hands=(one, "right")) for one in ("right", "left"))
     strokes, mirrored = (answers.rally(FIRST)[0].rally.strokes for answers in (here, there))
     checked = 0
     for stroke, other in zip(strokes, mirrored, strict=True):
@@ -207,7 +203,7 @@ def test_a_duel_ends_at_its_points_and_is_recorded_by_its_rules(tables: PolicyTa
 
 
 def test_an_opening_is_played_in_the_match_of_its_seed(tables: PolicyTables) -> None:
-    answers = Answers(tables, Plan.parse(PLAN), Stager())
+    answers = Answers(tables, Plan.parse(PLAN))
     line: tuple[int, ...] = ()
     for _ in range(3):
         line = (*line, answers.opening(line).strokes[1].stroke)
@@ -275,7 +271,6 @@ PAIR_PLAN = Plan.parse({"seed": 3, "sides": [{"policy": f"bc:{A}"}, {"policy": "
 
 
 FIRST = messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0)
-STAGER = Stager()
 
 
 @pytest.fixture(scope="module")
@@ -285,7 +280,7 @@ def policies() -> PolicyTables:
 
 @pytest.fixture(scope="module")
 def answers(policies: PolicyTables) -> Answers:
-    return Answers(policies, PAIR_PLAN, STAGER)
+    return Answers(policies, PAIR_PLAN)
 
 
 def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
@@ -320,7 +315,7 @@ def test_replies_are_those_that_somebody_looked_at(answers: Answers, policies: P
 
 def test_the_overview_of_a_match_is_one_that_somebody_looked_at(tables: PolicyTables) -> None:
     plan = Plan.parse({**PLAN, "points": 3, "seed": 26})
-    answers = Answers(tables, plan, STAGER)
+    answers = Answers(tables, plan)
     whole, part = (messages.MatchRequest(id=0, plan=plan, rally=3, partial=partial) for partial in (False, True))
     requests = {"whole match": whole, "four rallies": part, "marked": messages.AnalysisRequest(id=0, plan=plan, rally=3)}
     golden.check("replies", {name: headed(answers(request)) for name, request in requests.items()}, 1e-3)
@@ -333,7 +328,7 @@ def headed(reply: bytes) -> Any:
 
 
 def test_opponents_of_the_ladder_are_ever_stronger(tables: PolicyTables) -> None:
-    ladder = Answers(tables, Plan.parse(PLAN), STAGER).hello().ladder
+    ladder = Answers(tables, Plan.parse(PLAN)).hello().ladder
     assert ladder == list(LADDER)
     strength = [tables.values((Side(policy=name), ELITE)).odds().rally for name in ladder]
     assert (np.diff(strength) > 0).all(), strength
@@ -341,7 +336,7 @@ def test_opponents_of_the_ladder_are_ever_stronger(tables: PolicyTables) -> None
 
 
 def test_decisions_are_rated_by_their_quality(tables: PolicyTables) -> None:
-    answers, plan = Answers(tables, Plan.parse(PLAN), STAGER), Plan.parse(PLAN)
+    answers, plan = Answers(tables, Plan.parse(PLAN)), Plan.parse(PLAN)
     values = replied(answers, messages.AnalysisRequest(id=0, plan=plan, rally=0), messages.Analysis).strokes
     assert all((value.quality is None) == (value.change is None) for value in values)
     scores = tuple(value.quality for value in values if value.quality is not None)
@@ -370,7 +365,7 @@ def test_rallies_of_a_person_are_recorded_once(
     rally = Match(PAIR_PLAN, policies).rally(0)
     plan = msgspec.structs.replace(PAIR_PLAN, chosen={0: dict(enumerate(rally.stroke.tolist()))})
     log = MatchLog(tmp_path, policies)
-    answers = Answers(policies, plan, STAGER, log=log)
+    answers = Answers(policies, plan, log=log)
     for _ in range(2):
         assert answers.rally(RallyRequest(id=0, plan=plan, rally=0, person=person))[0].rally.winner == rally.winner
     log.close()

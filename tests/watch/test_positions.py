@@ -10,27 +10,23 @@ import pytest
 
 from shuttle_marl.court import WatchError, match, messages
 from shuttle_marl.court.answers import Answers
-from shuttle_marl.court.match import CourtRally, Match
-from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.match import CourtRally, Match, MatchLog, PolicyTables
 from shuttle_marl.court.plan import Person, Plan, Side
-from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.court.recorded import LogRallies, RealRallies
-from shuttle_marl.court.stager import Stager
 from shuttle_marl.court.values import ELITE, StrokeValues
 from shuttle_marl.game.draws import CHOICE_ONE, draw, stream
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally import stepper_of
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
-from shuttle_marl.reports.rally import legal_states
+from shuttle_marl.reports.rally import decision, legal_states
 from tests.watch.conftest import replied
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 SIDES = (Side(policy="bc"), Side(policy="minimax"))
 PERSON = Person(seat=0, rally=0, stroke=0)
-STAGER = Stager()
 
 
 def plan_of(**fields: Any) -> Plan:
@@ -73,7 +69,7 @@ def test_no_message_depends_on_what_is_hidden_at_a_turn(policies: PolicyTables, 
         name = "choice_draw" if rally.receives else "position_draw"
         real, hidden = getattr(match, name), draw(stream(plan.seed, 0, rally.number), len(rally))
         monkeypatch.setattr(match, name, lambda bits: np.array([number]) if (bits == hidden).all() else real(bits))
-        before = sent(Answers(policies, plan, STAGER), plan, rally.number)
+        before = sent(Answers(policies, plan), plan, rally.number)
         chosen = with_choice(plan, rally, policies.game, np.random.default_rng(1))
         following = Match(chosen, policies).rally(rally.number, PERSON)
         monkeypatch.undo()
@@ -148,12 +144,12 @@ def test_values_of_strokes_are_those_against_the_positions_of_the_opponent(polic
     players = values.players(SIDES)
     for rally in [Match(plan_of(), policies).rally(number) for number in range(6)]:
         for state, seat in zip(legal_states(rally, policies.game)[0].tolist(), rally.striker.tolist(), strict=True):
-            choice = values.decision(state, seat, players)
+            choice = decision(values.game, state, seat, players)
             assert choice.win @ choice.probability == pytest.approx(choice.value, abs=1e-9)
 
 
 def test_perfect_play_waits_where_the_solution_does(policies: PolicyTables) -> None:
-    answers, stepper, mixed = Answers(policies, plan_of(), STAGER), stepper_of(policies.game), 0
+    answers, stepper, mixed = Answers(policies, plan_of()), stepper_of(policies.game), 0
     opened = 0
     for number in range(5, 9):
         rally = Match(plan_of(), policies).rally(number)
@@ -188,7 +184,7 @@ def test_a_position_is_tried_in_a_recorded_rally(policies: PolicyTables, tmp_pat
         log.add(plan, Match(plan, policies).rally(number))
     log.close()
     recorded = LogRallies(next(tmp_path.glob("*.mcap")), policies.game)
-    answers, stepper = Answers(policies, plan, STAGER, recorded=recorded), stepper_of(policies.game)
+    answers, stepper = Answers(policies, plan, recorded=recorded), stepper_of(policies.game)
     changed = []
     for rally in map(recorded.rally, range(recorded.count)):
         states = enumerate(rally.states(policies.game).tolist())

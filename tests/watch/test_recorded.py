@@ -8,16 +8,13 @@ import pytest
 
 from shuttle_marl.court import WatchError, messages
 from shuttle_marl.court.answers import Answers
-from shuttle_marl.court.match import Match
-from shuttle_marl.court.match_log import MatchLog
+from shuttle_marl.court.match import Match, MatchLog, PolicyTables
 from shuttle_marl.court.plan import Plan, Side
-from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.court.recorded import LogRallies, RealRallies
-from shuttle_marl.court.stager import Stager
 from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import game_of_people, pair_game
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.policy import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports.rally import legal_states
 from tests.reduced import reduced_game, reduced_model
@@ -57,7 +54,7 @@ def test_a_stroke_is_tried_in_a_recorded_rally(small: PolicyTables, tmp_path: Pa
         log.add(PLAN, Match(PLAN, small).rally(number))
     log.close()
     recorded = LogRallies(next(tmp_path.glob("*.mcap")), game)
-    answers = Answers(small, PLAN, Stager(), recorded=recorded)
+    answers = Answers(small, PLAN, recorded=recorded)
     for rally in map(recorded.rally, range(recorded.count)):
         k = len(rally) - 1
         legal = game.legal_strokes(int(rally.states(game)[k])).tolist()
@@ -133,7 +130,7 @@ def test_real_rallies_have_the_values_of_the_two_people(
 ) -> None:
     """Where the model has the skill of both, in one discipline; else those of imitated elite players."""
     recorded = RealRallies(SAMPLE, small.game, named(strokes, people))
-    answers, names = Answers(small, PLAN, Stager(), recorded=recorded), recorded.people(0).names
+    answers, names = Answers(small, PLAN, recorded=recorded), recorded.people(0).names
     found = replied(answers, messages.AnalysisRequest(id=0, rally=0), messages.Analysis)
     facts = answers.rally(messages.RallyRequest(id=0, rally=0))[0].rally
     assert set(names) == set(people)
@@ -176,6 +173,6 @@ def test_annotated_rallies_are_found_by_number_and_match(annotated: RealRallies)
 def test_overviews_are_of_one_match(
     rally: int, partial: bool, numbers: list[int], small: PolicyTables, annotated: RealRallies
 ) -> None:
-    answers = Answers(small, PLAN, Stager(), recorded=annotated)
+    answers = Answers(small, PLAN, recorded=annotated)
     found = answers.match(messages.MatchRequest(id=0, rally=rally, partial=partial))
     assert [row.number for row in found.rallies] == numbers

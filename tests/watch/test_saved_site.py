@@ -15,11 +15,10 @@ import pytest
 from shuttle_marl.court import WatchError, messages
 from shuttle_marl.court.answers import Answers
 from shuttle_marl.court.building import FILES
+from shuttle_marl.court.match import PolicyTables
 from shuttle_marl.court.messages import AnalysisRequest, MatchRequest, RallyRequest, StylesRequest
 from shuttle_marl.court.plan import Plan, Side
-from shuttle_marl.court.policies import PolicyTables
 from shuttle_marl.court.site import save_site
-from shuttle_marl.court.stager import Stager
 from shuttle_marl.game import default_game
 from tests.watch.annotated import annotated_rallies
 from tests.watch.conftest import Viewer
@@ -34,7 +33,7 @@ LIMIT = 2_300_000
 @pytest.fixture(scope="module")
 def answers() -> Answers:
     plan = Plan(seed=12, sides=(Side(policy="bc"), Side(policy="bc")))
-    return Answers(PolicyTables(default_game(), ("bc",)), plan, Stager())
+    return Answers(PolicyTables(default_game(), ("bc",)), plan)
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +117,7 @@ def files(tmp_path: Path) -> Path:
 def small(policies: PolicyTables) -> tuple[Answers, Plan]:
     """A duel to two points."""
     plan = Plan(seed=12, sides=(Side(policy="bc"), Side(policy="safe")), points=2)
-    return Answers(policies, plan, Stager()), plan
+    return Answers(policies, plan), plan
 
 
 def saved(folder: Path) -> dict[str, bytes]:
@@ -177,7 +176,7 @@ def test_recorded_matches_have_an_overview_each(policies: PolicyTables, files: P
     """Rallies 0 to 4 are of the first match, rally 5 is of the second."""
     plan = Plan(seed=1, sides=(Side(policy="bc"), Side(policy="bc")))
     recorded, folder = annotated_rallies(policies.game), tmp_path / "site"
-    answers = Answers(policies, plan, Stager(), recorded=recorded, first=5)
+    answers = Answers(policies, plan, recorded=recorded, first=5)
     assert save_site(folder, files, answers)[::2] == (6, 0)
     found = saved(folder)
     for k in range(6):

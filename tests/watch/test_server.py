@@ -20,8 +20,8 @@ from docs.tools.wire_types import TARGET, wire_types
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.messages import OptionsReply, RallyRequest, decode_request, encode_reply, request_id
 from shuttle_marl.court.server import MAX_MESSAGE, bind, hosts_of, in_language, refusal
-from shuttle_marl.court.staging.motion import from_parents
 from shuttle_marl.reports.languages import current
+from tests.staging.reader import from_parents
 from tests.watch.conftest import Served, get, run_script, running, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
@@ -191,7 +191,7 @@ def test_disconnected_or_stalled_clients_do_not_block_others(served: Served) -> 
 def test_server_stops_immediately_and_frees_its_port(page_folder: Any) -> None:
     with serving() as first, contextlib.ExitStack() as stack:
         port = port_of(first)
-        open_ones = [stack.enter_context(connected(first)) for _ in range(3)]
+        open_ones = [stack.enter_context(connected(port)) for _ in range(3)]
         first.process.send_signal(signal.SIGINT)
         began = time.monotonic()
         first.process.wait(10)

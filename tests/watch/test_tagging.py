@@ -24,13 +24,13 @@ from shuttle_marl.base.files import seal
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.watch import TagOptions
 from shuttle_marl.court import WatchError
-from shuttle_marl.court.facts import hall_facts
 from shuttle_marl.court.messages import SHOWN, Saved, TagRequest, TagRow, TagStroke
 from shuttle_marl.court.tagging import TagFile, suggestions
+from shuttle_marl.court.values import hall_facts
 from shuttle_marl.data import read_matches
+from shuttle_marl.data.matches import TaggingError
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
-from shuttle_marl.data.tagging import TaggingError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.scoring import BWF

@@ -6,7 +6,7 @@ Needs the extra ``scene``, whose libraries are imported when a function is first
 from typing import TYPE_CHECKING
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.court.scene.write import select, write_scene

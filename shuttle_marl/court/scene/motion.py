@@ -4,28 +4,14 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
-from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, SceneEntity
+from foxglove.messages import FrameTransform, FrameTransforms, Quaternion
 
 from shuttle_marl.base.arrays import F64, I64, Floats, Intp
 from shuttle_marl.court.scene import topics
 from shuttle_marl.court.scene.rally_report import StagedRally
-from shuttle_marl.court.scene.shapes import DRAWN
-from shuttle_marl.court.scene.topics import (
-    SHUTTLE_FLOOR,
-    SHUTTLE_FRAME,
-    WORLD,
-    Timed,
-    bone_frame,
-    colour,
-    entities_on,
-    numbers_on,
-    place_frame,
-    stamp,
-    strip,
-    vector,
-)
+from shuttle_marl.court.scene.topics import SHUTTLE_FLOOR, SHUTTLE_FRAME, Timed, bone_frame, entities_on, numbers_on, place_frame
 from shuttle_marl.court.staging import Motion
-from shuttle_marl.court.staging.rotation import cross, quaternion, unit
+from shuttle_marl.court.staging.geometry import cross, quaternion, unit
 from shuttle_marl.court.staging.skeleton import BONE
 
 _GRID: Final = 2.0**13
@@ -34,11 +20,8 @@ _TOLERANCE: Final = 0.006
 """Largest distance from a transform that viewers interpolate to one that is left out [m or half radians]."""
 _PACKET: Final = 1.0
 """Time covered by one message of transforms [s]."""
-_TRAIL: Final = 0.48
-"""Length of the trail of the shuttle [s]."""
-_TRAIL_STEP: Final = 0.08
-"""Time between points of the trail [s]."""
-_TRAIL_COLOUR: Final = (1.0, 0.85, 0.25)
+_TRAIL, _TRAIL_STEP = 0.48, 0.08
+"""Length of the trail of the shuttle, and time between its points [s]."""
 
 
 def motion_messages(staged: StagedRally) -> Iterator[Timed]:
@@ -52,7 +35,7 @@ def _transforms(staged: StagedRally) -> Iterator[Timed]:
     """Transforms of all frames of reference, one message for each :data:`_PACKET`: one message is enough after a seek."""
     motion = staged.motion
     last, length = len(motion.time) - 1, round(_PACKET * motion.fps)
-    when = [stamp(staged.at(seconds)) for seconds in motion.time.tolist()]
+    when = [topics.stamp(staged.at(seconds)) for seconds in motion.time.tolist()]
     frames = {name: (values, _needed(values, motion.contact_frame, length)) for name, values in frames_of(motion).items()}
     for first in range(0, last, length):
         until, transforms = min(first + length, last), []
@@ -61,12 +44,9 @@ def _transforms(staged: StagedRally) -> Iterator[Timed]:
             if until < last and (values[chosen] == values[first]).all():
                 chosen = chosen[:1]  # enough for a frame at rest, unless the rally ends here
             for i, (x, y, z, *q) in zip(chosen.tolist(), values[chosen].tolist(), strict=True):
-                place, turn = vector((x, y, z)), Quaternion(x=q[0], y=q[1], z=q[2], w=q[3])
-                transforms.append(
-                    FrameTransform(
-                        timestamp=when[i], parent_frame_id=WORLD, child_frame_id=name, translation=place, rotation=turn
-                    )
-                )
+                about: dict[str, Any] = {"timestamp": when[i], "parent_frame_id": topics.WORLD, "child_frame_id": name}
+                turn = Quaternion(x=q[0], y=q[1], z=q[2], w=q[3])
+                transforms.append(FrameTransform(**about, translation=topics.vector((x, y, z)), rotation=turn))
         yield staged.at(float(motion.time[first])), topics.TF, FrameTransforms(transforms=transforms)
 
 
@@ -88,7 +68,7 @@ def frames_of(motion: Motion) -> dict[str, F64]:
     out = {SHUTTLE_FRAME: _joined(motion.shuttle, _heading(motion)), SHUTTLE_FLOOR: _joined(motion.shuttle * [1, 1, 0], upright)}
     for seat in (0, 1):
         out[place_frame(seat)] = _joined(motion.position[:, seat, 0] * [1, 1, 0], half_turn)
-        for bone in DRAWN:
+        for bone in topics.DRAWN:
             out[bone_frame(seat, bone)] = _joined(*(part[:, seat, BONE[bone]] for part in (motion.position, motion.rotation)))
     return out
 
@@ -126,9 +106,8 @@ def _trail(staged: StagedRally) -> Iterator[Timed]:
         visible = len(path) > 1 and float(np.ptp(path, axis=0).max()) > 0.05
         if visible:
             fade = np.round(0.95 * np.clip(1 - (frame - rows) / length, 0, 1), 2)
-            line = strip(path, [colour(*_TRAIL_COLOUR, alpha) for alpha in fade.tolist()], 3.0)
-            trail = SceneEntity(id="trail", timestamp=stamp(time), frame_id=WORLD, lines=[line])
-            yield entities_on(topics.SHUTTLE, time, [trail])
+            line = topics.strip(path, [topics.colour(1.0, 0.85, 0.25, alpha) for alpha in fade.tolist()], 3.0)
+            yield entities_on(topics.SHUTTLE, time, [topics.entity("trail", time, lines=[line])])
         elif was_visible:
             yield entities_on(topics.SHUTTLE, time, [])
         was_visible = visible

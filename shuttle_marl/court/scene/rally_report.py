@@ -10,11 +10,10 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court.scene import SceneError
 from shuttle_marl.court.staging import Motion
-from shuttle_marl.game.court import AREA_WORDS, Hands
+from shuttle_marl.game.court import Hands
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import looks_of, seat_names
-from shuttle_marl.game.rally.record import Rallies, Rally
-from shuttle_marl.game.rally.stepper import waited_at
+from shuttle_marl.game.rally import Rallies, Rally, waited_at
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
@@ -28,30 +27,19 @@ SECOND: Final = 1_000_000_000
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class RallyReport:
-    """A rally of a log.
-
-    Attributes:
-        names: printable names of the policies at seats 0 and 1.
-        reason: outcome of the last stroke, in words.
-        before: interval or change of ends before the rally, in words; empty: neither.
-        analysis: values of the strokes; NaN where a policy is not known.
-        key: random seed of the staging.
-        athletes: ``male`` or ``female``, of seats 0 and 1.
-        logged: ``[2, T]`` what the log of a training run has of each stroke, else NaN: the probability with which the learner
-            chose it, and the value of the state that it estimated before, from -1 to 1.
-    """
+    """A rally of a log."""
 
     number: int
-    names: tuple[str, str]
+    names: tuple[str, str]  # printable, of seats 0 and 1
     game: Game
     played: Rally
     winner: int
-    reason: str
-    before: str
-    analysis: RallyAnalysis
-    key: int
+    reason: str  # outcome of the last stroke, in words
+    before: str  # interval or change of ends before the rally, in words; empty: neither
+    analysis: RallyAnalysis  # values of the strokes; NaN where a policy is not known
+    key: int  # random seed of the staging
     athletes: tuple[str, str]
-    logged: F64
+    logged: F64  # [2, T] in a log of training, else NaN: probability of each stroke, and estimate of the state, -1 to 1
 
     @property
     def points_after(self) -> tuple[int, int]:
@@ -63,35 +51,22 @@ class RallyReport:
         """Whether the rally belongs to a match, as far as its score tells."""
         return bool(self.played.match or any(self.played.games) or any(self.played.points))
 
-    def area(self, stroke: int) -> str:
-        """Area at which a stroke aims, in words."""
-        return AREA_WORDS[self.played.target(int(self.played.striker[stroke]), int(self.played.stroke[stroke]))]
-
-    def efforts(self, stroke: int) -> tuple[int, int] | None:
-        """Attacking strokes of striker and opponent before a stroke, up to the game's limit; None: the game has no effort."""
-        state = self.analysis.decisions[stroke].state
-        return (int(self.game.effort(state)), int(self.game.opponent_effort(state))) if self.game.levels > 1 else None
+    def wins(self, stroke: int) -> dict[str, float]:
+        """Probabilities that seat 0 wins rally and match before a stroke; -1: after the rally."""
+        return {"rally_win_0": float(self.analysis.rally_win[stroke]), "match_win_0": float(self.analysis.match_win[stroke])}
 
     def waited(self, stroke: int) -> int | None:
         """Position that the receiver of a stroke chose; None: they had no choice, or the log has none."""
         return waited_at(self.played, self.game, stroke, self.analysis.decisions[stroke].state)
 
-    def duel(self, stroke: int) -> int | None:
-        """Consecutive net shots before a stroke, 3 for three or more; None: the game does not count them."""
-        return int(self.game.duel(self.analysis.decisions[stroke].state)) if self.game.counts_duels else None
-
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class StagedRally:
-    """A staged rally at its time in the scene.
-
-    Attributes:
-        start: time of the first frame [ns].
-    """
+    """A staged rally at its time in the scene."""
 
     report: RallyReport
     motion: Motion
-    start: int
+    start: int  # time of the first frame [ns]
 
     def at(self, seconds: float) -> int:
         """Time in the scene [ns] of a time in the rally [s]."""
@@ -104,10 +79,7 @@ class StagedRally:
 
 
 def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers, hands: Hands | None = None) -> RallyReport:
-    """Report of one rally.
-
-    Args:
-        hands: ``right`` or ``left``, of seats 0 and 1; None: those of the players.
+    """Report of one rally; ``hands``: None: those of the players.
 
     Raises:
         RecordingError: the log has no such rally, or is damaged.

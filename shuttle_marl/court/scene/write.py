@@ -7,37 +7,32 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
 from foxglove import Context, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
-from foxglove.messages import Color, CylinderPrimitive, SceneEntity, Vector3
+from foxglove.messages import SceneEntity
 
 from shuttle_marl import __version__
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court.scene import SceneError, topics
-from shuttle_marl.court.scene.board import boards
 from shuttle_marl.court.scene.motion import motion_messages
 from shuttle_marl.court.scene.rally_report import SECOND, RallyReport, StagedRally, report_rally
-from shuttle_marl.court.scene.shapes import court, players
-from shuttle_marl.court.scene.topics import WORLD, Timed, at, box, colour, entities_on, log_line, numbers_on, stamp, strip
+from shuttle_marl.court.scene.topics import Timed, at, boards, colour, disc, entities_on, entity, log_line, numbers_on
 from shuttle_marl.court.staging import ENDS, stage
-from shuttle_marl.game.court import Hands
+from shuttle_marl.game.court import AREA_WORDS, Hands
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
-from shuttle_marl.recording.reader import RallyLog, rally_rows
+from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.reports import LogPlayers
 from shuttle_marl.reports.rally import Resolve
 
-TOP: Final = 5
+_TOP: Final = 5
 """Number of strokes of a policy that are listed."""
-_PATH_POINTS: Final = 32
-_PATH: Final = colour(1.0, 1.0, 1.0, 0.35)
-_TARGET: Final = colour(1.0, 0.80, 0.10, 0.30)
+_PATH, _TARGET = colour(1.0, 1.0, 1.0, 0.35), colour(1.0, 0.80, 0.10, 0.30)
 _WAITED: Final = colour(1.0, 1.0, 1.0, 0.45)
-_LANDED: Final = (colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9))
+_FAULT, _WON = colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9)
 
 
 def commentary(staged: StagedRally) -> Iterator[Timed]:
@@ -49,7 +44,7 @@ def commentary(staged: StagedRally) -> Iterator[Timed]:
         time, seat = staged.at(float(trajectory.time[i])), int(content["seat"])
         yield entities_on(topics.STROKE_MARKS, time, _flight(staged, i, time))
         yield numbers_on(topics.STROKE, time, content)
-        yield from boards(report, time, _action(report, i), marked=seat)
+        yield from boards(report, time, _action(content), marked=seat)
         chosen = f", chosen with {percent(content['probability'])}" if "probability" in content else ""
         sentence = (
             f"#{i + 1} {content['shot']} to {content['area']} ({content['technique']}"
@@ -63,18 +58,20 @@ def commentary(staged: StagedRally) -> Iterator[Timed]:
     result = f"{report.names[report.winner]} wins the rally: {_ending(staged)}"
     yield log_line(over, result, "umpire")
     yield from boards(report, over, result, after=True)
-    yield entities_on(topics.STROKE_MARKS, over, [_landing(staged, over)])
+    # Where the last shuttle landed: green for a winner, red for a fault.
+    x, y, _ = trajectory.end_point[-1]
+    landed = disc(0.30, 0.30, 0.006, at((x, y, 0.008)), _WON if ENDS[trajectory.end[-1]] == "winner" else _FAULT)
+    yield entities_on(topics.STROKE_MARKS, over, [entity("landing", over, cylinders=[landed])])
     yield from _score(staged, strokes)
 
 
 def _probabilities(report: RallyReport, i: int, time: int) -> Iterator[Timed]:
     """Values and the policy's probabilities at a stroke, as far as they are known."""
-    decision, rank, seat = report.analysis.decisions[i], report.analysis.rank[i], report.analysis.decisions[i].seat
+    decision, rank = report.analysis.decisions[i], report.analysis.rank[i]
     values_known = bool(np.isfinite(decision.value))
     if values_known:
-        win, match_win = report.analysis.rally_win[i], report.analysis.match_win[i]
-        content = {"rally_win_0": float(win), "match_win_0": float(match_win)}
-        yield numbers_on(topics.VALUE, time, {**content, "striker": decision.value, "chosen": float(decision.win[rank])})
+        values = {"striker": decision.value, "chosen": float(decision.win[rank])}
+        yield numbers_on(topics.VALUE, time, {**report.wins(i), **values})
     if np.isfinite(decision.probability).all():
         catalogue, p = report.game.catalogue, decision.probability
         by_shot = np.bincount(catalogue.shot[decision.stroke], weights=p, minlength=len(SHOTS)).tolist()
@@ -84,19 +81,19 @@ def _probabilities(report: RallyReport, i: int, time: int) -> Iterator[Timed]:
                 "probability": round(float(p[k]), 4),
                 "win_probability": round(float(decision.win[k]), 4),
             }
-            for k in (np.argsort(-p, kind="stable")[:TOP] if values_known else ())
+            for k in (np.argsort(-p, kind="stable")[:_TOP] if values_known else ())
         ]
         shots = {shot.replace("-", "_"): share for shot, share in zip(SHOTS, by_shot, strict=True)}
-        yield numbers_on(topics.POLICY, time, {"seat": seat, "player": report.names[seat], "top": top, "shots": shots})
+        about = {"seat": decision.seat, "player": report.names[decision.seat]}
+        yield numbers_on(topics.POLICY, time, {**about, "top": top, "shots": shots})
 
 
 def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
     """Content of ``/rally/stroke`` for the i-th stroke."""
     report, trajectory = staged.report, staged.motion.trajectory
     decision, rank = report.analysis.decisions[i], report.analysis.rank[i]
-    catalogue, stroke, seat = report.played.catalogue, report.played.stroke[i], decision.seat
-    effort, opponent_effort = report.efforts(i) or (None, None)
-    waited = report.waited(i)
+    catalogue, stroke, seat = report.played.catalogue, int(report.played.stroke[i]), decision.seat
+    game, state, waited = report.game, decision.state, report.waited(i)
     chosen, estimate = report.logged[:, i].tolist()
     content = {
         "number": i + 1,
@@ -104,7 +101,7 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
         "player": report.names[seat],
         "stroke": catalogue.names[stroke],
         "shot": SHOTS[catalogue.shot[stroke]],
-        "area": report.area(i),
+        "area": AREA_WORDS[report.played.target(seat, stroke)],
         "height": HEIGHTS[catalogue.height[stroke]],
         "technique": TECHNIQUES[catalogue.technique[stroke]],
         "p_succ": float(decision.p_succ[rank]),
@@ -113,9 +110,9 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
         "estimate": estimate,
         "win_probability": float(decision.win[rank]),
         "hurried": bool(report.played.hurried[i]),
-        "effort": effort,
-        "opponent_effort": opponent_effort,
-        "duel": report.duel(i),
+        "effort": int(game.effort(state)) if game.levels > 1 else None,
+        "opponent_effort": int(game.opponent_effort(state)) if game.levels > 1 else None,
+        "duel": int(game.duel(state)) if game.counts_duels else None,
         "contact_height": round(float(trajectory.contact[i, 2]), 3),
         "speed_kmh": round(3.6 * float(trajectory.flight.launch_speed[i]), 1),
         "flight_time": round(float(trajectory.end_time[i] - trajectory.time[i]), 3),
@@ -131,47 +128,38 @@ def _score(staged: StagedRally, strokes: list[dict[str, Any]]) -> Iterator[Timed
     before = {
         "rally": report.number,
         "match": played.match,
-        "name_0": report.names[0],
-        "name_1": report.names[1],
-        "points_0": played.points[0],
-        "points_1": played.points[1],
-        "games_0": played.games[0],
-        "games_1": played.games[1],
+        **{f"name_{seat}": name for seat, name in enumerate(report.names)},
+        **{f"points_{seat}": points for seat, points in enumerate(played.points)},
+        **{f"games_{seat}": games for seat, games in enumerate(played.games)},
         "server": played.server,
     }
-    after = {"points_0": report.points_after[0], "points_1": report.points_after[1]}
+    after = {f"points_{seat}": points for seat, points in enumerate(report.points_after)}
     yield numbers_on(topics.SCORE, start, before)
     yield numbers_on(topics.SCORE, over, {**before, **after, "winner": report.winner, "reason": report.reason})
     serves = f"{report.names[played.server]} serves from the {'right' if played.from_right else 'left'}"
     yield from boards(report, start, "\n".join(filter(None, (report.before, serves))), marked=played.server)
-    games = f"   games {played.games[0]}-{played.games[1]}" if report.in_match else ""
-    score = f"{report.names[0]}  {played.points[0]} - {played.points[1]}  {report.names[1]}{games}"
+    won = f"   games {played.games[0]}-{played.games[1]}" if report.in_match else ""
+    score = f"{report.names[0]}  {played.points[0]} - {played.points[1]}  {report.names[1]}{won}"
     if report.before:
         yield log_line(start, report.before, "umpire")
     yield log_line(start, f"rally {report.number}: {score}, {serves}", "umpire")
     summary = {"rally": report.number, "winner": report.names[report.winner], "reason": report.reason, "strokes": strokes}
     yield numbers_on(topics.SUMMARY, start, summary)
-    rally_win, match_win = report.analysis.rally_win.tolist(), report.analysis.match_win.tolist()
-    if np.isfinite(rally_win[0]):
-        yield numbers_on(topics.VALUE, start, {"rally_win_0": rally_win[0], "match_win_0": match_win[0]})
-        yield numbers_on(topics.VALUE, over, {"rally_win_0": rally_win[-1], "match_win_0": match_win[-1]})
+    if np.isfinite(report.analysis.rally_win[0]):
+        yield numbers_on(topics.VALUE, start, report.wins(0))
+        yield numbers_on(topics.VALUE, over, report.wins(-1))
 
 
-def _action(report: RallyReport, i: int) -> str:
-    played, decision, rank = report.played, report.analysis.decisions[i], report.analysis.rank[i]
-    catalogue, stroke = played.catalogue, played.stroke[i]
-    shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), report.area(i)
-    technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
-    lines = [
-        f"{shot} to {area}, {technique}",
-        f"good {percent(float(decision.p_succ[rank]))}, returned {percent(float(decision.p_ret[rank]))}",
-    ]
-    if played.hurried[i]:
+def _action(stroke: dict[str, Any]) -> str:
+    shot, technique = (stroke[name].replace("-", " ") for name in ("shot", "technique"))
+    lines = [f"{shot} to {stroke['area']}, {technique}"]
+    lines.append(f"good {percent(stroke['p_succ'])}, returned {percent(stroke['p_ret'])}")
+    if stroke["hurried"]:
         lines.append("hurried")
-    efforts, duel = report.efforts(i), report.duel(i)
-    if efforts is not None:
-        lines.append(f"effort {efforts[decision.seat]} - {efforts[1 - decision.seat]}")
-    if duel is not None and duel > 1:
+    if "effort" in stroke:
+        efforts = stroke["effort"], stroke["opponent_effort"]
+        lines.append(f"effort {efforts[stroke['seat']]} - {efforts[1 - stroke['seat']]}")
+    if (duel := stroke.get("duel", 0)) > 1:
         lines.append(f"{duel}{' or more' if duel == LONGEST_DUEL else ''} net shots in a row")
     return "\n".join(lines)
 
@@ -188,40 +176,22 @@ def percent(probability: float) -> str:
 def _ending(staged: StagedRally) -> str:
     played = staged.report.played
     shot = SHOTS[played.catalogue.shot[played.stroke[-1]]].replace("-", " ")
-    return {"winner": f"{shot} is not returned", "out": f"{shot} lands out", "net": f"{shot} into the net"}[
-        ENDS[staged.motion.trajectory.end[-1]]
-    ]
+    ends = {"winner": "is not returned", "out": "lands out", "net": "into the net"}
+    return f"{shot} {ends[ENDS[staged.motion.trajectory.end[-1]]]}"
 
 
 def _flight(staged: StagedRally, i: int, time: int) -> list[SceneEntity]:
     played, trajectory = staged.report.played, staged.motion.trajectory
-    path, _ = trajectory.flight.at(i, np.linspace(0, trajectory.end_time[i] - trajectory.time[i], _PATH_POINTS))
+    path, _ = trajectory.flight.at(i, np.linspace(0, trajectory.end_time[i] - trajectory.time[i], 32))
     seat = int(played.striker[i])
     sign = played.facing(seat)
     (x0, x1), (y0, y1) = played.aim_box(seat, int(played.stroke[i]))
-    target = box((sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006), (x1 - x0, y1 - y0, 0.004), _TARGET)
-    marks = [
-        SceneEntity(id="path", timestamp=stamp(time), frame_id=WORLD, lines=[strip(path, [_PATH], 1.5)]),
-        SceneEntity(id="target", timestamp=stamp(time), frame_id=WORLD, cubes=[target]),
-    ]
+    target = topics.box((sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006), (x1 - x0, y1 - y0, 0.004), _TARGET)
+    marks = [entity("path", time, lines=[topics.strip(path, [_PATH], 1.5)]), entity("target", time, cubes=[target])]
     if staged.report.waited(i) is not None:
         x, y = -sign * trajectory.base[i, 1 - seat]
-        marks.append(_disc("waited", time, (x, y), 0.9, _WAITED))
+        marks.append(entity("waited", time, cylinders=[disc(0.9, 0.9, 0.006, at((x, y, 0.008)), _WAITED)]))
     return marks
-
-
-def _landing(staged: StagedRally, time: int) -> SceneEntity:
-    """Disc where the last shuttle landed: green for a winner, red for a fault."""
-    trajectory = staged.motion.trajectory
-    x, y, _ = trajectory.end_point[-1]
-    return _disc("landing", time, (x, y), 0.30, _LANDED[int(ENDS[trajectory.end[-1]] == "winner")])
-
-
-def _disc(name: str, time: int, place: tuple[float, float], width: float, shade: Color) -> SceneEntity:
-    disc = CylinderPrimitive(
-        pose=at((*place, 0.008)), size=Vector3(x=width, y=width, z=0.006), bottom_scale=1.0, top_scale=1.0, color=shade
-    )
-    return SceneEntity(id=name, timestamp=stamp(time), frame_id=WORLD, cylinders=[disc])
 
 
 EPOCH: Final = 1_735_689_600 * SECOND
@@ -233,10 +203,8 @@ LAYOUTS: Final = tuple(
     for viewer in ("lichtblick", "foxglove")
 )
 """Layouts of the viewers' panels, for a rally (``layout``) and for a match; attached to every scene."""
-METADATA: Final = "shuttle_marl.court.scene"
 CUT: Final = SECOND // 1000
 """Time between two rallies [ns]: too short for a visible interpolation."""
-_CHUNK: Final = 1 << 20
 
 
 def select(
@@ -306,28 +274,26 @@ def write_scene(
         raise SceneError(f"{fps} frames per second: expected 25 to {MOST_FPS}; viewers warn about more")
     policies = LogPlayers(log, game, resolve)
     context, buffer = Context(), io.BytesIO()
-    options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=_CHUNK, compression_threads=0)
+    options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=1 << 20, compression_threads=0)
     writer = open_mcap(buffer, context=context, writer_options=options)
-    channels, start = topics.Channels(context), EPOCH
+    channels, start = topics.channels_of(context), EPOCH
     shown: tuple[object, ...] = ()
     for i, number in enumerate(progress(numbers)):
         report = report_rally(log, int(number), game, policies, hands)
         motion = stage(report.played, seed=report.key, athletes=athletes or report.athletes, fps=fps)
         staged = StagedRally(report=report, motion=motion, start=start)
-        if not i:
-            channels.write([entities_on(topics.COURT, start, court(start))])
+        messages = [*motion_messages(staged), *commentary(staged)]
         looks = report.names, motion.hands, motion.skeletons
         if shown != looks:
             shown = looks
-            channels.write([entities_on(topics.PLAYERS, start, players(start, motion, report.names))])
-        channels.write([*motion_messages(staged), *commentary(staged)])
+            messages.insert(0, entities_on(topics.PLAYERS, start, topics.players(start, motion, report.names)))
+        if not i:
+            messages.insert(0, entities_on(topics.COURT, start, topics.court(start)))
+        for time, topic, message in sorted(messages, key=lambda timed: timed[0]):
+            channels[topic].log(message, log_time=time)
         start = staged.end + CUT
     for path in LAYOUTS:
         writer.attach(log_time=EPOCH, create_time=EPOCH, name=path.name, media_type="application/json", data=path.read_bytes())
-    rows = _rows(log, numbers)
-    writer.attach(
-        log_time=EPOCH, create_time=EPOCH, name="rallies.arrow", media_type="application/vnd.apache.arrow.file", data=rows
-    )
     # Origin of the rallies: log, seeds, game and policies.
     seated = sorted({int(policy) for number in numbers for policy in log.rally(int(number)).policy[0]})
     facts = {
@@ -338,14 +304,6 @@ def write_scene(
         "seeds": " ".join(dict.fromkeys(str(file.header.seed) for file in log.files)),
         "policies": json.dumps({log.policies[i].name: log.policies[i].hash for i in seated}),
     }
-    writer.write_metadata(METADATA, facts)
+    writer.write_metadata("shuttle_marl.court.scene", facts)
     writer.close()
     return buffer.getvalue(), policies.unknown
-
-
-def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
-    table = pa.concat_tables([rally_rows(log, int(number), log.rally(int(number))) for number in numbers])
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, table.schema) as file:
-        file.write_table(table.unify_dictionaries())
-    return sink.getvalue().to_pybytes()

@@ -5,21 +5,19 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.court.staging.body import PlayerMotion, Prepared, bones, course, free_palm, prepare
+from shuttle_marl.court.staging.body import Habits, PlayerMotion, Prepared, bones, course, free_palm, habits, prepare
 from shuttle_marl.court.staging.draw import TrajectoryBuilder
 from shuttle_marl.court.staging.feet import Feet
-from shuttle_marl.court.staging.idle import Habits, habits
-from shuttle_marl.court.staging.library import Athlete
+from shuttle_marl.court.staging.geometry import quaternion
 from shuttle_marl.court.staging.motion import Branch, Motion
-from shuttle_marl.court.staging.rotation import quaternion
+from shuttle_marl.court.staging.poses import Athlete
 from shuttle_marl.court.staging.skeleton import FLIP, MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.court.staging.timeline import TimelineBuilder
 from shuttle_marl.court.staging.trajectory import LEAD_IN, Trajectory, held, shuttle_path, travel, with_contacts_moved
 from shuttle_marl.game import draws
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally import Rally
 
-_ATTEMPTS: Final = 5
-_RETRIES: Final = 3
+_ATTEMPTS, _RETRIES = 5, 3
 _TOLERANCE: Final = 3e-3
 _MOOD: Final = 1 << 20
 """Counter of the draws for the reactions, above those of the strokes."""
@@ -28,12 +26,7 @@ _TAIL: Final = 2.0
 
 
 def stage(
-    rally: Rally,
-    *,
-    seed: int,
-    athletes: tuple[str, str] = ("male", "male"),
-    fps: int = 50,
-    lead_in: float = LEAD_IN,
+    rally: Rally, *, seed: int, athletes: tuple[str, str] = ("male", "male"), fps: int = 50, lead_in: float = LEAD_IN
 ) -> Motion:
     """Stage a rally, whose players hold the racket in their own hand. The same arguments give the same motion.
 
@@ -58,61 +51,40 @@ def stage(
     return _staged(rally.checked(), players, None, seed, fps, lead_in)
 
 
-def continue_motion(
-    motion: Motion,
-    rally: Rally,
-    *,
-    seed: int,
-    from_stroke: int | None = None,
-    at: int | None = None,
-    lead_in: float = LEAD_IN,
-) -> Motion:
+def continue_motion(motion: Motion, rally: Rally, *, seed: int, from_stroke: int | None = None) -> Motion:
     """Stage more strokes of an open rally, or another continuation of a finished one.
 
     The frames up to the branch stay the same, bit for bit; athletes and frame rate are those of ``motion``. The
-    branch is the contact of the stroke before ``from_stroke``; before the serve it is any frame of the waiting.
+    branch is the contact of the stroke before ``from_stroke``; before the serve it is the end of the waiting.
 
     Args:
         motion: a motion that :func:`stage` or this function returned.
         rally: a rally with the same hands, and the same strokes before ``from_stroke``.
         seed: random seed of the times and places of the new contacts.
         from_stroke: number of the first new stroke; by default the number of strokes of ``motion``.
-        at: last frame of the waiting, only before the serve; by default the last frame of ``motion``.
-        lead_in: time before the serve, or duration of further waiting [s].
 
     Raises:
         RallyError: the strokes do not form a rally.
-        StagingError: an unpacked motion, other strokes, or no such branch.
+        StagingError: a motion with a walk, or other strokes.
     """
-    rally = rally.checked()
-    branch = _branch(rally, motion, from_stroke, at)
-    players = players_of(rally, motion.skeletons)
-    return _staged(rally, players, branch, seed, motion.fps, lead_in)
+    branch = _branch(rally.checked(), motion, from_stroke)
+    return _staged(rally, players_of(rally, motion.skeletons), branch, seed, motion.fps, LEAD_IN)
 
 
 def players_of(rally: Rally, skeletons: tuple[Skeleton, Skeleton]) -> tuple[Athlete, Athlete]:
     """Both players of a rally as bodies."""
-    first, second = (
-        Athlete(seat=seat, facing=rally.facing(seat), right_handed=rally.hands[seat] == "right", skeleton=skeletons[seat])
-        for seat in (0, 1)
-    )
+    first, second = (Athlete(seat, rally.facing(seat), rally.hands[seat] == "right", skeletons[seat]) for seat in (0, 1))
     return first, second
 
 
-def _staged(
-    rally: Rally,
-    players: tuple[Athlete, Athlete],
-    branch: Branch | None,
-    seed: int,
-    fps: int,
-    lead_in: float,
-) -> Motion:
+def _staged(rally: Rally, players: tuple[Athlete, Athlete], branch: Branch | None, seed: int, fps: int, lead_in: float) -> Motion:
     """The motion; frames up to the branch are copied."""
     trajectory = TrajectoryBuilder(rally, players, seed, fps).build(lead_in, branch)
+    done = branch.frame + 1 if branch else 0
     if len(rally):
         frames = round((trajectory.end_time[-1] + (0.0 if rally.open else _TAIL)) * fps) + 1
     else:
-        frames = (branch.frame if branch else 0) + round(lead_in * fps) + 1
+        frames = max(done - 1, 0) + round(lead_in * fps) + 1
     # Index of the reaction of each player to the end of the rally.
     bits = draws.draw(draws.extend(draws.stream(seed), len(rally)), np.array([_MOOD, _MOOD + 1]))
     moods = (bits >> np.uint64(63)).astype(int).tolist()
@@ -122,23 +94,21 @@ def _staged(
         ready = [_prepared(trajectory, players[seat], added[seat], moods[seat], fps, branch) for seat in (0, 1)]
         # From the shuttle to the strings in the frame of the court, by stroke, where they are apart.
         missed = {
-            hit.stroke: -miss * players[seat].signs
-            for seat, (prepared, _) in enumerate(ready)
+            hit.stroke: -miss * player.signs
+            for player, (prepared, _) in zip(players, ready, strict=True)
             for hit, miss in zip(prepared.timeline.hits, prepared.miss, strict=True)
             if np.linalg.norm(miss) > 2 * _TOLERANCE
         }
         if not missed:
             break
         trajectory = with_contacts_moved(trajectory, missed)
-    done = branch.frame + 1 if branch else 0
     shuttle, velocity = shuttle_path(trajectory, frames, fps, max(branch.strokes - 1, 0) if branch else 0)
     rotation, position = np.empty((frames, 2, N_BONES, 4), np.float32), np.empty((frames, 2, N_BONES, 3), np.float32)
     planted = np.empty((frames, 2, 2), dtype=bool)
     contacts = np.rint(trajectory.time * fps).astype(np.int64)
     states = []
-    for seat in (0, 1):
+    for seat, (prepared, shift) in enumerate(ready):
         skeleton, sign = players[seat].skeleton, players[seat].signs
-        prepared, shift = ready[seat]
         found = course(skeleton, prepared, shuttle * sign, branch.course(seat) if branch else None)
         states.append(PlayerMotion(found, prepared, shift, rhythm))
         rows = slice(done, None)
@@ -167,18 +137,17 @@ def _staged(
         players=(states[0], states[1]),
     )
     if branch:
-        for name in ("rotation", "position", "planted"):
-            getattr(motion, name)[:done] = getattr(branch.motion, name)[:done]
         # In the frame of a contact the velocity is already that of the new flight.
-        known = slice(branch.frame if branch.strokes else done)
-        for name in ("shuttle", "shuttle_velocity"):
-            getattr(motion, name)[known] = getattr(branch.motion, name)[known]
+        flown = branch.frame if branch.strokes else done
+        known = {"rotation": done, "position": done, "planted": done, "shuttle": flown, "shuttle_velocity": flown}
+        for name, end in known.items():
+            getattr(motion, name)[:end] = getattr(branch.motion, name)[:end]
     return motion
 
 
-def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | None) -> Branch:
+def _branch(rally: Rally, motion: Motion, from_stroke: int | None) -> Branch:
     if motion.players is None:
-        raise StagingError("an unpacked motion cannot be continued: pass the one that stage() returned")
+        raise StagingError("a motion with a walk cannot be continued: pass the one that stage() returned")
     old = motion.trajectory.rally
     strokes = len(old) if from_stroke is None else from_stroke
     if not 0 <= strokes <= min(len(old), len(rally)):
@@ -191,14 +160,8 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
             f"the motion and the rally have other hands, or other strokes before number {strokes}: expected the same"
         )
     if strokes:
-        if at is not None:
-            raise StagingError("at: a rally is continued at a contact; only the waiting before the serve ends anywhere")
         return Branch(motion, strokes, int(motion.contact_frame[strokes - 1]))
-    last = len(motion.time) - 1 if not len(old) else int(motion.contact_frame[0]) - round(motion.fps)
-    frame = last if at is None else at
-    if not 1 <= frame <= last:
-        raise StagingError(f"at {frame}: the waiting before the serve has frames 1 to {last}")
-    return Branch(motion, 0, frame)
+    return Branch(motion, 0, max(int(motion.contact_frame[0]) - motion.fps, 1) if len(old) else len(motion.time) - 1)
 
 
 def _prepared(

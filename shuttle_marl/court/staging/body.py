@@ -14,14 +14,11 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Intp
-from shuttle_marl.court.staging import motions
-from shuttle_marl.court.staging.arm import LIMITS, Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot, sweet_spot_jacobian
-from shuttle_marl.court.staging.curves import curve, curve_at, ease, held_ends, slopes_through, smooth
-from shuttle_marl.court.staging.feet import Feet, Plant, lifted, move, standing, steps
-from shuttle_marl.court.staging.idle import Habits
-from shuttle_marl.court.staging.legs import legs, reach_of, settle, strays
-from shuttle_marl.court.staging.library import FREE_ARM, RACKET_ARM, TRUNK, in_chest
-from shuttle_marl.court.staging.rotation import apply, from_yaw_pitch_roll, turned, unit
+from shuttle_marl.court.staging import geometry, limbs
+from shuttle_marl.court.staging.feet import Feet, Plants, lifted, move, standing, steps
+from shuttle_marl.court.staging.geometry import apply, ease, from_yaw_pitch_roll, smooth, unit
+from shuttle_marl.court.staging.limbs import Arm, Goal, arm_of
+from shuttle_marl.court.staging.poses import BACKHANDS, FREE_ARM, HELD, N_POSE, RACKET_ARM, TRUNK, in_chest
 from shuttle_marl.court.staging.skeleton import (
     BONE,
     FLIP,
@@ -29,8 +26,9 @@ from shuttle_marl.court.staging.skeleton import (
     HIPS_PITCH,
     HIPS_ROLL,
     HIPS_YAW,
-    N_BONES,
     SPINE_LIMITS,
+    SPINE_PITCH,
+    SPINE_ROLL,
     SPINE_YAW,
     SWEET_SPOT,
     Skeleton,
@@ -39,15 +37,14 @@ from shuttle_marl.court.staging.skeleton import (
     trunk,
 )
 from shuttle_marl.court.staging.timeline import Hit, Keys, Past, Timeline
+from shuttle_marl.court.staging.trajectory import Trajectory
 
 NECK_LIMITS: Final[F64] = np.radians([(-72, 72), (-50, 55)])
 """``[2, 2]`` limits of yaw and pitch of the head against the chest [rad]."""
 _JOINT: Final = 9
 """Frames over which a continued motion blends into the previous one."""
-_TRIES: Final = 3
-"""Maximum number of corrections of slipping feet."""
-_SLIP: Final = 3e-3
-"""Tolerated displacement of the ball of a planted foot [m]."""
+_TRIES, _SLIP = 3, 3e-3
+"""Maximum number of corrections of slipping feet, and tolerated displacement of the ball of a planted foot [m]."""
 _EVEN: Final = 6
 """Half width of the moving mean of the height of the hips [frames]."""
 _COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])
@@ -60,86 +57,114 @@ _TOLERANCE: Final = 2e-3
 _YIELD: Final = 0.35
 """Fraction by which the shaft yields to the direction that the strings face. With 1, a net shot from a lunge would be played with
 a hanging racket head and a high hand."""
+_CLEAR, _COMING = 0.06, 0.20
+"""Half width of the window around an own contact without idle movement, and fade-out before it [s]: no effect before the
+opponent's contact, the branch of a continued motion."""
+_IN_PLAY, _CALM = 0.4, 0.5
+"""Amplitude during the rally, as a fraction, and duration of the transition between rest and play [s]."""
+_BREATH: Final = (3.4, 1.7)
+"""Duration of a breath, rested and tired [s]."""
+_MOST_EFFORT: Final = 6
+"""Number of attacks in a rally until full fatigue."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, eq=False)
+class Habits:
+    """Idle movement over F frames, in the player's own frame, as a right-hander."""
+
+    pose: F64  # [F, 27] to trunk and arms [rad]
+    place: F64  # [F, 3] to the hips [m]
+
+
+def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int) -> Habits:
+    """Idle movements of a player; ``rhythm``: random seed of the phases of both players, 0 or more."""
+    time = np.arange(frames) / fps
+    own = trajectory.time[trajectory.rally.striker == seat]
+    late = time[:, None] - own
+    free = np.where(late < 0, ease((-late - _CLEAR) / _COMING), ease((late - _CLEAR) / _CALM)).prod(axis=1)
+    begun = float(trajectory.time[0]) if len(trajectory.time) else np.inf
+    over = np.inf if trajectory.rally.open or not len(trajectory.time) else float(trajectory.end_time[-1])
+    resting = np.maximum(1 - ease((time - begun + 0.9) / _CALM), ease((time - over) / _CALM))
+    much = free * (_IN_PLAY + (1 - _IN_PLAY) * resting)
+    # Attacks so far, from 0 to 1.
+    attacks = trajectory.time[(trajectory.rally.striker == seat) & trajectory.rally.catalogue.is_attack[trajectory.rally.stroke]]
+    tired = free * np.minimum(ease(time[:, None] - attacks).sum(axis=1) / _MOST_EFFORT, 1.0)
+    phase = np.random.default_rng([rhythm & 0xFFFFFFFF, seat]).uniform(0, 2 * np.pi, 8)
+    breath = np.sin(phase[0] + np.cumsum(2 * np.pi / (_BREATH[0] + (_BREATH[1] - _BREATH[0]) * tired)) / fps)
+
+    def wave(k: int, seconds: float) -> F64:
+        return np.sin(2 * np.pi * time / seconds + phase[k])
+
+    pose = np.zeros((frames, N_POSE))
+    pose[:, SPINE_PITCH] = much * (0.014 + 0.035 * tired) * breath + 0.10 * tired
+    weight = wave(1, 2.7) + 0.5 * wave(2, 1.7)
+    pose[:, HIPS_ROLL], pose[:, SPINE_ROLL] = 0.016 * much * weight, -0.020 * much * weight
+    pose[:, HIPS_YAW] = 0.022 * much * wave(3, 3.1)
+    for part in (RACKET_ARM, FREE_ARM):
+        pose[:, part.start + limbs.RAISE] = much * (0.02 + 0.03 * tired) * breath
+    arm = RACKET_ARM.start
+    pose[:, arm + limbs.ELBOW] = 0.06 * much * wave(4, 1.9) - 0.10 * tired
+    pose[:, arm + limbs.SWING_1] = 0.03 * much * wave(5, 2.3)
+    pose[:, arm + limbs.BEND], pose[:, arm + limbs.DEVIATION] = 0.08 * much * wave(6, 1.3), 0.04 * much * wave(7, 1.1)
+    # The racket turns in the fingers, periodically.
+    since = (time + phase[3]) % 2.6
+    turns = resting * free * np.where(since < 0.7, np.sin(np.pi * np.clip(since / 0.7, 0, 1)) ** 2, 0.0)
+    pose[:, arm + limbs.ROLL], pose[:, arm + limbs.PRONATION] = 0.9 * turns, 0.35 * turns
+    pose[:, FREE_ARM.start + limbs.ELBOW] = 0.04 * much * wave(5, 1.6)
+    place = np.stack([0.016 * weight, 0.010 * wave(4, 2.2), 0.006 * wave(6, 0.95) - 0.004], axis=1)
+    place *= (free * (0.12 + 0.88 * resting))[:, None]
+    return Habits(pose, place)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Prepared:
-    """State before the bones are solved: F frames, H hits.
+    """State before the bones are solved: F frames, H hits."""
 
-    Attributes:
-        hips: ``[F, 3]`` position of the hips [m].
-        path: ``[F, 2]`` their path over the floor, without shifts of weight [m].
-        plants: times and places at which the left and the right foot are planted.
-        miss: ``[H, 3]`` vector from strings to shuttle at each hit [m].
-    """
-
-    hips: F64
-    path: F64
+    hips: F64  # [F, 3] position of the hips [m]
+    path: F64  # [F, 2] their path over the floor, without shifts of weight [m]
     feet: Feet
-    plants: tuple[list[Plant], list[Plant]]
+    plants: Plants
     keys: Keys
-    miss: F64
+    miss: F64  # [H, 3] vector from strings to shuttle at each hit [m]
     timeline: Timeline
     added: Habits
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Course:
-    """Inputs of the bones of one player over F frames, in the player's own frame, as a right-hander.
+    """Inputs of the bones of one player over F frames, in the player's own frame, as a right-hander."""
 
-    Attributes:
-        hips: ``[F, 3]`` position of the hips [m].
-        pose: ``[F, 27]`` trunk and arms.
-        gaze: ``[F, 2]`` yaw and pitch of the head against the chest [rad].
-    """
-
-    hips: F64
-    pose: F64
+    hips: F64  # [F, 3] position of the hips [m]
+    pose: F64  # [F, 27] trunk and arms
     feet: Feet
-    gaze: F64
+    gaze: F64  # [F, 2] yaw and pitch of the head against the chest [rad]
 
     def part(self, rows: slice) -> "Course":
         """A range of frames."""
-        return Course(hips=self.hips[rows], pose=self.pose[rows], feet=self.feet.part(rows), gaze=self.gaze[rows])
+        return Course(self.hips[rows], self.pose[rows], self.feet.part(rows), self.gaze[rows])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlayerMotion:
-    """Motion of a player over F frames: inputs of the bones, and the state needed to continue the motion.
-
-    Attributes:
-        shift: ``[n, 3]`` shift of the hips at each stroke, so that the racket reaches the shuttle [m].
-        rhythm: random seed of breathing and shifts of weight.
-    """
+    """Motion of a player over F frames: inputs of the bones, and what is needed to continue it."""
 
     course: Course
     prepared: Prepared
-    shift: F64
-    rhythm: int
+    shift: F64  # [n, 3] of the hips at each stroke, so that the racket reaches the shuttle [m]
+    rhythm: int  # random seed of breathing and shifts of weight
 
-    def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
+    def past(self, frame: int, strokes: int) -> tuple[Past, Plants]:
         """Plan and plants up to a frame, with ``strokes`` strokes struck."""
         keys = self.prepared.keys
         n = int(np.searchsorted(keys.frame, frame))
         if keys.frame[0] < frame < keys.frame[-1]:
-            pose, slope = curve_at(keys.frame, keys.pose, keys.slope, frame)
+            pose, slope = geometry.curve_at(keys.frame, keys.pose, keys.slope, frame)
         else:
             pose = keys.pose[min(n, len(keys.frame) - 1)]
             slope = np.zeros_like(pose)
         stand, plants = standing(self.prepared.plants, self.course.feet.ball[:, frame], frame)
-        known = Keys(
-            frame=np.r_[keys.frame[:n], frame],
-            pose=np.concatenate([keys.pose[:n], pose[None]]),
-            slope=np.concatenate([keys.slope[:n], slope[None]]),
-        )
-        return Past(
-            frame=frame,
-            strokes=strokes,
-            keys=known,
-            stand=stand,
-            lift=self.prepared.timeline.lift,
-            air=self.prepared.timeline.air,
-        ), plants
+        known = Keys(np.r_[keys.frame[:n], frame], np.vstack([keys.pose[:n], pose]), np.vstack([keys.slope[:n], slope]))
+        return Past(frame, strokes, known, stand, self.prepared.timeline), plants
 
 
 def prepare(
@@ -148,19 +173,13 @@ def prepare(
     hips: F64,
     fps: int,
     added: Habits,
-    known: tuple[list[Plant], list[Plant]] | None = None,
+    known: Plants | None = None,
     before: Course | None = None,
 ) -> Prepared:
-    """Place feet and hips, and solve the contacts.
-
-    Args:
-        hips: ``[F, 2]`` the hips over the floor [m].
-        known: plants up to the branch.
-        before: B unchanged frames.
-    """
-    body = curve(timeline.frame, timeline.pose, slopes_of(timeline, timeline.pose), len(hips))[:, TRUNK]
+    """Place feet and hips ``[F, 2]`` [m], and solve the contacts; ``known`` plants and frames ``before`` a branch stay."""
+    body = geometry.curve(timeline.frame, timeline.pose, slopes_of(timeline, timeline.pose), len(hips))[:, TRUNK]
     place = np.column_stack([hips, smooth(body[:, HIPS_HEIGHT], _EVEN) + timeline.lift]) + added.place
-    reach = reach_of(skeleton, body[:, HIPS_HEIGHT])
+    reach = limbs.reach_of(skeleton, body[:, HIPS_HEIGHT])
     plants = steps(timeline.stands, hips, body[:, HIPS_YAW], reach, fps, known)
     body[:, HIPS_YAW : HIPS_ROLL + 1] += added.pose[:, HIPS_YAW : HIPS_ROLL + 1]
     root = from_yaw_pitch_roll(body[:, HIPS_YAW], body[:, HIPS_PITCH], body[:, HIPS_ROLL])
@@ -168,38 +187,32 @@ def prepare(
     for _ in range(_TRIES):
         feet = move(plants, timeline.air, len(hips), fps, done)
         settled, feet = _settled(skeleton, place, root, feet, before)
-        slips = strays(skeleton, settled[done:], root[done:], feet.part(slice(done, None))) > _SLIP
+        slips = limbs.strays(skeleton, settled[done:], root[done:], feet.part(slice(done, None))) > _SLIP
         if not lifted(plants, slips & feet.planted[:, done:], done):
             break
-    place = settled
-    keys, miss = meet(skeleton, timeline, place, fps)
-    return Prepared(hips=place, path=hips, feet=feet, plants=plants, keys=keys, miss=miss, timeline=timeline, added=added)
+    keys, miss = meet(skeleton, timeline, settled, fps)
+    return Prepared(settled, hips, feet, plants, keys, miss, timeline, added)
 
 
 def _settled(skeleton: Skeleton, place: F64, root: F64, feet: Feet, before: Course | None) -> tuple[F64, Feet]:
     """Hips and feet within reach of the legs in all frames, unchanged frames first."""
     if not before:
-        return settle(skeleton, place, root, feet)
+        return limbs.settle(skeleton, place, root, feet)
     # Frames before the branch count as far as the moving means reach.
     done = len(before.hips)
     rows = slice(max(done - _JOINT, 0), None)
     place, root, at = place[rows], root[rows], min(done, _JOINT)
-    place, feet = settle(skeleton, place, root, feet.part(rows))
+    place, feet = limbs.settle(skeleton, place, root, feet.part(rows))
     # Only the height is blended: the path over the floor is continuous already. Then the legs have to reach the feet again.
     place[at:, 2:] = _joined(before.hips[:, 2:], place[at - 1 :, 2:])
-    later, after = settle(skeleton, place[at:], root[at:], before.feet.joined(feet.part(slice(at - 1, None))))
+    later, after = limbs.settle(skeleton, place[at:], root[at:], before.feet.joined(feet.part(slice(at - 1, None))))
     return np.concatenate([before.hips, later]), before.feet.concatenated(after)
 
 
 def course(skeleton: Skeleton, prepared: Prepared, shuttle: F64, before: Course | None = None) -> Course:
-    """Inputs of the bones in all frames.
-
-    Args:
-        shuttle: ``[F, 3]`` position of the shuttle, which the head follows [m].
-        before: B unchanged frames.
-    """
+    """Inputs of the bones in all frames; the head follows the shuttle ``[F, 3]`` [m], and frames ``before`` a branch stay."""
     keys, done = prepared.keys, len(before.hips) if before else 0
-    pose = curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + prepared.added.pose
+    pose = geometry.curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + prepared.added.pose
     arm = arm_of(skeleton)
     for part in (RACKET_ARM, FREE_ARM):
         pose[:, part] = arm.clipped(pose[:, part])
@@ -212,7 +225,7 @@ def course(skeleton: Skeleton, prepared: Prepared, shuttle: F64, before: Course 
         pose[:done] = before.pose
         gaze = np.clip(_joined(before.gaze, gaze), NECK_LIMITS[:, 0], NECK_LIMITS[:, 1])
         gaze = np.concatenate([before.gaze, gaze])
-    return Course(hips=prepared.hips, pose=pose, feet=prepared.feet, gaze=gaze)
+    return Course(prepared.hips, pose, prepared.feet, gaze)
 
 
 def _joined(before: F64, after: F64) -> F64:
@@ -225,50 +238,28 @@ def _joined(before: F64, after: F64) -> F64:
 
 
 def bones(skeleton: Skeleton, course: Course) -> tuple[F64, F64]:
-    """Bones of one player, in the player's own frame, as a right-hander.
-
-    Returns:
-        ``[F, 23, 3, 3]`` rotation of each bone from rest, and ``[F, 23, 3]`` where it begins [m].
-    """
-    place, pose = course.hips, course.pose
-    rotation, position = np.empty((len(place), N_BONES, 3, 3)), np.empty((len(place), N_BONES, 3))
-    spine_rotation, spine_position = trunk(skeleton, place, pose[:, TRUNK])
-    _set_bones(rotation, position, ("Hips", "Spine", "Spine1", "Spine2"), spine_rotation, spine_position)
-    chest, middle = spine_rotation[-1], spine_position[-1]
-    arm = arm_of(skeleton)
-    racket = arm.pose(pose[:, RACKET_ARM])
-    collar = collar_of(skeleton, chest, middle)
-    names: tuple[str, ...] = ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
-    _set_bones(rotation, position, names, chest @ racket.rotation, collar + apply(chest, racket.position))
-    free = arm.pose(pose[:, FREE_ARM])
-    flip = np.diag(FLIP)
-    collar = collar_of(skeleton, chest, middle, "Left")
-    names = ("LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand")
-    turn, begin = chest @ (flip @ free.rotation @ flip), collar + apply(chest, free.position * FLIP)
-    _set_bones(rotation, position, names, turn[:4], begin[:4])
-    turns, places = legs(skeleton, place, spine_rotation[0], course.feet)
-    for k, side in enumerate(("Left", "Right")):
-        names = tuple(f"{side}{bone}" for bone in ("UpLeg", "Leg", "Foot", "ToeBase"))
-        _set_bones(rotation, position, names, turns[k], places[k])
-    zero = np.zeros(len(place))
-    half = from_yaw_pitch_roll(0.45 * course.gaze[:, 0], 0.4 * course.gaze[:, 1], zero)
-    rest = from_yaw_pitch_roll(0.55 * course.gaze[:, 0], 0.6 * course.gaze[:, 1], zero)
+    """Bones of one player: ``[F, 23, 3, 3]`` rotation of each from rest, and ``[F, 23, 3]`` where it begins [m]."""
+    pose, arm, flip = course.pose, arm_of(skeleton), np.diag(FLIP)
+    spine, spines = trunk(skeleton, course.hips, pose[:, TRUNK])
+    chest, middle = spine[-1], spines[-1]
+    racket, free = arm.pose(pose[:, RACKET_ARM]), arm.pose(pose[:, FREE_ARM])
+    right, rights = chest @ racket.rotation, collar_of(skeleton, chest, middle) + apply(chest, racket.position)
+    left = (chest @ (flip @ free.rotation @ flip))[:4]
+    lefts = (collar_of(skeleton, chest, middle, "Left") + apply(chest, free.position * FLIP))[:4]
+    legs, starts = limbs.legs(skeleton, course.hips, spine[0], course.feet)
+    (yaw, nod), zero = course.gaze.T, np.zeros(len(pose))
+    turn = chest @ from_yaw_pitch_roll(0.45 * yaw, 0.4 * nod, zero)
+    head = turn @ from_yaw_pitch_roll(0.55 * yaw, 0.6 * nod, zero)
     neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
-    turn = chest @ half
-    head = neck + apply(turn, skeleton.at("Head") - skeleton.at("Neck"))
-    _set_bones(rotation, position, ("Neck", "Head"), np.stack([turn, turn @ rest]), np.stack([neck, head]))
-    return rotation, position
+    top = neck + apply(turn, skeleton.at("Head") - skeleton.at("Neck"))
+    rotation = np.stack([*spine, turn, head, *left, *right[:4], *legs[0], *legs[1], right[4]], axis=1)
+    return rotation, np.stack([*spines, neck, top, *lefts, *rights[:4], *starts[0], *starts[1], rights[4]], axis=1)
 
 
 def free_palm(skeleton: Skeleton, rotation: F64, position: F64) -> F64:
-    """``[F, 3]`` palm of the hand without the racket, in the player's own frame [m], from what :func:`bones` returns."""
+    """``[F, 3]`` palm of the hand without the racket, from what :func:`bones` returns [m]."""
     hand = BONE["LeftHand"]
     return position[:, hand] + rotation[:, hand] @ (arm_of(skeleton).offset[3] * FLIP)
-
-
-def _set_bones(rotation: F64, position: F64, names: tuple[str, ...], turn: F64, place: F64) -> None:
-    rows = [BONE[name] for name in names]
-    rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)
 
 
 def _gaze(skeleton: Skeleton, chest: F64, middle: F64, shuttle: F64) -> F64:
@@ -279,22 +270,18 @@ def _gaze(skeleton: Skeleton, chest: F64, middle: F64, shuttle: F64) -> F64:
     pitch = -np.arcsin(np.clip(way[:, 2], -1, 1))
     aim = np.stack([np.clip(yaw, *(0.95 * NECK_LIMITS[0])), np.clip(pitch, *(0.95 * NECK_LIMITS[1]))], axis=1)
     # A moving mean over a fifth of a second stays within the limits.
-    kernel = np.hanning(13)[1:-1]
-    kernel /= kernel.sum()
-    return np.stack([np.convolve(held_ends(aim[:, k], 5), kernel, mode="valid") for k in range(2)], axis=1)
+    return np.stack([smooth(aim[:, k], 5) for k in range(2)], axis=1)
 
 
 def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
     """``[N, 10]`` speeds of the joints at the contacts [rad/s].
 
     Args:
-        angles: ``[N, 10]`` at the contact.
         wanted: ``[N, 3]`` target velocity of the strings relative to the chest, in its frame [m/s].
-        before: ``[N]`` seconds from the load to the contact.
-        after: ``[N]`` seconds from the contact to the follow-through.
+        before, after: ``[N]`` seconds from the load to the contact, and from there to the follow-through.
     """
-    jacobian = sweet_spot_jacobian(arm, angles)
-    back, ahead = angles - LIMITS[:, 0], LIMITS[:, 1] - angles
+    jacobian = limbs.sweet_spot_jacobian(arm, angles)
+    back, ahead = angles - limbs.LIMITS[:, 0], limbs.LIMITS[:, 1] - angles
     most = np.minimum(_FASTEST, _ROOM * np.minimum(back / before[:, None], ahead / after[:, None]))
     least = -np.minimum(_FASTEST, _ROOM * np.minimum(ahead / before[:, None], back / after[:, None]))
     speed, held = np.zeros_like(angles), np.zeros(angles.shape, dtype=bool)
@@ -314,7 +301,7 @@ def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
 
 def slopes_of(timeline: Timeline, poses: F64) -> F64:
     """``[K, 27]`` slopes at key poses: the known ones, and those of monotone cubics."""
-    out = slopes_through(timeline.frame, poses)
+    out = geometry.slopes_through(timeline.frame, poses)
     out[: len(timeline.known.slope)] = timeline.known.slope
     return out
 
@@ -323,13 +310,13 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
     """Key poses with solved contacts, and the remaining ``[H, 3]`` vectors from strings to shuttle [m]."""
     poses = timeline.pose.copy()
     if not timeline.hits:
-        return Keys(frame=timeline.frame, pose=poses, slope=slopes_of(timeline, poses)), np.zeros((0, 3))
+        return Keys(timeline.frame, poses, slopes_of(timeline, poses)), np.zeros((0, 3))
     arm = arm_of(skeleton)
     frames = np.array([hit.frame for hit in timeline.hits])
     rows = np.searchsorted(timeline.frame, frames)
     hips = place[frames]
     point = np.array([hit.point for hit in timeline.hits])
-    back = np.array([hit.stance.motion in motions.BACKHANDS for hit in timeline.hits])
+    back = np.array([hit.stance.motion in BACKHANDS for hit in timeline.hits])
     normal = np.array([hit.normal for hit in timeline.hits]) * np.where(back, -1.0, 1.0)[:, None]
     shaft, elbow = (np.array([getattr(hit, name) for hit in timeline.hits]) for name in ("shaft", "elbow"))
     # The motion prefers a direction of the shaft, the flight one of the strings; both yield until they are orthogonal.
@@ -344,22 +331,22 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
         return in_chest(chest, collar, Goal(point[some], elbow[some], weight, SWEET_SPOT, shaft[some], normal[some]))
 
     for step in range(4):
-        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3)), angles, rounds=10 if not step else 4)
+        angles = limbs.solve(arm, goal((8.0, 0.4, 0.4, 0.3)), angles, rounds=10 if not step else 4)
         poses[rows] = _leant(skeleton, hips, poses[rows], lean0, _strings(arm, angles), point)
     exact = goal((60.0, 0.15, 0.15, 0.1))
-    angles = solve(arm, exact, angles, rounds=14)
+    angles = limbs.solve(arm, exact, angles, rounds=14)
     short = _strings(arm, angles) - exact.point
     far = np.flatnonzero(np.linalg.norm(short, axis=1) > _TOLERANCE)
     if len(far):
         # Local minimum at the limits: restart from other poses of the same stroke.
         starts = np.stack([timeline.pose[rows[far] + k, RACKET_ARM] for k in (0, -1, 1)])
-        starts = np.concatenate([angles[far][None], starts, anywhere(len(far))])
-        again = solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), starts, rounds=24)
+        starts = np.concatenate([angles[far][None], starts, limbs.anywhere(len(far))])
+        again = limbs.solve_best(arm, goal((60.0, 0.1, 0.05, 0.05), far), starts, rounds=24)
         better = np.linalg.norm(_strings(arm, again) - exact.point[far], axis=1) < np.linalg.norm(short[far], axis=1)
         angles[far[better]] = again[better]
     poses[rows, RACKET_ARM] = angles
     for hit in timeline.hits:
-        if hit.stance.motion in motions.HELD:
+        if hit.stance.motion in HELD:
             _hold(skeleton, timeline, hit, place, poses, fps)
     chest, _ = chest_of(skeleton, hips, poses[rows])
     return _struck(skeleton, timeline, place, poses, fps), apply(chest, exact.point - _strings(arm, angles))
@@ -384,7 +371,7 @@ def _struck(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, fps:
     poses[rows - 2, RACKET_ARM] += np.where(early, soft, 0.0) * (poses[rows - 1, RACKET_ARM] - poses[rows - 2, RACKET_ARM])
     slopes = slopes_of(timeline, poses)
     slopes[rows, RACKET_ARM] = speed / fps
-    return Keys(frame=frame, pose=poses, slope=slopes)
+    return Keys(frame, poses, slopes)
 
 
 def _carried(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, slopes: F64, rows: I64, fps: int) -> F64:
@@ -405,20 +392,15 @@ def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F
     if not len(keys):
         return
     chest, collar = chest_of(skeleton, place[timeline.frame[keys]], poses[keys], free=True)
-    above = timeline.frame[keys] <= hit.frame - round(motions.HELD[hit.stance.motion][1] * fps)
-    spot = (hit.point + turned(np.array(hit.stance.heading)) @ np.array(motions.HELD[hit.stance.motion][0])) * FLIP
-    goal = Goal(
-        point=np.tile(spot, (len(keys), 1)),
-        elbow=unit(np.array([0.62, 0.2, -0.75])),
-        weight=(10.0, 0.0, 0.0, 0.2),
-    )
-    found = solve(arm_of(skeleton), in_chest(chest, collar, goal), poses[keys, FREE_ARM], rounds=14)
+    above = timeline.frame[keys] <= hit.frame - round(HELD[hit.stance.motion][1] * fps)
+    spot = (hit.point + geometry.turned(np.array(hit.stance.heading)) @ np.array(HELD[hit.stance.motion][0])) * FLIP
+    goal = Goal(np.tile(spot, (len(keys), 1)), elbow=unit(np.array([0.62, 0.2, -0.75])), weight=(10.0, 0.0, 0.0, 0.2))
+    found = limbs.solve(arm_of(skeleton), in_chest(chest, collar, goal), poses[keys, FREE_ARM], rounds=14)
     poses[keys[above], FREE_ARM] = found[above]
 
 
 def _strings(arm: Arm, angles: F64) -> F64:
-    """``[N, 3]`` the middle of the strings, in the frame of the chest."""
-    return sweet_spot(arm, arm.pose(angles))
+    return limbs.sweet_spot(arm, arm.pose(angles))
 
 
 def _leant(skeleton: Skeleton, hips: F64, poses: F64, lean0: F64, seen: F64, point: F64) -> F64:

@@ -16,56 +16,35 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.court.staging import poses
 from shuttle_marl.court.staging.flight import BOUNDS, Flights, fall, net_height, shoot
-from shuttle_marl.court.staging.library import Athlete
 from shuttle_marl.court.staging.motion import Branch
-from shuttle_marl.court.staging.motions import (
-    BACKHANDS,
-    DEFENCE,
-    DEFENCE_BACKHAND,
-    OVERHEAD_FROM,
-    OVERHEADS,
-    Stance,
-    height_range,
-    motion_of,
-    stance_of,
-)
-from shuttle_marl.court.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind, own_frame
+from shuttle_marl.court.staging.poses import Athlete, Stance
+from shuttle_marl.court.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind
 from shuttle_marl.game import draws
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_SIDES, NET_HEIGHT, SHORT_SERVICE, third_of
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 
-FILE: Final = Path(__file__).parent / "measured.json"
-"""Timing and places measured in the training matches, see ``docs/truth_record.md``; its ``provenance`` names them."""
-DISTANCES: Final = tuple(float(d) for d in range(14))
-"""Edges of the classes of length of a stroke [m]."""
-QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
-"""Quantiles of places."""
-_TRIES: Final = 10
-_AS_DRAWN: Final = 5
-"""Number of the tries whose points are as drawn; those of later ones are nearer to the receiver."""
-_ACCELERATION: Final = 10.0
-_REACTION: Final = 0.06
-_CLEAR: Final = SHOTS.index("clear")
+_QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
+_TRIES, _AS_DRAWN = 10, 5
+"""Number of tries, and of those whose points are as drawn; the points of later ones are nearer to the receiver."""
+_ACCELERATION, _REACTION = 10.0, 0.06
+_CLEAR, _KILL = SHOTS.index("clear"), SHOTS.index("net-kill")
 _FURTHER_BACK: Final = 0.3
 """Contact of a clear: distance behind the contact of a smash [m]."""
-_SHORT_SERVE: Final = SHOTS.index("short-serve")
-_KILL: Final = SHOTS.index("net-kill")
-_BACKHAND: Final = TECHNIQUES.index("backhand")
+_SHORT_SERVE, _BACKHAND = SHOTS.index("short-serve"), TECHNIQUES.index("backhand")
 _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
 """Expected shot types of the next striker, by height (below, above) and depth of the area."""
 _QUICK: Final = 0.5
 """Times and heights of contacts of hurried players, and places of net kills: share of the range of all, from its lower end."""
 _LOW_FROM: Final = 1.2
 """Distance from the net above which hurried players strike lower [m]."""
-_SHORT: Final = 0.08
-"""Distance that the hips of a hurried player are short of their place at the contact [m]; with more the arm is straight, and
-cannot swing at the shuttle."""
-_STRETCH: Final = 0.35
-"""Additional reach of a hurried player; 1 is the widest."""
+_SHORT, _STRETCH = 0.08, 0.35
+"""Distance that the hips of a hurried player are short of their place at the contact [m], with more the arm is straight and
+cannot swing; and their additional reach, where 1 is the widest."""
 _STEEP: Final = 1.3
 _STEEPEST: Final = {"push": 0.7, "drive": 0.35}
 """Slope from a contact below the net to its top, at most: of most shot types, and of flat ones."""
@@ -74,14 +53,11 @@ _BODY: Final = 0.3
 """Distance beside the middle of a defender within which a fast shuttle is at the body, and met with the backhand [m]."""
 _TIMES: Final = (np.ones(1), np.linspace(0.55, 1.6, 36), np.linspace(1.6, 4.0, 25))
 """Times of flight that are tried one after the other, relative to the drawn one."""
-_UNTIMELY: Final = 0.2
-"""Cost of a time outside the quartiles of the matches [m/s]."""
-_STRICT: Final = 4.0
-"""Weight of a distance from the bounds of the shot type, beside that by which the receiver is late."""
-_FITS: Final = 1e-6
-"""Cost below which all fits."""
-_GOOD: Final = 0.02
-"""Cost below which no other point is tried: a tenth of a second outside the quartiles."""
+_UNTIMELY, _STRICT = 0.2, 4.0
+"""Cost of a time outside the quartiles of the matches [m/s], and weight of a distance from the bounds of the shot type, beside
+that by which the receiver is late."""
+_FITS, _GOOD = 1e-6, 0.02
+"""Costs below which all fits, and below which no other point is tried: a tenth of a second outside the quartiles."""
 _POOR: Final = 1.0
 """Cost above which even a much longer flight is tried."""
 _SLOT: Final = 8
@@ -90,44 +66,32 @@ _SLOT: Final = 8
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Measured:
-    """Times and places in the matches.
+    """Times and places in the matches."""
 
-    Attributes:
-        flight_time: ``[13, 3]`` quartiles of the time until the receiver strikes [s], by shot type.
-        flight_time_by_length: ``[13, 2, 13, 3]`` the same by shot type, height at which the shuttle is met (0 below, 1
-            above the net), and length in metres (class k: from k to k + 1).
-        places: ``[13, 9, 2, 5]`` quantiles of x and y of the point where the receiver meets the shuttle, in the striker's
-            frame [m], by shot type and area.
-        base: ``[13, 9, 2]`` where a player stands, in their own frame [m], when the opponent answers; by their own stroke.
-        net_share: ``[13]`` share of the faults of a shot type that do not cross the net.
-        out_by: ``[2, 5]`` quantiles of the distance by which shuttles land beyond the side and the back line [m].
-        serve: ``[2, 2, 2, 5]`` quantiles by serve, (server, receiver), (distance from the centre line, from the net) [m].
-    """
-
-    flight_time: F64
-    flight_time_by_length: F64
-    places: F64
-    base: F64
-    net_share: F64
-    out_by: F64
-    serve: F64
+    flight_time: F64  # [13, 3] quartiles of the time until the receiver strikes [s], by shot type
+    flight_time_by_length: F64  # [13, 2, 13, 3] by shot type, height met (0 below, 1 above the net), length (k: k to k + 1 m)
+    places: F64  # [13, 9, 2, 5] quantiles of x and y where the receiver meets it, in the striker's frame [m], by shot type, area
+    base: F64  # [13, 9, 2] where a player stands when the opponent answers, by their own stroke [m]
+    net_share: F64  # [13] share of the faults of a shot type that do not cross the net
+    out_by: F64  # [2, 5] quantiles of the distance by which shuttles land beyond the side and the back line [m]
+    serve: F64  # [2, 2, 2, 5] quantiles by serve, (server, receiver), (distance from the centre line, from the net) [m]
 
     def seconds(self, shot: int, met: int, length: float, u: float) -> float:
         """Flight time [s] at a share ``u`` of the interquartile range, by shot type, height met (0/1) and length."""
-        low, middle, high = self.flight_time_by_length[shot, met, min(int(length), len(DISTANCES) - 2)]
+        low, middle, high = self.flight_time_by_length[shot, met, min(int(length), self.flight_time_by_length.shape[2] - 1)]
         drawn = low + 2 * u * (middle - low) if u < 0.5 else middle + (2 * u - 1) * (high - middle)
         return float(np.clip(drawn, self.flight_time[shot, 0], self.flight_time[shot, 2]))
 
 
-def quantile(knots: F64, u: float) -> float:
-    """Value at a share ``u`` from quantiles ``[5]`` at :data:`QUANTILES`, linear in between, held outside."""
-    return float(np.interp(u, QUANTILES, knots))
+def _quantile(knots: F64, u: float) -> float:
+    """Value at a share ``u`` from quantiles ``[5]`` at 5, 25, 50, 75 and 95 %, linear in between, held outside."""
+    return float(np.interp(u, _QUANTILES, knots))
 
 
 @functools.cache
-def load_measured(path: Path = FILE) -> Measured:
-    """The shipped table, or another one."""
-    raw = json.loads(path.read_text(encoding="utf-8"))
+def load_measured() -> Measured:
+    """The tables measured in the training matches, see ``docs/truth_record.md``; ``provenance`` of the file names them."""
+    raw = json.loads(Path(__file__).with_name("measured.json").read_text(encoding="utf-8"))
     serves = SHOTS[:N_SERVES]
     by_length = raw["flight_time_by_length"]
     return Measured(
@@ -152,33 +116,20 @@ class _Choice:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Try:
-    """A random point and time of a stroke, in the striker's frame.
-
-    Attributes:
-        ticks: drawn time of flight [frames].
-        least: shortest time of flight in the matches [frames].
-        most: longest one.
-        met: height at which the shuttle is met: 0: below the net or on the floor, 1: above the net.
-        aside: how far a fast shuttle passes a defender on the other side than that of their racket [m].
-        late: distance by which the receiver misses the shuttle at the drawn time [m].
-    """
+    """A random point and time of a stroke, in the striker's frame."""
 
     point: F64
-    ticks: int
-    least: int
-    most: int
-    met: int
+    ticks: int  # drawn time of flight [frames]
+    least: int  # shortest time of flight in the matches [frames]
+    most: int  # longest one
+    met: int  # 0: below the net or on the floor, 1: above the net
     stance: Stance | None
-    aside: float
-    late: float
+    aside: float  # how far a fast shuttle passes a defender on the other side than that of their racket [m]
+    late: float  # distance by which the receiver misses the shuttle at the drawn time [m]
 
 
 class TrajectoryBuilder:
-    """Draws points and times of a rally.
-
-    Args:
-        fps: contacts fall on multiples of 1/fps seconds.
-    """
+    """Draws points and times of a rally; contacts fall on multiples of 1/fps seconds."""
 
     def __init__(self, rally: Rally, players: tuple[Athlete, Athlete], seed: int, fps: int) -> None:
         self.rally, self.measured, self.players = rally, load_measured(), players
@@ -204,19 +155,14 @@ class TrajectoryBuilder:
         return float(self.drawn[stroke][number])
 
     def build(self, lead_in: float, branch: Branch | None) -> Trajectory:
-        """Draw the trajectory.
-
-        Args:
-            lead_in: time before the serve [s].
-            branch: unchanged strokes; the flight of the last one is drawn again.
-        """
+        """Draw the trajectory; of a branch, the strokes stay, and the flight of the last one is drawn again."""
         rally, n = self.rally, len(self.rally)
         struck = branch.strokes if branch else 0
         before, first = np.zeros((2, 2)), max(struck - 1, 0)
         if branch and struck:
             old = branch.motion.trajectory
             before = old.before
-            contacts = [old.contact[i] * own_frame(rally.facing(self._striker(i))) for i in range(struck)]
+            contacts = [old.contact[i] * poses.own_frame(rally.facing(self._striker(i))) for i in range(struck)]
             stances, times, base = list(old.stance[:struck]), old.time[:struck].tolist(), [*old.base[:struck]]
         else:
             contact, stance = self._serve(before)
@@ -237,7 +183,7 @@ class TrajectoryBuilder:
                 stances.append(choice.stance)
                 times.append(times[i] + choice.seconds)
         # From the frames of the strikers to that of the court.
-        turn = np.array([own_frame(rally.facing(int(seat))) for seat in rally.striker[first:]]).reshape(-1, 3)
+        turn = np.array([poses.own_frame(rally.facing(int(seat))) for seat in rally.striker[first:]]).reshape(-1, 3)
         points = np.array([choice.point for choice in drawn]).reshape(-1, 3) * turn
         time = np.array(times[first:n])
         new = Trajectory(
@@ -265,15 +211,15 @@ class TrajectoryBuilder:
         # The receiver stands in the service court diagonally opposite, their own right one if it is that of the server.
         sign = 1.0 if self.rally.from_right else -1.0
         x, y, rx, ry = (
-            quantile(self.measured.serve[shot, who, axis], self.uniform(0, 1 + 2 * who + axis))
+            _quantile(self.measured.serve[shot, who, axis], self.uniform(0, 1 + 2 * who + axis))
             for who in (0, 1)
             for axis in (0, 1)
         )
         z = self._height(0, self.uniform(0, 5))
-        motion = motion_of(shot, self.technique[0], z, y)
+        motion = poses.motion_of(shot, self.technique[0], z, y)
         hips = np.array([sign * max(x, 0.12), -max(y, SHORT_SERVICE + 0.4)])
         player = self.players[server]
-        probe = stance_of(
+        probe = poses.stance_of(
             motion, np.array([0.0, -3.0, z]), np.array([0.0, -3.0]), player.right_handed, player.library.natural(motion, z)
         )
         contact = np.array([*(hips - probe.root + np.array([0.0, -3.0])), z])
@@ -379,7 +325,7 @@ class TrajectoryBuilder:
         if area != self.area[i]:
             u[1] *= _QUICK
         places = self.measured.places[self.shot[i], area]
-        x, y = (quantile(places[axis], u[axis]) for axis in (0, 1))
+        x, y = (_quantile(places[axis], u[axis]) for axis in (0, 1))
         if self.shot[i] < N_SERVES:
             # The service court diagonally opposite to the server.
             x, y = (-1.0 if self.rally.from_right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
@@ -399,14 +345,12 @@ class TrajectoryBuilder:
         return area % N_SIDES if self.shot[i + 1] == _KILL else area
 
     def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
-        by_side, by_back = (quantile(self.measured.out_by[k], u) for k in (0, 1))
+        by_side, by_back = (_quantile(self.measured.out_by[k], u) for k in (0, 1))
         depth, side = divmod(int(self.area[i]), 3)
-        if self.shot[i] == _SHORT_SERVE and which < 0.5:
+        if self.shot[i] == _SHORT_SERVE and (which < 0.5 or (side == 1 and depth < 2)):
             return x, SHORT_SERVICE - max(by_side, 0.05)
-        if depth == 2 and (side == 1 or which < 0.5):
+        if side == 1 or (depth == 2 and which < 0.5):
             return x, HALF_LENGTH + max(by_back, 0.05)
-        if side == 1:
-            return x, SHORT_SERVICE - max(by_side, 0.05) if self.shot[i] == _SHORT_SERVE else HALF_LENGTH + max(by_back, 0.05)
         return float(np.copysign(HALF_WIDTH + max(by_side, 0.05), -1.0 if side == 0 else 1.0)), y
 
     def _net_point(self, i: int, contact: F64, point: F64, share: float, k: int) -> F64:
@@ -419,12 +363,12 @@ class TrajectoryBuilder:
     def _stance(self, i: int, point: F64, base: F64) -> Stance:
         own = point * np.array([-1, -1, 1])
         player = self.players[self._striker(i)]
-        z = own[2] / player.skeleton.scale if own[2] > OVERHEAD_FROM * player.skeleton.scale else own[2]
-        motion = motion_of(int(self.shot[i]), int(self.technique[i]), float(z), float(-own[1]))
+        z = own[2] / player.skeleton.scale if own[2] > poses.OVERHEAD_FROM * player.skeleton.scale else own[2]
+        motion = poses.motion_of(int(self.shot[i]), int(self.technique[i]), float(z), float(-own[1]))
         natural = player.library.natural(motion, float(own[2]))
-        if self.shot[i] == _CLEAR and motion in OVERHEADS:
+        if self.shot[i] == _CLEAR and motion in poses.OVERHEADS:
             natural = natural - np.array([0.0, _FURTHER_BACK, 0.0])
-        stance = stance_of(motion, own, base, player.right_handed, natural)
+        stance = poses.stance_of(motion, own, base, player.right_handed, natural)
         if not self.hurried[i]:
             return stance
         back = base - stance.root
@@ -433,9 +377,9 @@ class TrajectoryBuilder:
 
     def _height(self, i: int, u: float, *, flat: bool = False) -> float:
         """Contact height of stroke i [m], in reply to a flat one or not; overhead contacts scale with the player."""
-        low, high = height_range(self.shot[i], self.height[i], self.technique[i], flat=flat)
+        low, high = poses.height_range(self.shot[i], self.height[i], self.technique[i], flat=flat)
         z = low + (high - low) * u
-        return z * self.players[self._striker(i)].skeleton.scale if z > OVERHEAD_FROM else z
+        return z * self.players[self._striker(i)].skeleton.scale if z > poses.OVERHEAD_FROM else z
 
     def _late(self, stance: Stance | None, base: F64, seconds: F64) -> F64:
         """Distance by which a player who starts from rest at ``base`` misses a stance, negative if they have time [m]."""
@@ -446,17 +390,16 @@ class TrajectoryBuilder:
 
     def _aside(self, i: int, stance: Stance | None, point: F64, base: F64) -> float:
         """How far a fast shuttle that a defender meets is on the other side than that of the racket [m]."""
-        if stance is None or self.shot[i] not in _FLAT or stance.motion not in (DEFENCE, DEFENCE_BACKHAND):
+        if stance is None or self.shot[i] not in _FLAT or stance.motion not in (poses.DEFENCE, poses.DEFENCE_BACKHAND):
             return 0.0
         forehand = (-point[0] - base[0]) * (1.0 if self.players[1 - self._striker(i)].right_handed else -1.0)
-        return float(max(0.0, forehand - _BODY if stance.motion in BACKHANDS else _BODY - forehand))
+        return float(max(0.0, forehand - _BODY if stance.motion in poses.BACKHANDS else _BODY - forehand))
 
     def _hurries(self, i: int, end: int) -> bool:
         return end in (RETURN, OPEN) and bool(self.hurried[i + 1])
 
 
 def _joined(flights: list[Flights], turn: F64) -> Flights:
-    if not flights:
-        return fall(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    start, heading, *others = map(np.concatenate, zip(*flights, strict=True))
+    none = fall(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    start, heading, *others = map(np.concatenate, zip(none, *flights, strict=True))
     return Flights(start * turn, heading * turn[:, :2], *others)

@@ -7,27 +7,34 @@ steps in between, alternately left and right, under the hips as they travel.
 """
 
 import dataclasses
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.court.staging.curves import ease
-from shuttle_marl.court.staging.motions import LEFT, RIGHT
-from shuttle_marl.court.staging.timeline import Stand
+from shuttle_marl.court.staging.geometry import ease
+from shuttle_marl.court.staging.skeleton import LEFT, RIGHT
 
-_STEP_TIME: Final = 0.17
-"""Shortest duration of a step [s]."""
-_SWING: Final = 0.28
-"""Longest swing of a foot in a step [s]."""
-_CROSSED: Final = 0.30
-"""Largest distance of a foot beyond the middle of the body [m]."""
-_SOON: Final = 5
-"""Frames within which a foot in the air lands after the branch of a continued motion."""
-_SETTLED: Final = 12
-"""Additional frames before the first one, for moving means."""
-_WIDTH: Final = 0.15
-"""Half the width between the feet in steps [m]."""
+_STEP_TIME, _SWING = 0.17, 0.28
+"""Shortest duration of a step, and longest swing of a foot in it [s]."""
+_CROSSED, _WIDTH = 0.30, 0.15
+"""Largest distance of a foot beyond the middle of the body, and half the width between the feet in steps [m]."""
+_SOON, _SETTLED = 5, 12
+"""Frames within which a foot in the air lands after a branch, and additional frames before it for moving means."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stand:
+    """Both feet on the floor."""
+
+    begin: int  # frame from which both are planted
+    end: int  # last frame at which both are
+    place: F64  # [2, 2] left and right, the ball of each foot [m]
+    yaw: F64  # [2] headings [rad]
+    last: int = RIGHT  # the foot that lands last
+    hop: bool = False  # the feet come here together, through the air
+    stride: float = 1.25  # longest step of a pair of steps on the way here [m]
+    stays: float = 0.14  # distance below which a foot does not step here [m]
 
 
 @dataclasses.dataclass(eq=False)
@@ -40,15 +47,12 @@ class Plant:
     yaw: float
 
 
-class Feet(NamedTuple):
-    """Both feet over F frames; axis 0 is left, right.
+Plants = tuple[list[Plant], list[Plant]]
+"""Of the left and of the right foot, in order of time."""
 
-    Attributes:
-        ball: ``[2, F, 3]`` the point under the ball of the foot [m].
-        yaw: ``[2, F]`` heading [rad].
-        pitch: ``[2, F]`` heel raised about the ball [rad].
-        planted: ``[2, F]`` whether the foot is planted.
-    """
+
+class Feet(NamedTuple):
+    """Both feet over F frames; axis 0 is left, right: ``ball`` ``[2, F, 3]`` [m], heading, pitch of the heel, and who stands."""
 
     ball: F64
     yaw: F64
@@ -60,7 +64,7 @@ class Feet(NamedTuple):
         return Feet(self.ball[:, rows].copy(), self.yaw[:, rows].copy(), self.pitch[:, rows].copy(), self.planted[:, rows].copy())
 
     def concatenated(self, after: "Feet") -> "Feet":
-        """Concatenate two ranges of frames."""
+        """Two ranges of frames."""
         return Feet(*(np.concatenate(parts, axis=1) for parts in zip(self, after, strict=True)))
 
     def joined(self, after: "Feet") -> "Feet":
@@ -77,16 +81,12 @@ class Feet(NamedTuple):
         return out
 
 
-def standing(plants: tuple[list[Plant], list[Plant]], ball: F64, frame: int) -> tuple[Stand, tuple[list[Plant], list[Plant]]]:
-    """Plants up to a frame, with the next landings of feet in the air, and the stand that follows.
+def standing(plants: Plants, ball: F64, frame: int) -> tuple[Stand, Plants]:
+    """Plants up to a frame, with the next landings of feet ``[2, 3]`` in the air, and the stand that follows.
 
     A foot that would land much later lands within a few frames, on its path.
-
-    Args:
-        ball: ``[2, 3]`` positions of the feet in that frame [m].
-        frame: last unchanged frame.
     """
-    kept: tuple[list[Plant], list[Plant]] = ([], [])
+    kept: Plants = ([], [])
     for foot in (LEFT, RIGHT):
         own = plants[foot]
         n = max(sum(plant.begin <= frame for plant in own), 1)
@@ -101,33 +101,18 @@ def standing(plants: tuple[list[Plant], list[Plant]], ball: F64, frame: int) -> 
             here.end = max(frame, here.begin)
     last = [kept[foot][-1] for foot in (LEFT, RIGHT)]
     now = max(frame, *(plant.begin for plant in last))
-    stand = Stand(
-        begin=now, end=now, place=np.array([plant.place for plant in last]), yaw=np.array([plant.yaw for plant in last])
-    )
-    return stand, kept
+    return Stand(now, now, np.array([plant.place for plant in last]), np.array([plant.yaw for plant in last])), kept
 
 
-def steps(
-    stands: list[Stand],
-    hips: F64,
-    yaw: F64,
-    reach: F64,
-    fps: int,
-    known: tuple[list[Plant], list[Plant]] | None = None,
-) -> tuple[list[Plant], list[Plant]]:
+def steps(stands: list[Stand], hips: F64, yaw: F64, reach: F64, fps: int, known: Plants | None = None) -> Plants:
     """Plan when and where each foot is planted.
 
     Args:
-        stands: in order of time.
-        hips: ``[F, 2]`` the hips over the floor [m].
-        yaw: ``[F]`` heading of the hips [rad].
+        hips, yaw: ``[F, 2]`` the hips over the floor [m], and ``[F]`` their heading [rad].
         reach: ``[F]`` largest distance of a foot from the hips [m].
         known: unchanged plants; the first stand is their end.
-
-    Returns:
-        Plants of the left and of the right foot, in order of time.
     """
-    feet: tuple[list[Plant], list[Plant]] = ([], []) if known is None else (known[LEFT][-1:], known[RIGHT][-1:])
+    feet: Plants = ([], []) if known is None else (known[LEFT][-1:], known[RIGHT][-1:])
     landing = [0, 0] if known is None else [-1, -1]
     sure = (-1, -1) if known is None else (known[LEFT][-1].end, known[RIGHT][-1].end)
     for k, stand in enumerate(stands):
@@ -148,7 +133,7 @@ def steps(
     return found[LEFT], found[RIGHT]
 
 
-def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], hips: F64, yaw: F64, fps: int) -> list[int]:
+def _between(here: Stand, there: Stand, feet: Plants, hips: F64, yaw: F64, fps: int) -> list[int]:
     """Add the steps from one stand to the next; returns the landing frame of each foot, -1 if it has not moved."""
     landing = [there.begin, there.begin]
     if there.hop:
@@ -220,13 +205,10 @@ def _reachable(plants: list[Plant], hips: F64, yaw: F64, reach: F64, side: float
     return out
 
 
-def lifted(plants: tuple[list[Plant], list[Plant]], slips: Bools, done: int) -> bool:
+def lifted(plants: Plants, slips: Bools, done: int) -> bool:
     """Lift feet before they slip and plant them later; returns whether any plant changed.
 
-    Args:
-        plants: of the left and of the right foot, shortened in place.
-        slips: ``[2, F - done]`` whether a foot slips, in frames from ``done`` on.
-        done: number of unchanged frames.
+    ``slips``: ``[2, F - done]`` whether a foot slips, in frames from ``done`` on.
     """
     shortened = False
     for foot in (LEFT, RIGHT):
@@ -242,13 +224,8 @@ def lifted(plants: tuple[list[Plant], list[Plant]], slips: Bools, done: int) -> 
     return shortened
 
 
-def move(plants: tuple[list[Plant], list[Plant]], air: F64, frames: int, fps: int, done: int = 0) -> Feet:
-    """Both feet in every frame.
-
-    Args:
-        air: ``[F]`` height of the feet in jumps [m].
-        done: number of known frames; earlier swings are omitted.
-    """
+def move(plants: Plants, air: F64, frames: int, fps: int, done: int = 0) -> Feet:
+    """Both feet in every frame; ``air``: ``[F]`` their height in jumps [m]. Swings before frame ``done`` are omitted."""
     ball, yaw = np.zeros((2, frames, 3)), np.zeros((2, frames))
     pitch, planted = np.zeros((2, frames)), np.zeros((2, frames), dtype=bool)
     for foot in (LEFT, RIGHT):

@@ -35,32 +35,20 @@ _TOLERANCE: Final = 5e-4 / LENGTH
 CLEARANCE: Final = 0.035
 """Least height of the shuttle above the net [m]."""
 _ANY: Final = (0.0, np.inf)
-_TOUCHES: Final = 100.0
-"""Weight of the height that is missing over the net."""
-_KMH: Final = 0.01
-"""Weight of the speed beyond a bound [m per km/h]."""
+_TOUCHES, _KMH = 100.0, 0.01
+"""Weight of the height that is missing over the net, and of the speed beyond a bound [m per km/h]."""
 
 
 class Flights(NamedTuple):
-    """N flights, each known at K instants from its launch.
+    """N flights, each known at K instants from its launch."""
 
-    Attributes:
-        start: ``[N, 3]`` start of each flight [m].
-        heading: ``[N, 2]`` unit direction on the floor.
-        time: ``[N, K]`` instants since the launch [s].
-        along: ``[N, K]`` distance along the floor [m].
-        rise: ``[N, K]`` height gained [m].
-        speed_along: ``[N, K]`` [m/s].
-        speed_up: ``[N, K]`` [m/s].
-    """
-
-    start: F64
-    heading: F64
-    time: F64
-    along: F64
-    rise: F64
-    speed_along: F64
-    speed_up: F64
+    start: F64  # [N, 3] start of each flight [m]
+    heading: F64  # [N, 2] unit direction on the floor
+    time: F64  # [N, K] instants since the launch [s]
+    along: F64  # [N, K] distance along the floor [m]
+    rise: F64  # [N, K] height gained [m]
+    speed_along: F64  # [N, K] [m/s]
+    speed_up: F64  # [N, K] [m/s]
 
     def at(self, flight: int, time: F64) -> tuple[F64, F64]:
         """Position and velocity, each ``[..., 3]``, of one flight at times since its launch (held at both ends)."""
@@ -107,18 +95,10 @@ class Flights(NamedTuple):
 
 
 def shoot(start: F64, end: F64, time: F64) -> Flights:
-    """Flights that begin at ``start`` and are at ``end`` after ``time`` seconds.
+    """Flights from ``start`` ``[N, 3]`` [m] that are at ``end`` after ``time`` ``[N]`` seconds, but for less than a millimetre.
 
     Newton's method on the logarithm of the launch speed and its angle, from the exact solution without gravity aimed
     above the target by the drop that drag allows.
-
-    Args:
-        start: ``[N, 3]`` [m].
-        end: ``[N, 3]`` [m].
-        time: ``[N]`` [s], positive.
-
-    Returns:
-        The flights; they miss ``end`` by less than a millimetre.
     """
     offset = end - start
     distance = np.hypot(offset[:, 0], offset[:, 1])
@@ -146,20 +126,14 @@ def shoot(start: F64, end: F64, time: F64) -> Flights:
         angle[todo] = a + np.where(far, np.clip((ys * mx - xs * my) / det, -0.5, 0.5), 0)
         todo = todo[far]
     speed = np.exp(log_speed)
-    return _flown(start, heading, _integrate(speed * np.cos(angle), speed * np.sin(angle), t, STEPS))
+    return _flown(start, heading, speed * np.cos(angle), speed * np.sin(angle), t, STEPS)
 
 
 def fall(start: F64, velocity: F64, time: F64, steps: int = STEPS) -> Flights:
-    """Flights with a given launch, for ``time`` seconds.
-
-    Args:
-        start: ``[N, 3]`` [m].
-        velocity: ``[N, 3]`` [m/s].
-        time: ``[N]`` [s].
-    """
+    """Flights with a given launch, for ``time`` seconds."""
     along = np.hypot(velocity[:, 0], velocity[:, 1])
     heading = velocity[:, :2] / np.maximum(along, 1e-9)[:, None]
-    return _flown(start, heading, _integrate(along / TERMINAL, velocity[:, 2] / TERMINAL, time / _TIME, steps))
+    return _flown(start, heading, along / TERMINAL, velocity[:, 2] / TERMINAL, time / _TIME, steps)
 
 
 def net_height(x: F64 | float) -> F64:
@@ -169,21 +143,13 @@ def net_height(x: F64 | float) -> F64:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """Least and greatest values of the flights of one shot type.
+    """Least and greatest values of the flights of one shot type."""
 
-    Attributes:
-        over: height above the net of shuttles met below it, or that land [m].
-        over_high: the same of shuttles met above the net: loose ones, for shots that are meant to be met below it [m].
-        varied: share of the range of ``over`` by which its upper end is lowered at most, as drawn for each stroke.
-        kmh: launch speed [km/h].
-        apex: greatest height above the floor [m].
-    """
-
-    over: tuple[float, float] = (CLEARANCE, np.inf)
-    over_high: tuple[float, float] = (CLEARANCE, np.inf)
-    varied: float = 0.0
-    kmh: tuple[float, float] = _ANY
-    apex: tuple[float, float] = _ANY
+    over: tuple[float, float] = (CLEARANCE, np.inf)  # height above the net of shuttles met below it, or that land [m]
+    over_high: tuple[float, float] = (CLEARANCE, np.inf)  # of shuttles met above the net: loose ones [m]
+    varied: float = 0.0  # share of the range of over by which its upper end is lowered at most, as drawn for each stroke
+    kmh: tuple[float, float] = _ANY  # launch speed [km/h]
+    apex: tuple[float, float] = _ANY  # greatest height above the floor [m]
 
     def excess(self, flights: Flights, met: int, u: float, *, crosses: bool) -> F64:
         """``[N]`` distance from the bounds, 0 inside them [m].
@@ -195,7 +161,9 @@ class Bounds:
         """
         out = _KMH * _outside(3.6 * flights.launch_speed, self.kmh)
         if crosses:
-            over, (low, high) = height_over_net(flights), self.over
+            # Infinite if a flight begins beyond the net or does not reach it.
+            x = flights.start[:, 0] - flights.start[:, 1] / np.maximum(flights.heading[:, 1], 1e-6) * flights.heading[:, 0]
+            over, (low, high) = flights.height_over(0.0) - net_height(x), self.over
             lowered = low, high - u * self.varied * (high - low) if self.varied else high
             out += _outside(over, self.over_high if met else lowered) + _outside(flights.apex, self.apex)
             out += _TOUCHES * np.maximum(CLEARANCE - over, 0.0)
@@ -221,29 +189,15 @@ BOUNDS: Final = tuple(_OF[shot] for shot in SHOTS)
 """Bounds of each shot type. Half smashes are slower than every smash."""
 
 
-def height_over_net(flights: Flights) -> F64:
-    """``[N]`` height over the top of the net [m]; infinite if a flight begins beyond it or does not reach it."""
-    ahead = np.maximum(flights.heading[:, 1], 1e-6)
-    x = flights.start[:, 0] - flights.start[:, 1] / ahead * flights.heading[:, 0]
-    return flights.height_over(0.0) - net_height(x)
-
-
 def _outside(value: F64, limits: tuple[float, float]) -> F64:
     finite = np.where(np.isfinite(value), value, limits[0])
     return np.maximum(finite - limits[1], 0.0) + np.maximum(limits[0] - finite, 0.0)
 
 
-def _flown(start: F64, heading: F64, scaled: tuple[F64, F64, F64, F64, F64]) -> Flights:
-    nodes, px, py, vx, vy = scaled
-    return Flights(
-        start=start,
-        heading=heading,
-        time=nodes * _TIME,
-        along=px * LENGTH,
-        rise=py * LENGTH,
-        speed_along=vx * TERMINAL,
-        speed_up=vy * TERMINAL,
-    )
+def _flown(start: F64, heading: F64, vx: F64, vy: F64, t: F64, steps: int) -> Flights:
+    """Flights with a launch ``[N]``, for times ``[N]``, both in scaled units."""
+    nodes, px, py, ux, uy = _integrate(vx, vy, t, steps)
+    return Flights(start, heading, nodes * _TIME, px * LENGTH, py * LENGTH, ux * TERMINAL, uy * TERMINAL)
 
 
 def _integrate(vx: F64, vy: F64, t: F64, steps: int) -> tuple[F64, F64, F64, F64, F64]:
@@ -251,8 +205,7 @@ def _integrate(vx: F64, vy: F64, t: F64, steps: int) -> tuple[F64, F64, F64, F64
     # From rest, steps are equal.
     stretch = np.log1p(np.maximum(np.hypot(vx, vy) * t, 1e-3))[:, None] * np.linspace(0, 1, steps + 1)
     nodes = t[:, None] * np.expm1(stretch) / np.maximum(np.expm1(stretch[:, -1:]), 1e-12)
-    px, py, ux, uy = _states(vx, vy, nodes)
-    return nodes, px, py, ux, uy
+    return nodes, *_states(vx, vy, nodes)
 
 
 @compiled

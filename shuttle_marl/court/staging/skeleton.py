@@ -16,9 +16,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.court.staging.linear import add, mat_mul, mat_vec, put_mat, put_vec
-from shuttle_marl.court.staging.linear import from_yaw_pitch_roll as turned_by
-from shuttle_marl.court.staging.rotation import apply, unit
+from shuttle_marl.court.staging.geometry import add, apply, mat_mul, mat_vec, put_mat, put_vec, turned_by, unit
 
 
 class StagingError(ShuttleError):
@@ -26,12 +24,7 @@ class StagingError(ShuttleError):
 
 
 BONES: Final = (
-    "Hips",
-    "Spine",
-    "Spine1",
-    "Spine2",
-    "Neck",
-    "Head",
+    *("Hips", "Spine", "Spine1", "Spine2", "Neck", "Head"),
     *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("Shoulder", "Arm", "ForeArm", "Hand")),
     *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("UpLeg", "Leg", "Foot", "ToeBase")),
     "Racket",
@@ -39,15 +32,14 @@ BONES: Final = (
 """Names of the bones, parents before children; ``Racket`` begins in the middle of the grip."""
 N_BONES: Final = len(BONES)
 BONE: Final = {name: i for i, name in enumerate(BONES)}
-"""Index of each bone."""
 FLIP: Final = np.array([-1.0, 1.0, 1.0])
 """Signs of a mirror between left and right."""
 MIRROR: Final = np.array([BONE[b.replace("Left", "*").replace("Right", "Left").replace("*", "Right")] for b in BONES])
 """``[23]`` index of the bone on the other side."""
+LEFT, RIGHT = 0, 1
 
 ATHLETES: Final = ("male", "female")
-FOLDER: Final = Path(__file__).parent / "athletes"
-"""Folder of the models and skeletons."""
+_FOLDER: Final = Path(__file__).parent / "athletes"
 _FINGERS: Final = {
     "Index": ((44, 62, 40), (16, 20, 14)),
     "Middle": ((58, 72, 48), (20, 24, 16)),
@@ -58,7 +50,6 @@ _FINGERS: Final = {
 """Bend of the joints of each finger, closed and open [degrees]."""
 _REFERENCE: Final = 1.787
 
-
 RACKET_LENGTH: Final = 0.675
 """Length of a racket (BWF Law 4: at most 0.680 m) [m]."""
 RACKET_BUTT: Final = -0.10
@@ -67,7 +58,6 @@ SWEET_SPOT: Final = 0.45
 """Distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]."""
 RACKET_HEAD: Final = (RACKET_LENGTH + RACKET_BUTT - SWEET_SPOT, 0.105)
 """Half the length and half the width of the strung head (at most 0.14 m and 0.11 m) [m]."""
-
 SHUTTLE_SCALE: Final = 1.9
 """Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
 CORK: Final = 0.0131
@@ -92,8 +82,8 @@ class Skeleton:
         height: from the floor to the top of the head [m].
         parent: ``[23]`` index of the parent, -1 for the hips. The racket hangs on the right hand; see :meth:`parents`.
         rest: ``[23, 3]`` start of each bone at rest [m].
-        grip_axis: ``[3]`` direction of the shaft at rest, from the right hand.
-        grip_normal: ``[3]`` the side of the strings that a forehand strikes with, at rest.
+        grip_axis, grip_normal: ``[3]`` of the racket at rest in the right hand: shaft, and side of the strings of a forehand.
+        fingers: ``[2, 3]`` along the fingers of the right hand, and the axis about which they bend.
     """
 
     name: str
@@ -102,6 +92,7 @@ class Skeleton:
     rest: F64
     grip_axis: F64
     grip_normal: F64
+    fingers: F64
 
     @property
     def scale(self) -> float:
@@ -130,7 +121,7 @@ class Skeleton:
     @functools.cached_property
     def spine(self) -> F64:
         """``[3, 3]`` from each bone of the trunk to the next at rest [m]."""
-        return np.diff([self.at(bone) for bone in ("Hips", "Spine", "Spine1", "Spine2")], axis=0)
+        return np.diff(self.rest[:4], axis=0)
 
     @functools.cached_property
     def leg(self) -> tuple[float, float]:
@@ -148,7 +139,7 @@ def load_skeleton(name: str) -> Skeleton:
     """
     if name not in ATHLETES:
         raise StagingError(f"athlete {name!r}: expected one of {', '.join(ATHLETES)}")
-    raw = json.loads((FOLDER / "skeletons.json").read_text(encoding="utf-8"))[name]
+    raw = json.loads((_FOLDER / "skeletons.json").read_text(encoding="utf-8"))[name]
     bones = raw["bones"]
     head = {bone: np.array(entry["head"]) for bone, entry in bones.items()}
     hand, middle = head["RightHand"], head["RightHandMiddle1"]
@@ -156,7 +147,6 @@ def load_skeleton(name: str) -> Skeleton:
     palm = unit(np.cross(across, along))
     # The handle lies across the fingers, the shaft leaves between thumb and index finger, well forward as in play.
     axis = unit(0.62 * across + 0.78 * along)
-    normal = unit(palm - (palm @ axis) * axis)
     head["Racket"] = hand + 0.72 * (middle - hand) + 0.028 * palm
     parent = [-1 if b == "Hips" else BONE["RightHand"] if b == "Racket" else BONE[bones[b]["parent"]] for b in BONES]
     return Skeleton(
@@ -165,7 +155,8 @@ def load_skeleton(name: str) -> Skeleton:
         parent=np.array(parent),
         rest=np.array([head[b] for b in BONES]),
         grip_axis=axis,
-        grip_normal=normal,
+        grip_normal=unit(palm - (palm @ axis) * axis),
+        fingers=np.array([along, unit(np.cross(along, palm))]),
     )
 
 
@@ -175,28 +166,19 @@ def model_file(name: str) -> Path:
     Raises:
         StagingError: there is no athlete of this name.
     """
-    return FOLDER / f"{load_skeleton(name).name}.glb"
+    return _FOLDER / f"{load_skeleton(name).name}.glb"
 
 
 def finger_pose(name: str, *, right_handed: bool) -> dict[str, F64]:
-    """Constant bend of the fingers of an athlete's model.
+    """Quaternions (x, y, z, w) of the bent fingers of an athlete's model by bone of the ``.glb`` file, against the parent bone.
 
-    Args:
-        right_handed: the closed hand; the other hand is open.
-
-    Returns:
-        Quaternions (x, y, z, w) by bone of the ``.glb`` file, against the parent bone, in the axes of the staging.
+    The hand that holds the racket is closed; axes are those of the staging.
     """
-    raw = json.loads((FOLDER / "skeletons.json").read_text(encoding="utf-8"))[name]["bones"]
-    head = {bone: np.array(entry["head"]) for bone, entry in raw.items()}
     skeleton = load_skeleton(name)
-    along = unit(head["RightHandMiddle1"] - head["RightHand"])
-    palm = unit(np.cross(head["RightHandIndex1"] - head["RightHandPinky1"], along))
-    curl = unit(np.cross(along, palm))
+    along, curl = skeleton.fingers
     out: dict[str, F64] = {}
-    for side in ("Right", "Left"):
+    for side, sign in (("Right", np.ones(3)), ("Left", np.array([1.0, -1.0, -1.0]))):
         closed = (side == "Right") == right_handed
-        sign = np.array([1.0, 1.0, 1.0]) if side == "Right" else np.array([1.0, -1.0, -1.0])
         for finger, bends in _FINGERS.items():
             for k, bend in enumerate(bends[0] if closed else bends[1]):
                 axis = (skeleton.grip_axis if closed and k == 0 else along) if finger == "Thumb" else curl
@@ -206,15 +188,7 @@ def finger_pose(name: str, *, right_handed: bool) -> dict[str, F64]:
 
 
 def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
-    """Bones of the trunk.
-
-    Args:
-        hips: ``[N, 3]`` position of the hips [m].
-        angles: ``[N, 7]``; the height is not used.
-
-    Returns:
-        ``[4, N, 3, 3]`` rotations and ``[4, N, 3]`` positions of Hips, Spine, Spine1, Spine2.
-    """
+    """Rotations ``[4, N, 3, 3]`` and positions of Hips, Spine, Spine1, Spine2 from hips ``[N, 3]`` [m] and poses ``[N, 7]``."""
     return _bent(np.ascontiguousarray(hips), np.ascontiguousarray(angles), skeleton.spine)
 
 
@@ -243,10 +217,7 @@ def collar_of(skeleton: Skeleton, rotation: F64, position: F64, side: str = "Rig
 def chest_of(skeleton: Skeleton, hips: F64, pose: F64, *, free: bool = False) -> tuple[F64, F64]:
     """Rotation ``[N, 3, 3]`` of the chest and start ``[N, 3]`` of the collar bone of the racket arm [m].
 
-    Args:
-        hips: ``[N, 3]`` position of the hips [m].
-        pose: ``[N, 7 + …]`` poses that begin with the trunk.
-        free: of the free arm instead, in a mirror: it is solved as a right arm.
+    ``free``: of the free arm instead, in a mirror: it is solved as a right arm.
     """
     rotation, position = trunk(skeleton, hips, pose[:, :N_TRUNK])
     chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left" if free else "Right")

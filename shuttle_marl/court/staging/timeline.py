@@ -9,23 +9,12 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
-from shuttle_marl.court.staging.curves import half_time, leap
-from shuttle_marl.court.staging.library import TRUNK, Athlete, bent, pointed
-from shuttle_marl.court.staging.motions import (
-    DEFENCE,
-    DEFENCE_BACKHAND,
-    KILL,
-    LEFT,
-    LUNGE,
-    LUNGE_BACKHAND,
-    OVERHEADS,
-    RIGHT,
-    SIDE,
-    Stance,
-)
-from shuttle_marl.court.staging.poses import CONTACT, STROKES
-from shuttle_marl.court.staging.rotation import turned, unit
-from shuttle_marl.court.staging.skeleton import HIPS_HEIGHT, HIPS_YAW
+from shuttle_marl.court.staging import poses
+from shuttle_marl.court.staging.feet import Stand
+from shuttle_marl.court.staging.flight import GRAVITY
+from shuttle_marl.court.staging.geometry import ease, turned, unit
+from shuttle_marl.court.staging.poses import CONTACT, TRUNK, Athlete, Stance
+from shuttle_marl.court.staging.skeleton import HIPS_HEIGHT, HIPS_YAW, LEFT, RIGHT
 from shuttle_marl.court.staging.trajectory import RETURN, Trajectory
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS
@@ -37,49 +26,22 @@ _HURRIED: Final = 0.7
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
 _REACTION: Final = 0.675
 """Strength of the reactions to the end of the rally, from 0 to 1."""
-_SPLIT_HOP: Final = 0.035
-_WAY_TO_SPLIT: Final = 0.25
-"""Distance of the hips from the feet below which a split step begins without a step [m]."""
-_HIGHEST_JUMP: Final = 0.48
-_LEAST_JUMP: Final = 0.12
-"""Height of the jump for an attack that could be played from the floor [m]."""
+_SPLIT_HOP, _WAY_TO_SPLIT = 0.035, 0.25
+"""Height of the hop, and distance of the hips from the feet below which a split step begins without a step [m]."""
+_HIGHEST_JUMP, _LEAST_JUMP = 0.48, 0.12
+"""Height of a jump, the least one for an attack that could be played from the floor [m]."""
 _TIME_TO_JUMP: Final = 0.6
 """Time since the opponent's contact above which an attack is jumped [s]."""
-_STRETCH: Final = 0.08
-"""Height gained by standing on the toes in an overhead stroke [m]."""
-_SINK: Final = 0.14
-"""Depth to which the hips sink after a jumped stroke [m]."""
+_STRETCH, _SINK = 0.08, 0.14
+"""Height gained by standing on the toes in an overhead stroke, and depth to which the hips sink after a jumped one [m]."""
 _LEANT: Final = 2.0
 """Backward lean of the racket in an overhead stroke per sine of the launch angle."""
 _FULL_SWING: Final = 38.0
 """Launch speed of the shuttle above which the swing is full [m/s]."""
-RATIO: Final[dict[str, float]] = {
-    "short-serve": 0.60,
-    "long-serve": 0.62,
-    "clear": 0.72,
-    "lift": 0.68,
-    "drop": 0.45,
-    "smash": 0.72,
-    "half-smash": 0.70,
-    "drive": 0.68,
-    "push": 0.60,
-    "net-kill": 0.80,
-    "net-shot": 0.32,
-    "block": 0.30,
-    "cross-court-net-shot": 0.36,
-}
-"""Target speed of the strings relative to the launch speed of the shuttle (about 0.5 to 0.7 for full strokes; in soft strokes the
-incoming shuttle adds speed)."""
-
-SOFT: Final[dict[str, float]] = {
-    "short-serve": 0.3,
-    "drop": 0.25,
-    "push": 0.35,
-    "net-shot": 0.75,
-    "block": 0.75,
-    "cross-court-net-shot": 0.7,
-}
-"""Soft strokes: fraction of the way to the contact that the racket has completed at the take-back."""
+_PUSH, _ABSORB = 15.0, 17.0
+"""Greatest upward acceleration of a take-off, and of a landing [m/s²]."""
+_DIP, _RISE = 12.0, 7.0
+"""Greatest acceleration while sinking into the crouch, and while rising again after a landing [m/s²]."""
 LANDING: Final = np.array([(-0.16, -0.26, 22), (0.14, 0.26, -6)])
 """After a jump: the legs have scissored, the racket foot lands in front."""
 SPLIT: Final = np.array([(-0.29, 0.03, 14), (0.29, 0.00, -14)])
@@ -88,109 +50,84 @@ WAIT: Final = np.array([(-0.10, 0.24, 0), (0.12, -0.22, -28)])
 """The receiver before the serve, the free foot in front."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Stand:
-    """Both feet on the floor.
-
-    Attributes:
-        begin: frame from which both are planted.
-        end: last frame at which both are.
-        place: ``[2, 2]`` left and right, the ball of each foot [m].
-        yaw: ``[2]`` headings [rad].
-        last: the foot that lands last.
-        hop: whether the feet come here together, through the air.
-        stride: longest step of a pair of steps on the way here [m].
-        stays: distance below which a foot does not step here [m].
-    """
-
-    begin: int
-    end: int
-    place: F64
-    yaw: F64
-    last: int = RIGHT
-    hop: bool = False
-    stride: float = 1.25
-    stays: float = 0.14
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Hit:
-    """One contact of this player.
-
-    Attributes:
-        point: ``[3]`` position of the shuttle [m].
-        normal: ``[3]`` direction that the strings face.
-        shaft: ``[3]`` preferred direction of the shaft.
-        elbow: ``[3]`` preferred direction from shoulder to elbow.
-        swing: ``[3]`` target velocity of the strings [m/s].
-        soft: fraction of the way from take-back to contact completed at the load; 0 for full swings.
-    """
+    """One contact of this player."""
 
     frame: int
     stroke: int
     stance: Stance
-    point: F64
-    normal: F64
-    shaft: F64
-    elbow: F64
-    swing: F64
-    soft: float
+    point: F64  # [3] position of the shuttle [m]
+    normal: F64  # [3] direction that the strings face
+    shaft: F64  # [3] preferred direction of the shaft
+    elbow: F64  # [3] preferred direction from shoulder to elbow
+    swing: F64  # [3] target velocity of the strings [m/s]
+    soft: float  # fraction of the way from take-back to contact completed at the load; 0 for full swings
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Keys:
-    """K solved key poses of a player.
+    """K solved key poses of a player."""
 
-    Attributes:
-        frame: ``[K]`` frame of each pose, ascending.
-        pose: ``[K, 27]`` the poses.
-        slope: ``[K, 27]`` slopes per frame.
-    """
-
-    frame: I64
-    pose: F64
-    slope: F64
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Past:
-    """Unchanged part of the plan of a player.
-
-    Attributes:
-        frame: last unchanged frame.
-        strokes: number of strokes struck by then.
-        keys: key poses up to that frame, the last one in it.
-        lift: ``[F]`` height of the hips in the jumps that were planned, relative to standing [m].
-        air: ``[F]`` height of the feet over the floor in those jumps [m].
-    """
-
-    frame: int
-    strokes: int
-    keys: Keys
-    stand: Stand
-    lift: F64
-    air: F64
+    frame: I64  # [K] of each pose, ascending
+    pose: F64  # [K, 27]
+    slope: F64  # [K, 27] per frame
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Timeline:
-    """Movements of a player over F frames.
+    """Movements of a player over F frames."""
 
-    Attributes:
-        frame: ``[K]`` frame of each key pose, ascending.
-        pose: ``[K, 27]`` the key poses; racket arm and spine at contacts are still to be solved.
-        known: the first of them, already solved.
-        lift: ``[F]`` height of the hips in jumps, relative to standing [m].
-        air: ``[F]`` height of the feet over the floor in jumps [m].
-    """
-
-    frame: I64
-    pose: F64
-    known: Keys
+    frame: I64  # [K] of each key pose, ascending
+    pose: F64  # [K, 27] the key poses; racket arm and spine at contacts are still to be solved
+    known: Keys  # the first of them, already solved
     hits: tuple[Hit, ...]
-    lift: F64
-    air: F64
+    lift: F64  # [F] height of the hips in jumps, relative to standing [m]
+    air: F64  # [F] height of the feet over the floor in jumps [m]
     stands: list[Stand]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Past:
+    """Unchanged part of the plan of a player."""
+
+    frame: int  # the last unchanged one
+    strokes: int  # struck by then
+    keys: Keys  # key poses up to that frame, the last one in it
+    stand: Stand
+    planned: Timeline  # the timeline, whose jumps may last
+
+
+def half_time(height: float) -> float:
+    """Time from take-off to the top of a jump of a height [s]."""
+    return float(np.sqrt(2 * height / GRAVITY))
+
+
+def leap(since: F64, height: float, sink: float) -> tuple[F64, F64]:
+    """``[F]`` heights of the hips, relative to standing, and of the feet in a jump [m].
+
+    Args:
+        since: ``[F]`` time since the top [s].
+        height: of the jump [m].
+        sink: least depth to which the hips sink after the landing [m].
+    """
+    half = half_time(height)
+    speed = GRAVITY * half
+    air = np.maximum(height - GRAVITY / 2 * since**2, 0.0)
+    hips = np.where(np.abs(since) <= half, air, 0.0)
+    down = max(speed**2 / (2 * _PUSH), 1e-3)
+    hips += _bow(-half - since, speed, down, float(np.sqrt(6 * down / _DIP)))
+    sink = max(sink, speed**2 / (2 * _ABSORB))
+    hips += _bow(since - half, speed, sink, float(np.sqrt(6 * sink / _RISE)))
+    return hips, air
+
+
+def _bow(after: F64, speed: float, depth: float, seconds: float) -> F64:
+    """Decelerate evenly from a downward speed to a depth, then return within ``seconds``; 0 before and after."""
+    stop = 2 * depth / speed
+    slowed = -speed * after + 0.5 * speed / stop * after**2
+    back = -depth * (1 - ease((after - stop) / seconds))
+    return np.where(after <= 0, 0.0, np.where(after <= stop, slowed, back))
 
 
 def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 0.0) -> tuple[F64, F64, int]:
@@ -202,13 +139,13 @@ def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 
         reach: lateral stretch, 0 to 1.
         high: height of the contact above the natural one, which shortens a lunge [m].
     """
-    left, right, last = STROKES[motion].feet
+    left, right, last = poses.STROKES[motion].feet
     spots = np.array([left, right])
-    if motion in (DEFENCE, SIDE):
+    if motion in (poses.DEFENCE, poses.SIDE):
         spots[RIGHT, 0] += 0.16 * reach
-    elif motion == DEFENCE_BACKHAND:
+    elif motion == poses.DEFENCE_BACKHAND:
         spots[LEFT, 0] -= 0.16 * reach
-    elif motion in (LUNGE, LUNGE_BACKHAND):
+    elif motion in poses.LUNGES:
         spots[RIGHT, 1] += 0.05 * reach
         spots[:, 1] *= 1 - 0.9 * float(np.clip(high, 0.0, 0.5))
     place, yaw = placed(spots, root, heading)
@@ -256,8 +193,8 @@ class TimelineBuilder:
             self.keys = dict(zip(past.keys.frame.tolist(), past.keys.pose, strict=True))
             self.fixed = set(self.keys)
             self.stands = [past.stand]
-            for new, old in ((self.lift, past.lift), (self.air, past.air)):
-                new[: past.frame + 1] = old[: past.frame + 1]
+            for name in ("lift", "air"):
+                getattr(self, name)[: past.frame + 1] = getattr(past.planned, name)[: past.frame + 1]
 
     def timeline(self) -> Timeline:
         """Build the timeline."""
@@ -285,11 +222,10 @@ class TimelineBuilder:
             self._finish(over)
         order = sorted(self.keys)
         pose = np.array([self.keys[f] for f in order])
-        known = Keys(frame=np.zeros(0, dtype=np.int64), pose=pose[:0], slope=pose[:0])
         return Timeline(
             frame=np.array(order),
             pose=pose,
-            known=self.past.keys if self.past else known,
+            known=self.past.keys if self.past else Keys(np.zeros(0, dtype=np.int64), pose[:0], pose[:0]),
             hits=tuple(hits),
             lift=self.lift,
             air=self.air,
@@ -318,7 +254,7 @@ class TimelineBuilder:
             begin = max(begin, self.stands[-1].end + 2)
         end = min(max(end, begin), self.frames - 1)
         if begin < self.frames - 1:
-            self.stands.append(Stand(begin=begin, end=end, place=feet[0], yaw=feet[1], last=last, hop=hop))
+            self.stands.append(Stand(begin, end, *feet, last=last, hop=hop))
 
     def _jump(self, peak: float, height: float, sink: float = 0.0) -> tuple[int, int]:
         """Add a jump; returns the frames of take-off and landing."""
@@ -407,14 +343,15 @@ class TimelineBuilder:
         if i:
             normal = normal - 0.4 * unit(self.trajectory.flight.velocity(i - 1, -1))
         point, normal = self.trajectory.contact[i] * self.sign, unit(normal) * self.sign
+        high = float(point[2] - self.library.contact[motion, 0, 2])
         ahead, behind = (frame - before) / fps, max(following - frame, 0.3 * fps) / fps
         hurried = bool(self.trajectory.rally.hurried[i])
         keys = self.library.stroke[motion].copy()
         keys[:, HIPS_YAW] += heading
         power = float(np.clip(self.trajectory.flight.launch_speed[i] / _FULL_SWING, 0.35, 1.0))
-        keys[1:CONTACT] = keys[0] + power * (keys[1:CONTACT] - keys[0]) if motion not in OVERHEADS else keys[1:CONTACT]
+        keys[1:CONTACT] = keys[0] + power * (keys[1:CONTACT] - keys[0]) if motion not in poses.OVERHEADS else keys[1:CONTACT]
         keys[CONTACT + 1 :] = keys[CONTACT] + max(power, 0.5) * (keys[CONTACT + 1 :] - keys[CONTACT])
-        lift = self._rise(i, keys, stance, frame, ahead)
+        air = self._rise(i, keys, stance, frame, ahead, high)
         self._key(frame, keys[CONTACT], fixed=True)
         for k, (seconds, share) in enumerate(_BEFORE):
             lead = 0.9 if i == 0 and k == 0 else min(seconds, share * ahead) * (_HURRIED if hurried else 1.0)
@@ -425,33 +362,21 @@ class TimelineBuilder:
             self._key(0, keys[0], fixed=True)
         if behind > 0.8:
             self._key(frame + round(0.75 * behind * fps), self._ready(frame + round(0.75 * behind * fps)))
-        self._feet(i, stance, frame, lift)
-        need = np.array([point[2] - self.library.contact[motion, 0, 2]])
+        self._feet(i, stance, frame, air, high)
         facing = turned(keys[CONTACT, HIPS_YAW])
-        shaft, elbow = (facing @ direction[0] for direction in pointed(motion, need))
-        if motion in OVERHEADS:
+        shaft, elbow = (facing @ direction[0] for direction in poses.pointed(motion, np.array([high])))
+        if motion in poses.OVERHEADS:
             # The strings move across the line from the shoulder: this line leans back to strike upwards.
             up = max(float(unit(launch)[2]), 0.0)
             shaft = unit(shaft - np.array([0.0, _LEANT * up, 0.0]))
-        shot = SHOTS[self.trajectory.rally.catalogue.shot[self.trajectory.rally.stroke[i]]]
-        return Hit(
-            frame=frame,
-            stroke=i,
-            stance=stance,
-            point=point,
-            normal=normal,
-            shaft=shaft,
-            elbow=elbow,
-            swing=RATIO[shot] * launch * self.sign,
-            soft=SOFT.get(shot, 0.0),
-        )
+        manner = poses.MANNERS[SHOTS[self.trajectory.rally.catalogue.shot[self.trajectory.rally.stroke[i]]]]
+        return Hit(frame, i, stance, point, normal, shaft, elbow, manner.ratio * launch * self.sign, manner.soft)
 
-    def _rise(self, i: int, keys: F64, stance: Stance, frame: int, ahead: float) -> tuple[int, int] | None:
-        """Lower or raise the hips for the height of the contact; returns the frames of take-off and landing of a jump."""
+    def _rise(self, i: int, keys: F64, stance: Stance, frame: int, ahead: float, need: float) -> tuple[int, int] | None:
+        """Lower or raise the hips for a contact so high above the natural one; returns take-off and landing of a jump."""
         motion, higher = stance.motion, float(self.higher[i])
-        need = float(self.trajectory.contact[i, 2] - self.library.contact[motion, 0, 2])
         air, raised = None, higher
-        if motion in OVERHEADS:
+        if motion in poses.OVERHEADS:
             rally = self.trajectory.rally
             attack = bool(rally.catalogue.is_attack[rally.stroke[i]]) and ahead > _TIME_TO_JUMP
             jump = max(need + 0.03 + higher, _LEAST_JUMP if attack else 0.0)
@@ -461,23 +386,21 @@ class TimelineBuilder:
                 need, raised = min(need - jump, 0.0), 0.0
             else:
                 raised += max(need, 0.0)
-        change = bent(keys[CONTACT, TRUNK], motion, np.array([need]))[0] - keys[CONTACT, TRUNK]
+        change = poses.bent(keys[CONTACT, TRUNK], motion, np.array([need]))[0] - keys[CONTACT, TRUNK]
         change[HIPS_HEIGHT] += raised
-        if motion in (DEFENCE, DEFENCE_BACKHAND):
+        if motion in (poses.DEFENCE, poses.DEFENCE_BACKHAND):
             change[HIPS_HEIGHT] -= 0.04 * stance.reach
         for k, share in ((CONTACT - 1, 0.6), (CONTACT, 1.0), (CONTACT + 1, 0.8)):
             keys[k, TRUNK] += share * change
         return air
 
-    def _feet(self, i: int, stance: Stance, frame: int, air: tuple[int, int] | None) -> None:
-        fps = self.fps
-        root = self.hips[frame]
-        high = float(self.trajectory.contact[i, 2] - self.library.contact[stance.motion, 0, 2])
-        place, yaw, last = feet_at(stance.motion, root, stance.heading, stance.reach, high)
+    def _feet(self, i: int, stance: Stance, frame: int, air: tuple[int, int] | None, high: float) -> None:
         if i == 0:
             return
+        fps, root = self.fps, self.hips[frame]
+        place, yaw, last = feet_at(stance.motion, root, stance.heading, stance.reach, high)
         if air is None:
-            hold = 0.16 if stance.motion in (LUNGE, LUNGE_BACKHAND, KILL) else 0.10
+            hold = 0.16 if stance.motion in poses.LUNGES | {poses.KILL} else 0.10
             # A hurried player is still in the step when the racket meets the shuttle.
             begin = frame + 1 if self.trajectory.rally.hurried[i] else frame - round(0.05 * fps)
             self._stand(begin, frame + round(hold * fps), (place, yaw), last=last)

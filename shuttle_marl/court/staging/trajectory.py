@@ -18,8 +18,8 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.court.staging.flight import GRAVITY, Flights, fall, shoot
-from shuttle_marl.court.staging.motions import HELD, Stance
-from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.court.staging.poses import HELD, Stance
+from shuttle_marl.game.rally import Rally
 
 LEAD_IN: Final = 1.2
 """Time before the serve [s]."""
@@ -52,41 +52,24 @@ _LATE: Final = 0.12
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory:
-    """Times, places and flights of a rally of n strokes, in the frame of the court.
-
-    Attributes:
-        time: ``[n]`` time of each contact, on the grid of frames [s].
-        contact: ``[n, 3]`` position of the shuttle at each contact [m].
-        end: ``[n]`` index into :data:`ENDS`.
-        end_time: ``[n]`` end of the flight at the receiver's racket, on the floor, or in the net [s].
-        chosen_point: ``[n, 3]`` drawn end point of each flight [m].
-        end_point: ``[n, 3]`` end point [m]: the chosen point, unless the receiver's racket does not reach it.
-        stance: n stances, each in its striker's own frame.
-        base: ``[n, 2, 2]`` base positions of seats 0 and 1 at each stroke, each in their own frame [m].
-        before: ``[2, 2]`` positions of seats 0 and 1 before the serve, each in their own frame [m].
-        reply: expected stance of the next striker in an open rally.
-    """
+    """Times, places and flights of a rally of n strokes, in the frame of the court."""
 
     rally: Rally
-    time: F64
-    contact: F64
-    end: I64
-    end_time: F64
-    chosen_point: F64
-    end_point: F64
+    time: F64  # [n] time of each contact, on the grid of frames [s]
+    contact: F64  # [n, 3] position of the shuttle at each contact [m]
+    end: I64  # [n] index into ENDS
+    end_time: F64  # [n] end of the flight at the receiver's racket, on the floor, or in the net [s]
+    chosen_point: F64  # [n, 3] drawn end point of each flight [m]
+    end_point: F64  # [n, 3] end point [m]: the chosen point, unless the receiver's racket does not reach it
     flight: Flights
-    stance: tuple[Stance, ...]
-    base: F64
-    before: F64
-    reply: Stance | None = None
+    stance: tuple[Stance, ...]  # n stances, each in its striker's own frame
+    base: F64  # [n, 2, 2] base positions of seats 0 and 1 at each stroke, each in their own frame [m]
+    before: F64  # [2, 2] positions of seats 0 and 1 before the serve, each in their own frame [m]
+    reply: Stance | None = None  # expected stance of the next striker in an open rally
 
 
 def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajectory:
-    """Move some contacts, at the same times, and the flights to and from them.
-
-    Args:
-        by: displacement ``[3]`` in the frame of the court, by number of the stroke [m].
-    """
+    """Move some contacts, by number of the stroke, at the same times, and the flights to and from them [m]."""
     contact, end_point = trajectory.contact.copy(), trajectory.end_point.copy()
     for k, change in by.items():
         contact[k] += change
@@ -101,31 +84,18 @@ def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajector
 
 
 def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
-    """Concatenate the first strokes of one trajectory and another one."""
+    """The first strokes of one trajectory and another one."""
 
     def whole(a: F64, b: F64) -> F64:
         return np.concatenate([a[:first], b])
 
     rows: dict[str, Any] = {name: whole(getattr(old, name), getattr(new, name)) for name in _BY_STROKE}
     flight = Flights(*map(whole, old.flight, new.flight))
-    return dataclasses.replace(new, **rows, flight=flight, stance=(*old.stance[:first], *new.stance))
-
-
-def own_frame(facing: float, right_handed: bool = True) -> F64:
-    """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander.
-
-    Args:
-        facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.record.Rally.facing`.
-    """
-    return np.array([facing if right_handed else -facing, facing, 1.0])
+    return dataclasses.replace(new, **rows, flight=flight, stance=old.stance[:first] + new.stance)
 
 
 def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) -> tuple[F64, F64]:
-    """``[F, 3]`` position and ``[F, 3]`` velocity of the shuttle; before the serve it is at the contact of the serve.
-
-    Args:
-        first: number of the first stroke with a flight.
-    """
+    """``[F, 3]`` position and velocity of the shuttle from the flight of stroke ``first`` on; before the serve it waits."""
     time = np.arange(frames) / fps
     position, velocity = np.zeros((frames, 3)), np.zeros((frames, 3))
     if not len(trajectory.time):
@@ -155,13 +125,7 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) 
 
 
 def held(position: F64, palm: F64, contacts: I64, trajectory: Trajectory, fps: int) -> None:
-    """Place the shuttle in the server's hand: at the palm until the release, then it drops to the racket.
-
-    Args:
-        position: ``[F, 3]`` path of the shuttle, changed in place.
-        palm: ``[F, 3]`` the server's free palm [m].
-        contacts: frames of the strokes; without any the shuttle stays in the hand.
-    """
+    """Place the shuttle in the server's hand: at the palm ``[F, 3]`` until the release, then it drops to the racket."""
     if not len(contacts):
         position[:] = palm
         return
@@ -248,13 +212,7 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
 def _factor(weight: F64, still: F64, more: float, along: float, across: float, bands: F64) -> None:
     """Cholesky factor of diag(weight) + along · D1' diag(still + more) D1 + across · D2' D2; D1, D2: first, second differences.
 
-    Args:
-        weight: ``[F]``.
-        still: ``[F - 1]``.
-        more: added to ``still``.
-        along: weight of first differences.
-        across: weight of second differences.
-        bands: ``[3, F]``, written: the factor in the row of each frame, two columns before it, one before it, in it.
+    ``bands`` ``[3, F]`` are written: the factor in the row of each frame, two columns before it, one before it, in it.
     """
     n = len(weight)
     second, first, diagonal = bands[0], bands[1], bands[2]

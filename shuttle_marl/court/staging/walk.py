@@ -11,48 +11,35 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.court.staging.assemble import onto_court, players_of
-from shuttle_marl.court.staging.body import PlayerMotion, Prepared, bones, course, free_palm, prepare
-from shuttle_marl.court.staging.curves import smooth
-from shuttle_marl.court.staging.feet import Plant
+from shuttle_marl.court.staging.body import Habits, PlayerMotion, Prepared, bones, course, free_palm, prepare
+from shuttle_marl.court.staging.feet import Plant, Stand
 from shuttle_marl.court.staging.flight import net_height, shoot
-from shuttle_marl.court.staging.idle import Habits
-from shuttle_marl.court.staging.library import FREE_ARM, N_POSE, TRUNK, Athlete, bent, pointed
+from shuttle_marl.court.staging.geometry import smooth, turned
 from shuttle_marl.court.staging.motion import Motion
-from shuttle_marl.court.staging.motions import LEFT, LUNGE, RIGHT, Stance
-from shuttle_marl.court.staging.poses import CONTACT
-from shuttle_marl.court.staging.rotation import turned
-from shuttle_marl.court.staging.skeleton import HIPS_HEIGHT, HIPS_PITCH, HIPS_YAW, SPINE_PITCH, StagingError
-from shuttle_marl.court.staging.timeline import Hit, Keys, Stand, Timeline, feet_at
+from shuttle_marl.court.staging.poses import CONTACT, FREE_ARM, LUNGE, N_POSE, TRUNK, Stance, bent, pointed
+from shuttle_marl.court.staging.skeleton import HIPS_HEIGHT, HIPS_PITCH, HIPS_YAW, LEFT, RIGHT, SPINE_PITCH, StagingError
+from shuttle_marl.court.staging.timeline import Hit, Keys, Timeline, feet_at
 from shuttle_marl.game.court import NET_DEPTH, NET_HEIGHT
 
-_SPEED: Final = 1.6
-"""Mean speed of a walk [m/s]."""
-_STRIDE: Final = 0.78
-"""Longest step of a walk [m]."""
-_STILL: Final = 0.35
-"""Time before and after a walk and around the pick-up in which the hips stay [s]."""
-_LEAST: Final = 0.8
-"""Shortest duration of a walk [s]."""
+_SPEED, _STRIDE = 1.6, 0.78
+"""Mean speed of a walk [m/s], and its longest step [m]."""
+_STILL, _LEAST = 0.35, 0.8
+"""Time before and after a walk and around the pick-up in which the hips stay, and shortest duration of a walk [s]."""
 _SHORT: Final = 1.3
 """Distance below which a player does not turn to walk [m]."""
-_TURN: Final = 0.28
-"""Time of a turn, for each radian [s]."""
-_TURN_BACK: Final = 0.8
-"""Time before the end of a walk at which the player turns to the net [s]."""
+_TURN, _TURN_BACK = 0.28, 0.8
+"""Time of a turn, for each radian, and before the end of a walk at which the player turns to the net [s]."""
 _STRINGS: Final = 0.10
 """Height of the middle of the strings when the frame of the racket touches a shuttle on the floor [m]."""
-_EXACT: Final = 0.03
-"""Distance from the places of the feet in the next rally below which a foot stays [m]."""
-_SHORTER: Final = 0.35
-"""Shortening of the lunge that picks up the shuttle, as for a contact that is so much higher [m]."""
+_EXACT, _SHORTER = 0.03, 0.35
+"""Distance from the places of the feet in the next rally below which a foot stays, and shortening of the lunge that picks up the
+shuttle, as for a contact that is so much higher [m]."""
 _BOW: Final = np.radians(10)
 """Additional bow of hips and spine in the pick-up [rad]: with deeper hips instead, the hip joint lets no foot stand in front."""
 _OWN_FLICK, _FLICK = 0.60, 1.15
 """Duration of the flight into the own hand, and least duration to the other player [s]."""
-_HOLD: Final = 0.5
-"""Time between the catch and the next rally [s]."""
-_CLEARANCE: Final = 0.15
-"""Least distance of the shuttle from the net [m]."""
+_HOLD, _CLEARANCE = 0.5, 0.15
+"""Time between the catch and the next rally [s], and least distance of the shuttle from the net [m]."""
 _PHASES: Final = (-0.50, -0.28, -0.12, 0.0, 0.16, 0.42)
 """Times of the key poses of the pick-up, relative to the contact [s]."""
 _ATTEMPTS: Final = 4
@@ -69,10 +56,10 @@ def with_walk(rally: Motion, following: Motion) -> Motion:
         The motion of the rally, followed by 3 to 12 seconds of walking.
 
     Raises:
-        StagingError: an unpacked motion, an unfinished rally, or other ends, players or frame rates.
+        StagingError: a walk already, an unfinished rally, or other ends, players or frame rates.
     """
     if rally.players is None or following.players is None:
-        raise StagingError("no walk leads from or to an unpacked motion: pass those that stage() returned")
+        raise StagingError("a rally that follows a walk already: pass those that stage() returned")
     if rally.trajectory.rally.open:
         raise StagingError("the rally continues: a walk leads from the end of a rally to the next one")
     if rally.trajectory.rally.ends_changed != following.trajectory.rally.ends_changed:
@@ -108,20 +95,16 @@ class _WalkBuilder:
         rally = self.rally
         prepared = [self._prepared(seat) for seat in (0, 1)]
         shuttle = self._shuttle(prepared[self.server])
-        rotation, position, planted = (
-            np.empty((self.frames, *getattr(rally, name).shape[1:])) for name in ("rotation", "position", "planted")
-        )
-        for seat in (0, 1):
-            sign = self.athletes[seat].signs
-            found = course(rally.skeletons[seat], prepared[seat], shuttle * sign)
-            turn, place = bones(rally.skeletons[seat], found)
-            rotation[:, seat], position[:, seat], planted[:, seat] = onto_court(turn, place, found.feet, sign)
-        velocity = np.gradient(shuttle, 1 / self.fps, axis=0)
-        added = {"shuttle": shuttle, "shuttle_velocity": velocity, "rotation": rotation, "position": position, "planted": planted}
-        old = {name: getattr(rally, name) for name in added}
-        whole: dict[str, Any] = {
-            name: np.concatenate([old[name], new[1:].astype(old[name].dtype)]) for name, new in added.items()
-        }
+        seats = []
+        for athlete, player in zip(self.athletes, prepared, strict=True):
+            found = course(athlete.skeleton, player, shuttle * athlete.signs)
+            seats.append(onto_court(*bones(athlete.skeleton, found), found.feet, athlete.signs))
+        whole: dict[str, Any] = {"shuttle": shuttle, "shuttle_velocity": np.gradient(shuttle, 1 / self.fps, axis=0)}
+        for name, both in zip(("rotation", "position", "planted"), zip(*seats, strict=True), strict=True):
+            whole[name] = np.stack(both, axis=1)
+        for name, new in whole.items():
+            old = getattr(rally, name)
+            whole[name] = np.concatenate([old, new[1:].astype(old.dtype)])
         return dataclasses.replace(rally, time=np.arange(len(whole["shuttle"])) / self.fps, players=None, **whole)
 
     def _place(self, seat: int, *, end: bool) -> F64:
@@ -178,7 +161,7 @@ class _WalkBuilder:
         """Hips, poses and feet of a player; the racket of the picker meets the shuttle."""
         athlete = self.athletes[seat]
         ease = np.cos(np.pi / 2 * np.clip(np.arange(self.frames) / (_STILL * self.fps), 0, 1)) ** 2
-        shift, added = np.zeros(3), Habits(pose=np.zeros((self.frames, N_POSE)), place=np.zeros((self.frames, 3)))
+        shift, added = np.zeros(3), Habits(np.zeros((self.frames, N_POSE)), np.zeros((self.frames, 3)))
         for _ in range(_ATTEMPTS):
             hips = self._path(seat, shift)
             timeline = self._timeline(seat, shift)
@@ -227,8 +210,13 @@ class _WalkBuilder:
             keys |= dict(zip(frames, poses, strict=True))
             place, yaw, landing = feet_at(LUNGE, root, heading, 0.0, _SHORTER)
             begin, end = self.pick - round(0.06 * fps), frames[CONTACT + 1]
-            stands.append(Stand(begin=begin, end=end, place=place, yaw=yaw, last=landing, stride=_STRIDE))
-            hits, here = (self._hit(athlete, heading),), root
+            stands.append(Stand(begin, end, place, yaw, last=landing, stride=_STRIDE))
+            point, facing, up = self.lying * athlete.signs, turned(np.array(heading)), np.array([0.0, 0.0, 1.0])
+            point[2] = _STRINGS
+            shaft, elbow = (facing @ direction[0] for direction in pointed(LUNGE, need))
+            normal = facing @ np.array([0.0, 0.5, 0.87])
+            hits = (Hit(self.pick, 0, self.stance, point, normal, shaft - 0.5 * up, elbow, swing=2.5 * up, soft=0.6),)
+            here = root
         if seat == self.server:
             rest[FREE_ARM] = last[FREE_ARM]
             if seat != self.picker:
@@ -246,7 +234,7 @@ class _WalkBuilder:
         return Timeline(
             frame=np.array(list(keys)),
             pose=pose,
-            known=Keys(frame=np.zeros(1, dtype=np.int64), pose=pose[:1], slope=np.zeros_like(pose[:1])),  # at rest
+            known=Keys(np.zeros(1, dtype=np.int64), pose[:1], np.zeros_like(pose[:1])),  # at rest
             hits=hits,
             lift=zero,
             air=zero,
@@ -264,24 +252,6 @@ class _WalkBuilder:
         middle = begin + min(turn, (until - begin) // 2)
         keys[middle] = pose
         keys[max(until - round(_TURN_BACK * self.fps), middle + 1)] = pose
-
-    def _hit(self, athlete: Athlete, heading: float) -> Hit:
-        point = self.lying * athlete.signs
-        point[2] = _STRINGS
-        facing, need = turned(np.array(heading)), np.array([_STRINGS - athlete.library.contact[LUNGE, 0, 2]])
-        shaft, elbow = (facing @ direction[0] for direction in pointed(LUNGE, need))
-        up = np.array([0.0, 0.0, 1.0])
-        return Hit(
-            frame=self.pick,
-            stroke=0,
-            stance=self.stance,
-            point=point,
-            normal=facing @ np.array([0.0, 0.5, 0.87]),
-            shaft=shaft - 0.5 * up,
-            elbow=elbow,
-            swing=2.5 * up,
-            soft=0.6,
-        )
 
     def _shuttle(self, server: Prepared) -> F64:
         """``[F, 3]`` path of the shuttle: on the floor, in the air, in the hand of the server [m]."""
@@ -306,4 +276,4 @@ def _standing(player: PlayerMotion, which: int, begin: int, end: int) -> Stand:
     """Stand on the first (0) or last (-1) places of the feet of a player."""
     plants = [player.prepared.plants[foot][which] for foot in (LEFT, RIGHT)]
     place, yaw = (np.array([getattr(plant, name) for plant in plants]) for name in ("place", "yaw"))
-    return Stand(begin=begin, end=end, place=place, yaw=yaw, stride=_STRIDE)
+    return Stand(begin, end, place, yaw, stride=_STRIDE)

@@ -117,7 +117,6 @@ def player_id(name: str) -> str:
 
 
 _TIMEOUT: Final = (10.0, 30.0)
-"""Timeouts of connection and response [s]."""
 _TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
 _PART, _PARTS = 1 << 16, 512
 """Bytes of a part of a file, and parts that are read of one: 32 MB, far more than a published file has."""
@@ -190,11 +189,7 @@ def download(
 
 
 def _fetched(url: str, digest: str) -> tuple[bytes, str]:
-    """Content of a file, and a failure that may be transient; empty if it has the right hash.
-
-    Raises:
-        DownloadError: the server refuses the file.
-    """
+    """Content of a file, and a failure that may be transient; empty if it has the right hash."""
     try:
         with requests.get(url, timeout=_TIMEOUT, stream=True) as response:
             response.raise_for_status()

@@ -15,14 +15,14 @@ from scipy.special import logsumexp
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
 from shuttle_marl.exact.optimal import best_response, restricted_response
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy, positions_of
+from shuttle_marl.game.policy import TabulatedPolicy, position_shares, tabulate
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, position_shares, tabulate
 from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
-from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.tabular import cloned, normalised
+from shuttle_marl.suite.task import WEIGHT
 
 TOLERANCE = 1e-4
 """Error bound of responses, far below the error of a model of the opponent."""

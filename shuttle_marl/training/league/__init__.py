@@ -1,13 +1,12 @@
 """Training of a league: main agents and exploiters learn from each other, earlier policies and exact best responses.
 
-See ``docs/league_training.md``. Modules: settings (``config``), frozen policies and their payoffs (``population``), PSRO
-(``psro``), the turns of a round (``schedule``), a turn of one learner (``turns``), and the run (``run``). Names are
-imported lazily, because PyTorch is slow to import.
+See ``docs/league_training.md``. Modules: settings (``config``), state and payoffs (``population``), the turns of a round
+(``schedule``), a turn of one learner (``turns``), and the run (``run``). Names are imported lazily: PyTorch is slow to import.
 """
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.lazy import lazily
+from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError

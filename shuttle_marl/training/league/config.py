@@ -6,7 +6,9 @@ import os
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args
 
-from shuttle_marl.base.bounds import Count, CountOrZero, FractionOrZero, Positive, Seed, Weight, Within, check_bounds
+import msgspec
+
+from shuttle_marl.base.files import Count, CountOrZero, FractionOrZero, Positive, Seed, Weight, check_bounds
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.training.config import TrainingError, seconds_of
 
@@ -17,7 +19,6 @@ MetaSolver = Literal["nash", "linear", "alpha-rank"]
 
 VARIANTS: Final[tuple[Variant, ...]] = get_args(Variant)
 POOL: Final = ("bc", "attacking", "defensive", "safe")
-"""Default initial policies, if the game has them."""
 MOST_WORKERS: Final = 1024
 _NO_EFFECT: Final = ("out", "resume", "overwrite", "workers", "ray")
 
@@ -47,11 +48,11 @@ class LeagueTrainingConfig:
     meta_solver: MetaSolver | None = None
     """Meta-strategy of psro over the population: Nash equilibrium, linear (the k-th policy counts k times), or alpha-rank.
     Default: nash, and linear in the game with recovery, whose equilibria mix in the states."""
-    main_agents: Annotated[int, Within(low=1, high=16, text="a whole number from 1 to 16")] = 1
+    main_agents: Annotated[int, msgspec.Meta(ge=1, le=16)] = 1
     """Number of main agents; the first is evaluated."""
-    main_exploiters: Annotated[int, Within(low=0, high=16, text="a whole number from 0 to 16")] = 1
+    main_exploiters: Annotated[int, msgspec.Meta(ge=0, le=16)] = 1
     """Number of learners that train against the main agents (fictitious and prioritised)."""
-    league_exploiters: Annotated[int, Within(low=0, high=16, text="a whole number from 0 to 16")] = 1
+    league_exploiters: Annotated[int, msgspec.Meta(ge=0, le=16)] = 1
     """Number of learners that train against the whole population (fictitious and prioritised)."""
     exploiter_fraction: FractionOrZero = 0.25
     """Time or strokes of an exploiter, as a fraction of those of a main agent."""
@@ -61,7 +62,7 @@ class LeagueTrainingConfig:
     """Fraction of a main agent's rallies against the exact best response to it (not plain)."""
     past_fraction: FractionOrZero = 0.2
     """Fraction of a main agent's rallies against earlier policies (not plain); the rest is self-play."""
-    max_opponents: Annotated[int, Within(low=1, high=64, text="a whole number from 1 to 64")] = 8
+    max_opponents: Annotated[int, msgspec.Meta(ge=1, le=64)] = 8
     """Maximum number of earlier policies that a learner plays in one turn."""
     update_interval: Count = 60
     """Iterations between updates of the best response to a main agent."""
@@ -77,7 +78,7 @@ class LeagueTrainingConfig:
     """Units of each layer of the networks."""
     batch: CountOrZero = 0
     """Strokes in the first iteration; 0: the default of the algorithm."""
-    workers: Annotated[int, Within(low=1, high=MOST_WORKERS, text="a whole number from 1 to 1,024")] = min(2, os.cpu_count() or 1)
+    workers: Annotated[int, msgspec.Meta(ge=1, le=MOST_WORKERS)] = min(2, os.cpu_count() or 1)
     """Number of worker processes; with --strokes, it does not change the result."""
     ray: str | None = None
     """Ray cluster that replaces the workers: local (Ray on this machine), auto (the cluster of this machine), HOST:PORT of its

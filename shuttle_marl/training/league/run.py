@@ -14,29 +14,21 @@ from shuttle_marl import exact
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import Cluster, check_processes, open_cluster
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
+from shuttle_marl.base.runs import check_interrupt, interrupts_held
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
-from shuttle_marl.policy.mixtures import sharpened
-from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.policy.computed import StoredPolicies, mixture, sharpened
 from shuttle_marl.training.config import missed
 from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
-from shuttle_marl.training.league.population import TABLES, TOLERANCE, Frozen, Payoffs
-from shuttle_marl.training.league.psro import respond
+from shuttle_marl.training.league.population import TABLES, TOLERANCE, Best, Frozen, LeagueState, Member, Payoffs, TurnResult
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
-from shuttle_marl.training.league.state import Best, LeagueState, Member, TurnResult
 from shuttle_marl.training.league.turns import NETWORK, Workers, prune_states, turn_file
-from shuttle_marl.training.run import game_of
+from shuttle_marl.training.run import AGENT, PACKAGES, game_of
 
-RESULTS: Final = "results.json"
 MAIN: Final = "main.safetensors"
-"""Table of the least exploitable main agent in the folder of a run."""
-AGENT: Final = "agent"
-"""Folder of its network at temperature 1; absent for mixtures."""
-_PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 _EVALUATION: Final = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
 _ENOUGH: Final = 0.5
 """A main exploiter succeeds if it reaches this fraction of the gain of the exact best response."""
@@ -78,9 +70,9 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
     game = resolve_game(config.game, config.profile)
     config = dataclasses.replace(config, meta_solver=config.meta_solver or ("nash" if game.recovery is None else "linear"))
     names = config.pool or tuple(name for name in POOL if name in registry.names(game)) or ("random",)
-    given = {name: tabulate(registry.resolve(name, game), game) for name in names}
+    given = dict(zip(names, registry.tabulated(names, game), strict=True))
     fixed, console = config.fixed(), console or Console(quiet=True)
-    with contextlib.nullcontext() if config.ray is None else open_cluster(config.ray, _PACKAGES) as cluster:
+    with contextlib.nullcontext() if config.ray is None else open_cluster(config.ray, PACKAGES) as cluster:
         if cluster is not None:
             config = dataclasses.replace(config, workers=min(cluster.slots, MOST_WORKERS))
         opened = runs.open_run(config.out, "league-training", fixed, resume=config.resume, overwrite=config.overwrite)
@@ -93,31 +85,31 @@ def _saved(folder: Path) -> str:
     return f"round {state.round} is saved" if state.population else "no round yet is saved"
 
 
+@dataclasses.dataclass(eq=False)
 class _League:
-    def __init__(
-        self,
-        config: LeagueTrainingConfig,
-        game: Game,
-        given: dict[str, TabulatedPolicy],
-        run: runs.Run,
-        console: Console,
-        begun: float,
-    ) -> None:
-        self.config, self.game, self.run, self.folder, self.console = config, game, run, run.folder, console
-        run.begin(_PACKAGES, same={"game": game_of(config.game, game)}, seed=config.seed)
-        self.tables, self.metrics = StoredPolicies(self.folder / TABLES, game), runs.Journal(self.folder / runs.METRICS)
+    config: LeagueTrainingConfig
+    game: Game
+    given: dict[str, TabulatedPolicy]
+    run: runs.Run
+    console: Console
+    begun: float
+    longest: float = 0.0
+    """Seconds of the longest round in this process."""
+
+    def __post_init__(self) -> None:
+        config, self.folder = self.config, self.run.folder
+        self.run.begin(PACKAGES, same={"game": game_of(config.game, self.game)}, seed=config.seed)
+        self.tables, self.metrics = StoredPolicies(self.folder / TABLES, self.game), runs.Journal(self.folder / runs.METRICS)
         self.state = LeagueState.load(self.folder)
         self.metrics.keep(self.state.metrics)
         if self.state.population:
             self._say(f"{self.folder}: continues after round {self.state.round}")
         else:
-            for name, policy in given.items():
+            for name, policy in self.given.items():
                 self._join(Frozen(name=name, role="given", round=0, hash=self.tables.save(policy)))
         self.payoffs = Payoffs(self.tables, self.state.cells)
         self.schedule = Schedule(config, self.state, self.payoffs)
-        self.begun = begun - self.state.seconds
-        self.longest = 0.0
-        """Seconds of the longest round in this process."""
+        self.begun -= self.state.seconds
 
     def go(self, cluster: Cluster | None) -> LeagueTraining:
         with Workers(self.config.workers, self.game, cluster) as workers:
@@ -151,7 +143,6 @@ class _League:
         return self._elapsed() + (self.longest if config.exact_oracle else state.overhead + MIN_SECONDS) > config.seconds
 
     def _oracle_round(self) -> None:
-        """One round of psro with exact best responses."""
         number = self.state.round + 1
         answer = self._measure_mixture(number)
         response = Frozen(name=f"oracle@{number}", role="best-response", round=number, hash=self.tables.save(answer.policy))
@@ -214,8 +205,9 @@ class _League:
         """Evaluate the meta-strategy of the population as the main agent; returns the best response to it."""
         strategy = self.schedule.meta_strategy()
         support = np.flatnonzero(strategy)
-        mixture, answer = respond([self.tables.read(self.state.population[i].hash) for i in support], strategy[support])
-        self._measure(f"mixture@{number}", [(mixture, answer, 1.0)])
+        mixed = mixture([self.tables.read(self.state.population[i].hash) for i in support], strategy[support])
+        answer = exact.best_response(mixed, tolerance=TOLERANCE)
+        self._measure(f"mixture@{number}", [(mixed, answer, 1.0)])
         return answer
 
     def _join(self, policy: Frozen, *, again: bool = False) -> bool:
@@ -305,6 +297,6 @@ class _League:
             save_agent(self.folder / AGENT, self.game, network.read_bytes(), card)
         if self.config.seconds is not None and (warning := missed(state.seconds, self.config.seconds)):
             self._say(f"{self.folder}: {warning}")
-        replace_file(self.folder / RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
+        replace_file(self.folder / runs.RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
         self.run.finish(seconds=state.seconds)
         return LeagueTraining(folder=self.folder, figures=figures, policy=policy)

@@ -1,28 +1,39 @@
-"""Schedule of a league: the turns of each round, with their opponents, durations and learning rates."""
+"""Schedule of a league: the turns of each round, with their opponents, durations and learning rates.
 
-from collections.abc import Sequence
+In policy space response oracles (PSRO, Lanctot et al., NeurIPS 2017) the opponents are a meta-strategy over the population. With
+the exact best response as oracle and a Nash equilibrium as meta-strategy, PSRO is the double oracle method (McMahan, Gordon &
+Blum, ICML 2003): iterated best responses, the baseline of a league. Where equilibria are deterministic, it ends in one. In the
+game with recovery they mix in the states, and a mixture of whole policies may be exploitable by one of them. There the
+meta-strategy is the linear average: the k-th best response counts k times, which is fictitious play in a zero-sum stochastic
+game (Leslie, Perkins & Xu, Journal of Economic Theory 2020) with the weights of Tammelin et al. (IJCAI 2015).
+"""
+
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I64, Floats
+from shuttle_marl.exact.meta_games import alpha_rank, nash
 from shuttle_marl.game import draws
-from shuttle_marl.training.league.config import LeagueTrainingConfig
-from shuttle_marl.training.league.population import Payoffs
-from shuttle_marl.training.league.psro import meta_strategy
-from shuttle_marl.training.league.state import LeagueState, Member, Turn
+from shuttle_marl.training.league.config import LeagueTrainingConfig, MetaSolver
+from shuttle_marl.training.league.population import LeagueState, Member, Payoffs, Turn
 
 MIN_SECONDS: Final = 0.5
-"""Minimum duration of a turn."""
 _DRAW_OPPONENTS: Final = 1 << 16
-"""Stream of random numbers that draws opponents."""
 FLOOR: Final = 0.02
 """Fraction of the weight that is distributed uniformly, so that every opponent is played."""
 _FIRST: Final = 3
-"""Factor by which the first round is planned shorter than the others."""
 _HARD: Final = 2.0
 """Exponent: an opponent that is beaten with probability p has the weight (1 - p)^2."""
+_MIN_PROBABILITY: Final = 1e-3
+"""Smaller probabilities are removed from a meta-strategy: their policies cost time and change little."""
+_SOLVERS: Final[dict[MetaSolver, Callable[[F64], F64]]] = {
+    "nash": lambda values: nash(values).row,
+    "linear": lambda values: np.arange(1.0, len(values) + 1),
+    "alpha-rank": alpha_rank,
+}
 
 
 def uniform(count: int) -> F64:
@@ -82,6 +93,17 @@ def order(fractions: Sequence[float], length: int = 200) -> I64:
         out[k] = int(owed.argmax())
         owed[out[k]] -= 1
     return out - 1
+
+
+def meta_strategy(solver: MetaSolver, values: npt.ArrayLike) -> F64:
+    """``[N]`` probabilities of the policies of a population.
+
+    Args:
+        values: ``[N, N]`` value of the row against the column, antisymmetric.
+    """
+    strategy = _SOLVERS[solver](np.asarray(values, dtype=np.float64))
+    strategy = np.where(strategy >= min(_MIN_PROBABILITY, float(strategy.max())), strategy, 0.0)
+    return np.asarray(strategy / strategy.sum())
 
 
 class Schedule:
@@ -183,7 +205,6 @@ class Schedule:
         return opponents, fractions * (1 + rest / fractions.sum())
 
     def _weights(self, name: str, number: int) -> F64:
-        """``[N]`` weights of the population as opponents of a learner."""
         config, population = self.config, self.state.population
         weights = np.zeros(len(population))
         if config.variant == "plain":
@@ -217,6 +238,5 @@ class Schedule:
 
 
 def _number(name: str) -> int:
-    """Number of a learner, for its random seed."""
     kind, _, number = name.rpartition("-")
     return {"": 0, "main-agent": 1, "main-exploiter": 2, "league-exploiter": 3}[kind] << 8 | (int(number) if kind else 0)

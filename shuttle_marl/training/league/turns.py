@@ -17,26 +17,26 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.numpy import save
+from safetensors.torch import load
 
 from shuttle_marl import exact
-from shuttle_marl.base.cluster import Cluster, Task, WorkerPool
-from shuttle_marl.base.files import FileReadError, read_json, replace_file
-from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
+from shuttle_marl.base.cluster import Cluster, WorkerPool
+from shuttle_marl.base.files import FileReadError, hash_in, read_hashed, read_json, read_sealed, replace_file, replace_with_card
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
+from shuttle_marl.base.runs import check_interrupt, interrupts_held
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy.computed import StoredPolicies, policy_file
 from shuttle_marl.policy.network import PolicyNetwork
-from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.recording import Player
-from shuttle_marl.training.checkpoints import read_state, write_state
 from shuttle_marl.training.config import CONFIGS, SELF, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
-from shuttle_marl.training.league.population import TABLES
+from shuttle_marl.training.league.population import TABLES, Turn, TurnResult
 from shuttle_marl.training.league.schedule import order
-from shuttle_marl.training.league.state import Turn, TurnResult
-from shuttle_marl.training.learner import SEEDS, Callback, Learner
+from shuttle_marl.training.learner import SEEDS, Callback, Learner, stored
 from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
 from shuttle_marl.training.rally_log import RunLog
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
@@ -44,16 +44,12 @@ from shuttle_marl.training.run import LEARNERS as ALGORITHMS
 T = TypeVar("T")
 
 RALLIES: Final = "rallies"
-"""Folder of the rally logs of turns in the folder of a run."""
 LEARNERS: Final = "learners"
-"""Folder of the states of learners in the folder of a run."""
 _ABOUT, _STATE, NETWORK = "json", "state.safetensors", "network.safetensors"
-"""Kinds of files of a learner after a round, see :func:`turn_file`."""
 _TOLERANCE: Final = 1e-4
 _PATIENCE: Final = 0.2
 """Longest time after which Ctrl-C is noticed while workers compute [s]."""
 _ATTEMPTS: Final = 3
-"""Number of times that workers may die in one round."""
 
 
 def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game | None = None) -> TurnResult:
@@ -163,7 +159,6 @@ class _Turn(Callback):
         return self._save(seconds)
 
     def _schedule(self, started: float) -> Iterator[float]:
-        """Fraction of the learner's schedule that remains in each iteration, until the turn is over."""
         turn, progress = self.turn, 0.0
         first, last = turn.remaining
         while progress < 1:
@@ -198,8 +193,8 @@ class _Turn(Callback):
         """
         path, about = (turn_file(self.folder, self.turn.member, self.turn.round - 1, kind) for kind in (_STATE, _ABOUT))
         try:
-            self.learner.load_state_dict(read_state(path, about)[1])
-        except (FileReadError, KeyError, ValueError, RuntimeError) as error:
+            self.learner.load_state_dict(load(read_hashed(path, hash_in(read_sealed(about), path.name))))
+        except (OSError, FileReadError, SafetensorError, KeyError, ValueError, RuntimeError) as error:
             raise LeagueTrainingError(f"{path}: cannot be used ({error}); train again with --overwrite") from error
 
     def _save(self, seconds: float) -> TurnResult:
@@ -211,7 +206,8 @@ class _Turn(Callback):
         name = self.tables.save(tabulated(policy, self.game))
         replace_file(network_path, save(weights_of(policy)))
         result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes, seconds=seconds, iterations=learner.iteration)
-        write_state(state_path, about_path, state, {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)})
+        about = {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)}
+        replace_with_card(about_path, about, {state_path.name: stored(state)})
         return result
 
 
@@ -279,7 +275,7 @@ class Workers:
 
     def _take_on(self, cluster: Cluster, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
         missing = [turn for turn in turns if completed(folder, turn) is None]
-        tasks: list[Task[dict[Path, bytes]]] = []
+        tasks: list[Callable[[], dict[Path, bytes]]] = []
         for turn in missing:
             read = [policy_file(Path(TABLES), name) for name in turn.opponents]
             if not turn.fresh:
@@ -287,7 +283,7 @@ class Workers:
             files = {path: (folder / path).read_bytes() for path in read}
             tasks.append(cluster.submit(take_remotely, config, turn, self._game, files))
         for task in tasks:
-            for path, content in task.result().items():
+            for path, content in task().items():
                 replace_file(folder / path, content)
         return [take_turn(folder, config, turn) for turn in turns]
 
@@ -306,7 +302,6 @@ class Workers:
 
 
 def _result(future: Future[T]) -> T:
-    """The result of a call, while Ctrl-C is held back."""
     while not wait([future], timeout=_PATIENCE).done:
         check_interrupt()
     return future.result()

@@ -9,16 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from shuttle_marl.court.staging import BONES, Motion, stage
+from shuttle_marl.court.staging import BONES, stage
 from tests.staging.played import self_play_rallies
+from tests.staging.reader import read
 
 FOLDER = Path(__file__).parent
 
 
 def main() -> None:
     rally = next(rally for rally in self_play_rallies("bc", 40, seed=11) if len(rally) == 4)
-    packed = stage(dataclasses.replace(rally, hands=("right", "left")), seed=5, athletes=("male", "female")).pack()
-    motion = Motion.unpack(packed)
+    motion = stage(dataclasses.replace(rally, hands=("right", "left")), seed=5, athletes=("male", "female"))
+    packed = motion.pack()
+    seen = read(packed)
     rows = sorted({0, len(motion.time) - 1, *motion.contact_frame.tolist(), *range(7, len(motion.time), 41)})
     found = {
         "fps": motion.fps,
@@ -32,10 +34,10 @@ def main() -> None:
         "at": [
             {
                 "frame": row,
-                "shuttle": np.round(motion.shuttle[row].astype(float), 5).tolist(),
-                "planted": motion.planted[row].tolist(),
-                "position": np.round(motion.position[row].astype(float), 5).tolist(),
-                "rotation": np.round(motion.rotation[row].astype(float), 6).tolist(),
+                "shuttle": np.round(seen.shuttle[row], 5).tolist(),
+                "planted": seen.planted[row].tolist(),
+                "position": np.round(seen.position[row], 5).tolist(),
+                "rotation": np.round(seen.rotation[row], 6).tolist(),
             }
             for row in rows
         ],

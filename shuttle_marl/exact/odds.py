@@ -1,0 +1,270 @@
+"""Exact odds of policies against each other, kept in the cache, and figures of policies in the refits of their game.
+
+A tournament of 17 solves 153 pairs, most of which the last tournament solved too. The key of a result is a hash of the game, both
+policies, the tolerance, and the source code of what computes it.
+
+A policy that was computed in a fitted game also exploits the errors of that fit. Refits are samples of the fits that the same
+data could have given, so results there show how much of an advantage is supported by the data. Refits share most of their matches
+with the game itself; unseen matches can differ more.
+"""
+
+import dataclasses
+import itertools
+import math
+import struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final, TypeVar
+
+import numpy as np
+from scipy.special import stdtrit
+
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.cache import Cache, key_of
+from shuttle_marl.base.cluster import in_threads
+from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
+from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.optimal import Solution, best_response, restricted_response, restricted_value
+from shuttle_marl.exact.profile import check_opponents, evaluate, evaluate_chains, induced, moved
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
+from shuttle_marl.game.tables import Game
+
+Pair = tuple[TabulatedPolicy, TabulatedPolicy]
+T = TypeVar("T")
+Values = float | F64
+GameT = TypeVar("GameT", bound=Game)
+
+_CACHE: Final = Cache("odds", 200_000)  # about 30 MB
+_NUMBERS: Final = struct.Struct("<3d")
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Crossplay:
+    """Odds of N policies against each other.
+
+    Attributes:
+        serving: ``[N, M]`` probability that the policy of the row wins a rally that it serves against the policy of the column.
+        receiving: ``[N, M]`` probability that the policy of the row wins a rally that the policy of the column serves.
+        error_bound: absolute error bound of all probabilities.
+    """
+
+    serving: F64
+    receiving: F64
+    error_bound: float
+
+    @property
+    def rally(self) -> F64:
+        """``[N, M]`` probability that the policy of the row wins a rally, both serving equally often."""
+        return (self.serving + self.receiving) / 2
+
+    def match(self, rules: Rules = BWF) -> F64:
+        """``[N, M]`` probability that the policy of the row wins a match, the first serve drawn at random."""
+        return match_win_probability(self.serving, self.receiving, rules=rules)
+
+
+def pair_odds(
+    pairs: Sequence[Pair], *, tolerance: float = TOLERANCE, progress: Callable[[], object] = lambda: None
+) -> list[Odds]:
+    """Odds of the first policy of each pair against the second; unknown pairs are solved on all cores.
+
+    Args:
+        pairs: each of one game, or of both tables of the game of a pair.
+        progress: called when a pair is solved.
+
+    Raises:
+        ExactError: play may never end.
+    """
+    # A pair and its reverse are one problem.
+    ordered = [(a, b) if (a.hash, a.game.hash) <= (b.hash, b.game.hash) else (b, a) for a, b in pairs]
+    keys = [key_of("pair", a.game.hash, b.game.hash, a.hash, b.hash, repr(tolerance)) for a, b in ordered]
+
+    def solve(missing: list[Pair]) -> Iterable[Odds]:
+        used = {id(policy): policy for pair in missing for policy in pair if policy.game.recovery is None}
+        chains = dict(zip(used, in_threads(induced, list(used.values())), strict=True))
+
+        def odds(pair: Pair) -> Odds:
+            if pair[0].game.recovery is not None:  # the tables depend on both
+                return evaluate(*pair, tolerance=tolerance).odds()
+            return evaluate_chains(*(chains[id(policy)] for policy in pair), tolerance=tolerance).odds()
+
+        for found in in_threads(odds, missing):
+            progress()
+            yield found
+
+    found = zip(pairs, ordered, _cached(keys, ordered, solve), strict=True)
+    return [odds if pair[0] is first else _swapped(odds) for pair, (first, _), odds in found]
+
+
+def _swapped(odds: Odds) -> Odds:
+    """The odds of the other player."""
+    return Odds(serving=1 - odds.receiving, receiving=1 - odds.serving, error_bound=odds.error_bound)
+
+
+def crossplay(
+    policies: Sequence[TabulatedPolicy],
+    opponents: Sequence[TabulatedPolicy] | None = None,
+    *,
+    tolerance: float = TOLERANCE,
+    progress: Callable[[], object] = lambda: None,
+) -> Crossplay:
+    """Exact odds of every pair of policies, including each against itself; see :func:`pair_odds`.
+
+    Args:
+        policies: N policies of games with the same layout.
+        opponents: M policies of the opponent, such as those of the other player of a pair; None: the same N.
+        progress: called when one of the ``N (N + 1) / 2`` or ``N M`` pairs is solved.
+
+    Raises:
+        ExactError: there is no policy, two games have different layouts, policies of a pair do not meet those of the other
+            player, or play may never end.
+    """
+    if not policies or (opponents is not None and not opponents):
+        raise ExactError("crossplay of no policies: give one or more")
+    everyone, n = [*policies, *(opponents or ())], len(policies)
+    if opponents is None:
+        pairs = list(itertools.combinations_with_replacement(range(n), 2))
+    else:
+        pairs = list(itertools.product(range(n), range(n, len(everyone))))
+    for i, j in pairs:
+        check_opponents(everyone[i].game, everyone[j].game)
+    found = pair_odds([(everyone[i], everyone[j]) for i, j in pairs], tolerance=tolerance, progress=progress)
+    serving, receiving = np.full((2, len(everyone), len(everyone)), np.nan)
+    for (i, j), odds in zip(pairs, found, strict=True):
+        serving[j, i] = 1 - odds.receiving
+        serving[i, j], receiving[i, j] = odds.serving, odds.receiving
+    if opponents is None:
+        receiving = 1 - serving.T
+    columns = slice(0 if opponents is None else n, None)
+    bound = max(odds.error_bound for odds in found)
+    return Crossplay(serving=serving[:n, columns], receiving=receiving[:n, columns], error_bound=bound)
+
+
+def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERANCE) -> list[Odds]:
+    """Odds of the best response to each policy against that policy.
+
+    Args:
+        policies: each of one game.
+
+    Raises:
+        ExactError: play may never end.
+    """
+
+    def solve(policy: TabulatedPolicy) -> Odds:
+        return best_response(policy, tolerance=tolerance).value.odds()
+
+    keys = [key_of("best response", p.game.opposite.hash, p.game.hash, p.hash, repr(tolerance)) for p in policies]
+    return _cached(keys, policies, lambda missing: in_threads(solve, missing))
+
+
+def restricted_odds(
+    pairs: Sequence[tuple[TabulatedPolicy | None, TabulatedPolicy]], p: float, *, tolerance: float = TOLERANCE
+) -> list[Odds]:
+    """Odds of the first policy of each pair against the second, restricted as for :func:`shuttle_marl.exact.restricted_response`.
+
+    Args:
+        pairs: each of one game; None: the restricted response.
+        p: probability with which the second policy is played at each stroke.
+
+    Raises:
+        ExactError: play may never end.
+    """
+
+    def solve(pair: tuple[TabulatedPolicy | None, TabulatedPolicy]) -> Odds:
+        player, opponent = pair
+        if player is None:
+            return restricted_response(opponent, p, tolerance=tolerance).value.odds()
+        return restricted_value(player, opponent, p, tolerance=tolerance).odds()
+
+    keys = [
+        key_of(f"restricted {p!r}", each.game.hash, "best" if player is None else player.hash, each.hash, repr(tolerance))
+        for player, each in pairs
+    ]
+    return _cached(keys, pairs, lambda missing: in_threads(solve, missing))
+
+
+def _cached(keys: Sequence[bytes], problems: Sequence[T], solve: Callable[[list[T]], Iterable[Odds]]) -> list[Odds]:
+    """Odds of problems by their keys: from the cache, or solved and stored there."""
+    by_key = dict(zip(keys, problems, strict=True))
+    found = {}
+    for key, content in _CACHE.read(by_key).items():
+        serving, receiving, bound = _NUMBERS.unpack(content)
+        found[key] = Odds(serving=serving, receiving=receiving, error_bound=bound)
+    missing = {key: problem for key, problem in by_key.items() if key not in found}
+    if missing:
+        solved = dict(zip(missing, solve(list(missing.values())), strict=True))
+        _CACHE.store({key: _NUMBERS.pack(*dataclasses.astuple(odds)) for key, odds in solved.items()})
+        found |= solved
+    return [found[key] for key in keys]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Spread:
+    """Distribution of a figure over refits.
+
+    Attributes:
+        value: mean.
+        low, high: 95 % prediction interval of the figure in one more refit (Student's t).
+    """
+
+    value: Values
+    low: Values
+    high: Values
+
+    def at(self, entry: int) -> "Spread":
+        """The spread of one entry, where the figure is an array."""
+        return Spread(**{name: float(np.asarray(getattr(self, name))[entry]) for name in ("value", "low", "high")})
+
+    def as_json(self) -> dict[str, float | list[float]]:
+        """The three numbers, or lists of numbers."""
+        return {name: np.asarray(getattr(self, name)).tolist() for name in ("value", "low", "high")}
+
+
+def spread(values: Sequence[Values]) -> Spread:
+    """The spread of a figure over two or more refits; of arrays, entry by entry."""
+    n = len(values)
+    samples = np.array(values, dtype=np.float64)
+    mean = samples.mean(axis=0)
+    width = float(stdtrit(n - 1, 0.975)) * samples.std(axis=0, ddof=1) * math.sqrt(1 + 1 / n)
+    return Spread(value=mean, low=mean - width, high=mean + width)
+
+
+def over(
+    games: Sequence[GameT], figures: Callable[[GameT], Mapping[str, Values]], *, at_once: int | None = None
+) -> dict[str, Spread]:
+    """The spread of each figure over games.
+
+    Args:
+        games: two refits or more.
+        figures: the figures of one game by name.
+
+    Raises:
+        ExactError: there are fewer than two games.
+    """
+    if len(games) < 2:
+        raise ExactError(f"an interval needs at least 2 refits of the game, found {len(games)}; skip it with --no-away")
+    found = list(in_threads(figures, games, at_once))
+    return {name: spread([each[name] for each in found]) for name in found[0]}
+
+
+def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:
+    """``rally_win`` and ``match_win`` of a policy against another in a refit."""
+    (odds,) = pair_odds([(moved(policy, refit), moved(opponent, refit))])
+    return {"rally_win": odds.rally, "match_win": odds.match()}
+
+
+def of_all_pairs(odds: Crossplay, rules: Rules = BWF) -> dict[str, Values]:
+    """Odds of N policies: ``[N, N]`` ``rally_win`` and ``match_win``, and ``[N]`` ``match_share``, against all others."""
+    match = odds.match(rules)
+    others = max(1, len(match) - 1)
+    return {"rally_win": odds.rally, "match_win": match, "match_share": (match.sum(axis=1) - match.diagonal()) / others}
+
+
+def of_solution(solution: Solution, refit: Game) -> dict[str, Values]:
+    """Perfect play of the game at home, in a refit.
+
+    ``server_win``: fraction of rallies that the server wins when both play it; ``exploitability``: gain of the best response in
+    the refit.
+    """
+    policy = moved(solution.policy[0], refit)
+    played = evaluate(policy, policy).odds()
+    return {"server_win": played.serving, "exploitability": best_response(policy).value.odds().value}

@@ -1,1 +1,0 @@
-"""Reports of tournaments and training runs as self-contained HTML files."""

@@ -1,0 +1,311 @@
+"""Reports as pages from templates, which hold the prose and the order, and the figures that only templates ask for."""
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from markupsafe import Markup
+
+from shuttle_marl.data.hands import area_inferred
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.game.court import AREAS, N_SIDES
+from shuttle_marl.game.recovery import ACROSS, DEPTHS
+from shuttle_marl.game.scoring import is_over, wins_game
+from shuttle_marl.game.shipped import RELIABLE, Estimate
+from shuttle_marl.game.stroke import SHOTS, Catalogue
+from shuttle_marl.reports import charts
+from shuttle_marl.reports.advice import LEAST_STEADY
+from shuttle_marl.reports.habits import (
+    Ending,
+    Habit,
+)
+from shuttle_marl.reports.html import Heading, Viewer, render
+from shuttle_marl.reports.match import MatchReport, ShotValue
+from shuttle_marl.reports.scouting import ScoutingReport
+from shuttle_marl.reports.summary import (
+    met,
+    rally_table,
+)
+from shuttle_marl.reports.value import LEAST_REFITS
+from shuttle_marl.reports.waits import LEAST_METRES, Wait
+from shuttle_marl.reports.words import between, metres, of_100, parts, ranged, signed, words
+
+if TYPE_CHECKING:
+    from shuttle_marl.reports.coach import Source
+
+DRILLS: Final = 3
+
+
+class Clips(NamedTuple):
+    """Staged rallies that a page plays, of :mod:`shuttle_marl.court.clips`.
+
+    Attributes:
+        content: the rallies, as JSON; empty: none.
+        viewer: program that plays them.
+        reason: why there is none.
+        shown: rallies of a match that it plays, by their index.
+        numbers: of the rallies of a match on the live court, from 0, by their index; empty: they cannot be shown there.
+    """
+
+    content: str = ""
+    viewer: Viewer | None = None
+    reason: str = ""
+    shown: Sequence[int] = ()
+    numbers: Mapping[int, int] = {}
+
+
+NO_CLIPS: Final = Clips()
+
+
+class Drill(NamedTuple):
+    """A stroke to train: shot type that is fed (None: the player serves), area where it is met, catalogue index of the stroke."""
+
+    shot: str | None
+    area: int
+    stroke: int
+
+
+def drills(catalogue: Catalogue, asked: Iterable[tuple[int, int, int]]) -> list[Drill]:
+    """The first strokes of different shot types, each asked for after a shot type (-1: a serve) to an area."""
+    first: dict[int, Drill] = {}
+    for shot, area, stroke in asked:
+        first.setdefault(int(catalogue.shot[stroke]), Drill(None if shot < 0 else SHOTS[shot], int(area), stroke))
+    return [*first.values()][:DRILLS]
+
+
+class Difference(NamedTuple):
+    """A difference of a player from others that the data support: where they wait, and its size and interval [m]."""
+
+    wait: Wait
+    kind: str
+    value: float
+    low: float
+    high: float
+
+
+def differences(found: Sequence[Wait], *, match: bool) -> list[Difference]:
+    """The largest first. ``match``: the players are each other's only opponents, so a difference is named for one of them."""
+    first = {wait.shot for wait in found if wait.player == 0}
+    named = [each for wait in found if not (match and wait.player and wait.shot in first) for each in _named(wait)]
+    return sorted(named, key=lambda each: -each.value)
+
+
+def _named(wait: Wait) -> Iterator[Difference]:
+    for place, kinds in ((wait.depth, ("closer", "farther")), (wait.side, ("backhand", "forehand"))):
+        if place.clear:
+            value, *interval = place.difference
+            yield Difference(wait, kinds[value > 0], abs(value), *sorted(map(abs, interval)))
+
+
+def shown_differences(wait: Wait) -> str:
+    """What the data support, as short texts with commas between them."""
+    say = words()
+    parts = [say(f"waits.shown_{each.kind}", metres=metres(each.value)) for each in _named(wait)]
+    return say.listed(parts) or say("waits.same")
+
+
+def distance(wait: Wait) -> str:
+    """The mean distance from the net with its interval, if it is known."""
+    value, low, high = map(metres, wait.depth.mean)
+    return value if np.isnan(wait.depth.mean.low) else words()("report.interval", value=value, low=low, high=high)
+
+
+def shares(wait: Wait, axis: int) -> str:
+    """Shares by depth (``axis`` 1) or by side (0)."""
+    return " / ".join(of_100(share) for share in np.reshape(wait.positions, (-1, N_SIDES)).sum(axis=axis).tolist())
+
+
+def page(template: str, clips: Clips, content: Mapping[str, Any]) -> bytes:
+    """The page of a report; ``template``: its file name; ``content``: figures that the template shows."""
+    say = words()
+    figures = (between, metres, of_100, parts, ranged, signed, differences, distance, shares, shown_differences)
+    return render(
+        __package__ or "",
+        template,
+        assets=("coach.css", "coach.js"),
+        viewer=clips.viewer,
+        rallies=Markup(clips.content.replace("<", "\\u003c")),
+        reason=clips.reason,
+        say=say,
+        language=say("language.tag"),
+        save_table=say("report.save_table"),
+        charts=charts,
+        heading=Heading,
+        AREAS=AREAS,
+        SHOTS=SHOTS,
+        constants={"RELIABLE": RELIABLE, "LEAST_METRES": LEAST_METRES, "DEPTHS": DEPTHS, "ACROSS": ACROSS},
+        **{function.__name__: function for function in figures},
+        **content,
+    )
+
+
+_RUN = 3
+"""Points in a row that are mentioned."""
+_LEAST_HEAT = 60
+"""Strokes in won and in lost rallies from which a map is drawn."""
+
+
+def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips = NO_CLIPS) -> bytes:
+    """The match report as the content of a file.
+
+    Args:
+        source: file of the match, for what its data lack; None: without that.
+        clips: its rallies.
+    """
+    match, named = report.match, report.players
+    if source is not None and isinstance(source.match, tuple) and match:
+        match = log_title(*source.match)  # in the language of the page
+    report = dataclasses.replace(report, players=(words().player(named[0]), words().player(named[1])))
+    catalogue = report.game.catalogue
+    shots, areas = ([*part.tolist(), -1] for part in (catalogue.shot, catalogue.area))  # the last one is of the serve
+    content: dict[str, Any] = {
+        "report": report,
+        "command": "" if source is None else source.command,
+        "video": None if source is None else source.video,
+        "met": None,
+        "gaps": (),
+        "examples": {rally: number for number, rally in enumerate(clips.shown)},
+        "numbers": clips.numbers,
+        "score": lambda winner=0: words().listed(f"{points[winner]}\N{EN DASH}{points[1 - winner]}" for points in report.score),
+        "event": words().event(match, named),
+        "number": lambda i: clips.numbers[i] + 1 if i in clips.numbers else "\N{EN DASH}" if clips.numbers else i + 1,
+        "reasons": lambda i: _reasons(report, i),
+        "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
+        "enough_refits": report.refits >= LEAST_REFITS,
+        "course": _course(report),
+        "values": sorted((each for each in report.values if each.clear), key=lambda each: -abs(each.points.value)),
+        "all_values": sorted(report.values, key=lambda each: (each.player, -each.points.value)),
+        "bars": lambda values: [_bar(report, each) for each in values],
+        "areas": areas,
+        "drills": [
+            drills(catalogue, ((shots[c.incoming], areas[c.incoming], c.better) for c in report.choices if c.player == player))
+            for player in (0, 1)
+        ],
+        "mean_length": float(np.mean([row.strokes for row in report.rallies])),
+        "maps": [heat for heat in report.heat if min(sum(heat.won), sum(heat.lost)) >= _LEAST_HEAT],
+        "share_of": lambda counts: np.array(counts) / np.sum(counts),
+    }
+    if source is not None and source.strokes is not None:
+        played = source.strokes.filter(pc.equal(source.strokes["match"], str(source.match)))
+        content |= {"met": met(rally_table(source.strokes), *source.people), "gaps": gaps(played)}
+    return page("match.html.j2", clips, content)
+
+
+def _course(report: MatchReport) -> dict[str, Any]:
+    """Who won (None: the match is open), probabilities of winning over the rallies, and where games end or are cut off."""
+    games = np.bincount([int(points[1] > points[0]) for points in report.score], minlength=2)
+    winner = int(games.argmax()) if is_over(games, report.rules) else None
+    ended = report.score if winner is not None else report.score[:-1]
+    rows = report.rallies
+    return {
+        "winner": winner,
+        "won": [sum(row.winner == player for row in rows) for player in (0, 1)],
+        "chance": [row.before for row in rows] + [rows[-1].after],
+        "ends": [i for i in range(1, len(rows)) if rows[i].key[0] != rows[i - 1].key[0]],
+        "played": sum(map(sum, report.score)),
+        "cut": [n for n, points in enumerate(ended, 1) if not wins_game(max(points), min(points), report.rules)],
+    }
+
+
+def _reasons(report: MatchReport, i: int) -> Iterator[str]:
+    rows, row = report.rallies, report.rallies[i]
+    assert row.winner is not None
+    rules, own, other = report.rules, row.points[row.winner], row.points[1 - row.winner]
+    if wins_game(other + 1, own, rules):
+        yield words()("match.moment_saved", player=report.players[row.winner])
+    if wins_game(own + 1, other, rules):
+        yield words()("match.moment_game", game=row.key[0])
+    run = next((n for n in range(i + 1) if rows[i - n].winner != row.winner or rows[i - n].key[0] != row.key[0]), i + 1)
+    if run >= _RUN:
+        yield words()("match.moment_run", player=report.players[row.winner], points=run)
+
+
+def _bar(report: MatchReport, each: ShotValue) -> charts.Bar:
+    named = f"{report.players[each.player][:24]}: {words().shots(each.shot)}"
+    return charts.Bar(named, *each.points, clear=each.clear, player=each.player)
+
+
+_DOUBTFUL = 0.5
+
+
+def log_title(pairing: int, match: int) -> str:
+    """Name of a match of a rally log."""
+    return words()("match.of_log", match=match, pairing=pairing)
+
+
+def gaps(strokes: pa.Table) -> tuple[str, ...]:
+    """Sentences on the values of annotated strokes that are unknown, inferred or doubtful."""
+    say, fault = words(), pc.equal(strokes["outcome"], Outcome.FAULT)
+    guessed = pa.array(area_inferred(strokes))
+    unknown = pc.sum(pc.and_(pc.is_null(strokes["area"]), pc.invert(fault))).as_py() or 0
+    doubtful = pc.sum(pc.and_(pc.less(strokes["confidence"], _DOUBTFUL), pc.invert(guessed))).as_py() or 0
+    inferred, right = pc.sum(guessed).as_py() or 0, pc.mean(strokes["confidence"].filter(guessed)).as_py()
+    counts = {"strokes": len(strokes), "inferred": inferred, "unknown": unknown, "right": of_100(right or 0.0)}
+    places = (say("scout.sure_places", **counts),) if inferred or unknown else ()
+    return (*places, say("scout.sure_doubtful", doubtful=doubtful)) if doubtful else places
+
+
+_SHOWN: int = 12
+_RARE = 0.02
+"""Least share, of the player or of others, of an answer that is listed."""
+_ENDS = ("fault", "winner")
+
+
+def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips = NO_CLIPS) -> bytes:
+    """The scouting report as the content of a file; ``gaps``: sentences on what the data lack; ``clips``: its rallies."""
+    say = words()
+    report, catalogue = report.renamed(say.player), None if report.pair is None else report.pair.catalogue
+    content = {
+        "report": report,
+        "known": [known for known in (report.player, report.opponent) if known is not None],
+        "gaps": gaps,
+        "enough_refits": report.refits >= LEAST_REFITS,
+        "least_steady": LEAST_STEADY,
+        "catalogue": catalogue,
+        "habit_bars": lambda habits: [
+            charts.Bar(say.habit(each), 100 * each.share, 100 * each.low, 100 * each.high, 100 * each.usual, player=1)
+            for each in habits[:_SHOWN]
+        ],
+        "answers": lambda kinds: _answers(report, kinds),
+        "ending_share": lambda share, digits=0: ranged(Estimate(*share[:3]), digits),
+        "clear_endings": list(_clear_endings(report.endings)),
+        "endings": sorted((each for each in report.endings if each.technique is None), key=lambda each: -each.strokes),
+        "ends": [
+            sorted((e for e in report.endings if e.technique is None), key=lambda e: getattr(e, end)[3] - getattr(e, end)[0])
+            for end in _ENDS
+        ],
+        "beside": _beside(report),
+        "drills": [] if catalogue is None else drills(catalogue, ((*a.situation[:2], a.stroke) for a in report.advice)),
+    }
+    return page("scout.html.j2", clips, content)
+
+
+def _listed(habit: Habit) -> bool:
+    return max(habit.share, habit.usual) >= _RARE
+
+
+def _answers(report: ScoutingReport, kinds: Sequence[str]) -> list[Habit]:
+    """All answers to some questions that are not very rare."""
+    asked = [habit for habit in report.habits if habit.kind in kinds and _listed(habit)]
+    return sorted(asked, key=lambda habit: (kinds.index(habit.kind), habit.about, -habit.share))
+
+
+def _clear_endings(endings: Sequence[Ending]) -> Iterator[tuple[Ending, str]]:
+    """Faults and winners that differ from those of others; what holds of a shot type is not repeated for its techniques."""
+    whole = {(each.shot, key) for each in endings if each.technique is None for key in np.flatnonzero(each.clear).tolist()}
+    for each in endings:
+        for key, end in enumerate(_ENDS):
+            if each.clear[key] and (each.technique is None or (each.shot, key) not in whole):
+                yield each, end
+
+
+def _beside(report: ScoutingReport) -> dict[str, Any] | None:
+    if report.beside is None:
+        return None
+    found = [habit for habit in report.beside[1] if habit.kind in ("shots", "serve", "return", "third")]
+    differ = sum(habit.clear for habit in found)
+    name = words().player(report.beside[0])
+    return {"name": name, "differ": differ, "tested": len(found), "habits": list(filter(_listed, found))}
