@@ -1,10 +1,11 @@
 """Pictures of the documentation and the data they are drawn from: ``python -m docs.tools.pictures [--only NAME ...] [--check]``.
 
 ``docs/images/sources.json`` holds the digest of the data of each picture. ``--check`` fails for a picture whose data have changed
-since it was drawn. Pictures of the court need the extras ``scene`` and ``video``, Chromium, and Foxglove Studio.
+since it was drawn. Pictures of the court need the extras ``scene`` and ``pdf``, Chromium, and Foxglove Studio.
 """
 
 import hashlib
+import io
 import json
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from docs.tools.markdown import IMAGES, ROOT, saved
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.court.server import browser_page, write_video
+from shuttle_marl.court.server import browser_page
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.shipped import read_model_card
@@ -166,16 +167,20 @@ def _reports() -> None:
 
 def _film() -> None:
     """A whole rally of two players of their own skill as an animated picture."""
-    import av  # noqa: PLC0415  extras
-    from PIL import Image  # noqa: PLC0415
+    from PIL import Image  # noqa: PLC0415  extras
 
     from benchmarks.court import serving  # noqa: PLC0415
 
-    with serving("--players", *_PLAYERS) as (address, _), tempfile.TemporaryDirectory() as folder:
-        film = Path(folder) / "rally.webm"
-        write_video(f"{address}{_PLAYED.partition('&stroke')[0]}", film, size=(640, 360), fps=_FPS)
-        with av.open(str(film)) as video:
-            first, *others = (Image.fromarray(frame.to_ndarray(format="rgb24")) for frame in video.decode(video=0))
+    with serving("--players", *_PLAYERS) as (address, _), browser_page((640, 360), reduced_motion="reduce") as page:
+        page.set_default_timeout(_LIMIT)
+        page.goto(f"{address}{_PLAYED.partition('&stroke')[0]}")
+        page.locator("body[data-ready]").wait_for()
+        page.evaluate("window.viewer.film()")
+        pictures = []
+        for frame in range(int(page.evaluate("window.viewer.state().duration") * _FPS) + 1):
+            page.evaluate("(time) => window.viewer.seek(time)", frame / _FPS)
+            pictures.append(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+        first, *others = pictures
         duration = 1000 // _FPS
         first.save(IMAGES / "film.webp", save_all=True, append_images=others, duration=duration, loop=0, quality=55, method=4)
 
@@ -222,8 +227,6 @@ def _show(page: "Page", mode: str) -> None:
         page.get_by_role("tab", name="Analyse").click()
         _until(page, "s.mode === 'analyse' && s.analysis")
         page.keyboard.press("3")
-        page.locator(".openings summary").click()
-        page.locator(".openings tbody button").first.wait_for()
         page.evaluate("scrollTo(0, 0)")
     page.wait_for_timeout(1000)
 

@@ -13,10 +13,10 @@ import lazy_loader
 
 _EXTRAS: Final = {
     "frames": ("pandas", "polars"),
+    "pdf": ("playwright",),
     "render": ("pygame",),
     "scene": ("foxglove", "mcap_protobuf"),
     "train": ("lightgbm", "tensordict", "torch", "torchrl"),
-    "video": ("av", "playwright"),
 }
 """Optional libraries by extra of the package."""
 _APART: Final = ("ray",)

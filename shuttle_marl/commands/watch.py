@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import functools
-import socket
 import threading
 import webbrowser
 from pathlib import Path
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from shuttle_marl.court.answers import Answers
     from shuttle_marl.court.plan import Plan
     from shuttle_marl.court.recorded import Recorded
-    from shuttle_marl.court.server import Downloads, Server
+    from shuttle_marl.court.server import Downloads
     from shuttle_marl.court.tagging import TagFile
 
 
@@ -122,12 +121,10 @@ class OutputOptions:
 
     Attributes:
         record: folder for the logs of rallies that you play.
-        video: render the rally to this file (.mp4 or .webm) without a screen, and exit.
         save_site: write the match, or the recorded rallies, as static files to this folder, for any web server, and exit.
     """
 
     record: Path = Path("runs/watch")
-    video: Path | None = None
     save_site: Path | None = None
 
 
@@ -173,14 +170,9 @@ def watch(
     """
     from shuttle_marl.court.answers import Answers, first_key, shipped_rally  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.court.match import MatchLog, PolicyTables  # noqa: PLC0415
-    from shuttle_marl.court.server import Server, application, bind, check_video, hosts_of  # noqa: PLC0415
+    from shuttle_marl.court.server import Server, application, bind, hosts_of  # noqa: PLC0415
 
-    console, video = cli.console(stderr=True), output.video
-    if video is not None and output.save_site is not None:
-        raise WatchError("--video and --save-site: give one of them")
-    if video is not None:
-        check_video(video)
-    tags = tagging.open()
+    console, tags = cli.console(stderr=True), tagging.open()
     game = _game(match, rallies, model)
     plan, policies = match.plan(game), PolicyTables(game, match.policies(game))
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
@@ -219,17 +211,13 @@ def watch(
             hosts=hosts_of(server.host),
             proxies=tuple(map(str.lower, server.allowed_hosts)),
         )
-        running = Server(app)
-        if video is not None:
-            _film(running, listener, f"{address}?quality=full#rally={first + 1}", video)
-            return
         console.print(f"{address} shows the {'match' if tags is None else 'video'}; press Ctrl-C to stop", soft_wrap=True)
         if tags is None:
             threading.Thread(target=answers.warm, daemon=True).start()
         if server.browser:
             webbrowser.open(address)
         with contextlib.suppress(KeyboardInterrupt):
-            running.run(sockets=[listener])
+            Server(app).run(sockets=[listener])
 
 
 def _game(match: MatchOptions, rallies: RallyOptions, model: RallyGameOptions) -> Game:
@@ -316,22 +304,6 @@ def _save_site(folder: Path, page: Path, answers: "Answers", language: Language)
         )
     rest = f"; {left:,} more did not fit" if left else ""
     cli.say(f"{folder}: {count:,} rallies, {size / 1e6:.1f} MB{rest}")
-
-
-def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:
-    from rich.progress import track  # noqa: PLC0415
-
-    from shuttle_marl.court.server import write_video  # noqa: PLC0415
-
-    console = cli.console(stderr=True)
-    running = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
-    running.start()
-    try:
-        frames = write_video(address, path, lambda numbers: track(numbers, "filming", console=console, transient=True))
-    finally:
-        server.should_exit = True
-        running.join()
-    cli.say(f"{path}: {frames} frames, {path.stat().st_size / 1e6:.1f} MB")
 
 
 COMMANDS: Final = watch

@@ -16,7 +16,6 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
-from scipy.special import logsumexp
 
 from shuttle_marl import __version__
 from shuttle_marl.base.errors import ShuttleError
@@ -25,17 +24,16 @@ from shuttle_marl.court import WatchError, messages, staging
 from shuttle_marl.court.friends import Friends
 from shuttle_marl.court.match import CourtRally, Match, MatchLog, OnceCache, PolicyTables, play_rally
 from shuttle_marl.court.messages import RallyReply
-from shuttle_marl.court.plan import LADDER, Plan, Side
+from shuttle_marl.court.plan import LADDER, Plan
 from shuttle_marl.court.recorded import LogRallies, RealRallies, Recorded
 from shuttle_marl.court.tagging import TagFile, suggestions
-from shuttle_marl.court.values import ELITE, StrokeValues, hall_facts, rally_facts, rounded
+from shuttle_marl.court.values import ELITE, StrokeValues, hall_facts, rally_facts
 from shuttle_marl.game.court import Hands
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people, looks_of
-from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy import baselines, registry
+from shuttle_marl.policy import registry
 from shuttle_marl.reports.rally import Players, decision, match_win_after
 from shuttle_marl.reports.rating import MARKS, Rating
 
@@ -67,10 +65,7 @@ def shipped_rally(key: str) -> FirstRally | None:
     return found if found.key == key else None
 
 
-_PATIENCE: Final = 10.0
-"""Maximum time that a new server waits for its first page before it compiles [s]."""
-_LEAST: Final = 1e-4
-"""Least probability of a stroke that a person chose, under an imitated player."""
+_PATIENCE: Final = 10.0  # maximum time that a new server waits for its first page before it compiles [s]
 _TOLD, _MOMENTS = 5e-4, 5
 """Least cost of a stroke, in the probability of winning the match, that pages show, and number of costliest strokes."""
 
@@ -132,10 +127,8 @@ class Answers:
             messages.OptionsRequest: self._options,
             messages.StylesRequest: self._styles,
             messages.MatchRequest: self.match,
-            messages.LikenessRequest: self._likeness,
             messages.RatingRequest: self._rating,
             messages.FriendRequest: self._friends.answer,
-            messages.OpeningRequest: lambda asked: self.opening(asked.line),
             messages.TagRequest: self._tag,
             messages.SuggestRequest: self._suggest,
         }
@@ -152,19 +145,15 @@ class Answers:
         """Number of rallies of a match between policies."""
         return sum(1 for _ in self._rallies_of(messages.MatchRequest(id=0, plan=plan, rally=0)))
 
-    def opening(self, line: tuple[int, ...]) -> messages.OpeningReply:
-        """Strokes that follow the first strokes of a rally between two average pros, or the two people of a pair."""
-        return self._values.opening(line, self._values.imitated())
-
     def warm(self) -> None:
-        """Compute the first rally, the walk to the next one, and its analysis, so that no page waits for them.
+        """Compute the first rally and its analysis, so that no page waits for them.
 
         A page that shows the shipped rally comes first: compiling would delay its picture.
         """
         if self._shipped is not None:
             self._shown.wait(_PATIENCE)
         about = messages.RallyRequest(id=0, plan=None if self._recorded else self._plan, rally=self._first_shown)
-        for request in (about, replace(about, walk=True), messages.AnalysisRequest(id=0, plan=about.plan, rally=about.rally)):
+        for request in (about, messages.AnalysisRequest(id=0, plan=about.plan, rally=about.rally)):
             with contextlib.suppress(ShuttleError):  # the page that asks receives the error
                 self(request)
 
@@ -202,13 +191,7 @@ class Answers:
             self._log.add(request.plan, rally)
         # A page that has the motion up to the branch needs only the frames after it.
         first = begun if request.have else 0
-        packed: bytes
-        if request.walk:
-            next_request = replace(request, rally=request.rally + 1, tried={})
-            following, _ = self._motion(next_request, self._played(next_request))
-            packed = self._packed.get((motion, following), lambda: staging.with_walk(motion, following).pack(len(motion.time)))
-        else:
-            packed = self._packed.get((motion, first), lambda: motion.pack(first))
+        packed: bytes = self._packed.get((motion, first), lambda: motion.pack(first))
         return messages.RallyReply(rally_facts(self._values_of(request).game, rally, motion)), packed
 
     def _analysis(self, query: messages.Query) -> messages.Analysis:
@@ -288,36 +271,6 @@ class Answers:
             if rally.score.after(rally.winner).over or (ends and number >= query.rally):
                 return
             before, number = rally, number + 1
-
-    def _likeness(self, query: messages.LikenessRequest) -> messages.Likeness:
-        if query.person is None:
-            raise WatchError("likeness is that of a person; take over a side first")
-        seat = query.person.seat
-        found: dict[PolicyTables, tuple[list[int], list[int]]] = {}
-        for number in range(query.person.rally, query.rally + 1):
-            one = replace(query, rally=number)
-            rally, policies = self._played(one), self._values_of(one).policies
-            mine = [i for i in rally.chosen if rally.striker[i] == seat]
-            states, strokes = found.setdefault(policies, ([], []))
-            states += rally.states(policies.game)[mine].tolist()
-            strokes += rally.stroke[mine].tolist()
-        players = [
-            n
-            for n in registry.names(self._game.seats[seat])
-            if n.partition(":")[0] == ELITE.policy and n != baselines.REMEMBERING
-        ]
-        log_likelihood = np.zeros(len(players))
-        for policies, (states, strokes) in found.items():
-            if not strokes:
-                continue
-            asked = States(game=policies.game.seats[seat], state=np.array(states, np.int32))
-            for i, name in enumerate(players):
-                p = checked_probabilities(policies.policy(Side(policy=name), seat), asked)
-                log_likelihood[i] += np.log(np.maximum(p[np.arange(len(strokes)), strokes], _LEAST)).sum()
-        posterior = np.exp(log_likelihood - logsumexp(log_likelihood))
-        order = np.argsort(-posterior, kind="stable").tolist()
-        count = sum(len(strokes) for _, strokes in found.values())
-        return messages.Likeness([players[i] for i in order], [rounded(posterior[i]) for i in order], count)
 
     @staticmethod
     def _rating(asked: messages.RatingRequest) -> messages.RatingReply:

@@ -22,17 +22,12 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-SOURCE: Final = Path(__file__).parent / "page"
-"""Folder of the source."""
-_LANGUAGES: Final = Path(__file__).parents[1] / "reports" / "languages"
-"""Folder of the texts, which the source imports."""
-BUILT: Final = Path(__file__).parent / "built"
-"""Folder of the built page."""
-FILES: Final = ("index.html", "watch.js", "watch.css")
-"""Files of the built page."""
+SOURCE: Final = Path(__file__).parent / "page"  # folder of the source
+_LANGUAGES: Final = Path(__file__).parents[1] / "reports" / "languages"  # folder of the texts, which the source imports
+BUILT: Final = Path(__file__).parent / "built"  # folder of the built page
+FILES: Final = ("index.html", "watch.js", "watch.css")  # files of the built page
 _STAMP: Final = "source.sha256"
-_LIMIT: Final = 300
-"""Time limit of a command [s]."""
+_LIMIT: Final = 300  # time limit of a command [s]
 
 
 class BuildError(Exception):

@@ -29,10 +29,8 @@ from shuttle_marl.reports.match import MatchReport
 from shuttle_marl.reports.pages import Clips
 from shuttle_marl.reports.scouting import ScoutingReport
 
-_FPS: Final = 25
-"""Frames per second; the page interpolates, and motions are half as large."""
-_MOST_BYTES: Final = 1_100_000
-"""Largest total size of the motions; later examples are left out."""
+_FPS: Final = 25  # frames per second; the page interpolates, and motions are half as large
+_MOST_BYTES: Final = 1_100_000  # largest total size of the motions; later examples are left out
 _ATTEMPTS: Final = 3000
 _LETTERS: Final = [chr(code) for code in range(33, 127) if chr(code) not in '"\\<']
 

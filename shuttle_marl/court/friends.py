@@ -19,14 +19,10 @@ from shuttle_marl.court.messages import FriendReply, FriendRequest, Query
 from shuttle_marl.court.plan import DUEL, Person, Plan, Side
 from shuttle_marl.game.rally import stepper_of
 
-MAX_GAMES: Final = 64
-"""Maximum number of games of a server."""
-FORGOTTEN: Final = 3600.0
-"""Time without a request after which a game makes room for a new one [s]."""
-AWAY: Final = 8.0
-"""Time without a request after which a person is away [s]; pages ask about once a second."""
-_NOBODY: Final = Side(policy="bc")
-"""Stands for a person in the plan: the values of strokes are those of average pros."""
+MAX_GAMES: Final = 64  # maximum number of games of a server
+FORGOTTEN: Final = 3600.0  # time without a request after which a game makes room for a new one [s]
+AWAY: Final = 8.0  # time without a request after which a person is away [s]; pages ask about once a second
+_NOBODY: Final = Side(policy="bc")  # stands for a person in the plan: the values of strokes are those of average pros
 
 
 @dataclasses.dataclass

@@ -10,7 +10,7 @@ import itertools
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -113,8 +113,7 @@ class PolicyTables:
         return self._visits.get(sides, lambda: visits(self.table(sides[0], 0), self.table(sides[1], 1)))
 
 
-PERSON, FRIEND = "you", "friend"
-"""Names of a person, and of another person at the other seat."""
+PERSON, FRIEND = "you", "friend"  # names of a person, and of another person at the other seat
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -277,32 +276,13 @@ def play_rally(
     )
 
 
-def seed_of_line(game: Game, line: Sequence[int]) -> int | None:
-    """The first of 4,096 seeds in whose first rally, served by seat 0, all strokes of a line are legal and returned."""
-    stepper = stepper_of(game)
-    for seed in range(4096):
-        if int(first_server(draw(stream(seed, 0, 0), 0))[0]):
-            continue
-        key, state = stream(seed, 0, 0), ROOT
-        for i, stroke in enumerate(line):
-            if not stepper.is_legal(state, stroke):
-                break
-            played, state = stepper.step(state, i % 2, stroke, int(outcome_draw(draw(key, i))[0]))
-            if played.outcome < RETURNED_BELOW:
-                break
-        else:
-            return seed
-    return None
-
-
 def _side_name(side: Side) -> str:
     if side.temperature == 1:
         return printable(side.policy)
     return f"{printable(side.policy)}@{'greedy' if side.temperature == 0 else format(side.temperature, 'g')}"
 
 
-_MOST_OPEN: Final = 8
-"""Maximum number of open logs: pages in several tabs play matches in turn."""
+_MOST_OPEN: Final = 8  # maximum number of open logs: pages in several tabs play matches in turn
 
 
 class MatchLog:

@@ -21,8 +21,7 @@ from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 Point = tuple[float, float, float]
-Box = tuple[float, float, float, float]
-"""A rectangle on the floor: x0, x1, y0, y1 [m]."""
+Box = tuple[float, float, float, float]  # A rectangle on the floor: x0, x1, y0, y1 [m]
 Pair = tuple[int, int]
 
 
@@ -32,8 +31,7 @@ class Request(Struct, forbid_unknown_fields=True, tag_field="op", frozen=True):
     id: int
 
 
-_END: Final = r"(?![\s\S])"
-"""The end of a text, to Python and JavaScript; ``$`` is also before a last line feed to Python."""
+_END: Final = r"(?![\s\S])"  # the end of a text, to Python and JavaScript; ``$`` is also before a last line feed to Python
 Secret = Annotated[str, Meta(pattern=f"^[A-Za-z0-9_-]{{1,64}}{_END}")]
 
 
@@ -66,7 +64,6 @@ class RallyRequest(Query, kw_only=True, tag="rally", frozen=True):
     """Strokes and motion of a rally."""
 
     have: bool = False  # the page has the motion up to the branch; the reply holds the frames after it
-    walk: bool = False  # the reply holds the walk to the next rally instead, the frames after those of the rally
 
 
 class AnalysisRequest(Query, kw_only=True, tag="analysis", frozen=True):
@@ -87,10 +84,6 @@ class MatchRequest(Query, kw_only=True, tag="match", frozen=True):
     partial: bool = False  # it ends with that rally; matches of a person always do
 
 
-class LikenessRequest(Query, kw_only=True, tag="likeness", frozen=True):
-    """Players whose choices are like those of a person, up to a rally."""
-
-
 class RatingRequest(Request, kw_only=True, tag="rating", frozen=True):
     """The rating of a person after a match."""
 
@@ -108,12 +101,6 @@ class FriendRequest(Request, kw_only=True, tag="friend", frozen=True):
     rally: RallyNumber = 0
     stroke: StrokeNumber = 0
     choice: CatalogueIndex | None = None  # for this stroke: a stroke, or as the receiver a position; None: none
-
-
-class OpeningRequest(Request, tag="opening", frozen=True):
-    """Strokes that follow the first strokes of a rally."""
-
-    line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()  # catalogue indices of the first ones
 
 
 _HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
@@ -394,19 +381,14 @@ class RallyReply(Struct):
     rally: RallyFacts
 
 
-class ValuedStroke(StrokeFacts, kw_only=True):
-    """A stroke with its values: ``win`` if both players continue with their policies, ``best`` if both play strongly."""
+class Option(StrokeFacts, kw_only=True):
+    """A stroke of a decision: ``win`` if both players continue with their policies, ``best`` if both play strongly."""
 
     p_succ: float
     p_ret: float
     support: float | None
     win: float
     best: float
-
-
-class Option(ValuedStroke, kw_only=True):
-    """A stroke of a decision."""
-
     probability: float
 
 
@@ -518,21 +500,13 @@ class Moment(Struct):
 
 
 class MatchReply(Struct):
-    """Reply to :class:`MatchRequest`; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides."""
+    """Reply to :class:`MatchRequest`; ``marks``: numbers of ``!!``, ``!``, ``?!``, ``?`` and ``??`` of both sides."""
 
     rallies: list[MatchRally]
     win_after: float | None
     moments: list[Moment]
     accuracy: tuple[float | None, float | None]
     marks: tuple[list[int], list[int]]
-
-
-class Likeness(Struct):
-    """Reply to :class:`LikenessRequest`: imitated players and the average pro, the likeliest first."""
-
-    names: list[str]
-    probability: list[float]  # that each made the choices, if all are equally likely before and one of them did
-    strokes: int  # number of strokes that the person chose
 
 
 class RatingReply(Struct):
@@ -556,26 +530,6 @@ class FriendReply(Struct, kw_only=True):
     strokes: int = 0  # so far
     chosen: bool = False  # this person has chosen for the next stroke
     plan: Plan | None = None  # of the match that is over
-
-
-class OpeningStroke(ValuedStroke, kw_only=True):
-    """A stroke after the first ones of a rally between two average pros."""
-
-    available: float  # probability that it is legal
-    share: float  # probability that the average pro chooses it
-
-
-class OpeningReply(Struct):
-    """Reply to :class:`OpeningRequest`."""
-
-    strokes: list[OpeningStroke]  # the most frequent first
-    seed: int | None  # of a match whose first rally, served by seat 0, returns all strokes of the line; None: none was found
-
-
-class Openings(Struct):
-    """Replies to :class:`OpeningRequest` in a site, by the line: its catalogue indices with hyphens between them."""
-
-    lines: dict[str, OpeningReply]
 
 
 class Saved(Struct):
@@ -607,10 +561,8 @@ REPLIES: Final[Mapping[type[Request], type[Struct]]] = {
     OptionsRequest: OptionsReply,
     StylesRequest: Styles,
     MatchRequest: MatchReply,
-    LikenessRequest: Likeness,
     RatingRequest: RatingReply,
     FriendRequest: FriendReply,
-    OpeningRequest: OpeningReply,
     TagRequest: Saved,
     SuggestRequest: Suggestions,
 }

@@ -5,10 +5,7 @@ refused, the size and rate of messages are limited, and a client that does not r
 """
 
 import asyncio
-import base64
 import contextlib
-import importlib.util
-import io
 import ipaddress
 import logging
 import mimetypes
@@ -16,10 +13,10 @@ import os
 import shutil
 import socket
 import urllib.parse
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from ctypes.util import find_library
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 import uvicorn
@@ -33,8 +30,6 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from shuttle_marl.base.errors import ShuttleError, printable
-from shuttle_marl.base.extras import install_hint
-from shuttle_marl.base.files import replacing
 from shuttle_marl.court import WatchError, messages
 from shuttle_marl.court.staging import model_file
 from shuttle_marl.court.staging.skeleton import ATHLETES
@@ -44,20 +39,15 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 HOST: Final = "127.0.0.1"
-MAX_MESSAGE: Final = 1 << 18
-"""Maximum size of a message from a page [bytes]: the plan of a match holds all strokes of the person."""
+MAX_MESSAGE: Final = 1 << 18  # maximum size of a message from a page [bytes]: the plan of a match holds all strokes of the person
 MAX_CONNECTIONS: Final = 200
-_RATE, _BURST = 40.0, 120.0
-"""Requests per second of a connection: sustained rate, and burst."""
-_CONCURRENT: Final = 16
-"""Maximum number of concurrent requests of a connection."""
+_RATE, _BURST = 40.0, 120.0  # requests per second of a connection: sustained rate, and burst
+_CONCURRENT: Final = 16  # maximum number of concurrent requests of a connection
 _THREADS: Final = 4
 _FAST: Final = (messages.HelloRequest, messages.RallyRequest, messages.TagRequest, messages.FriendRequest)
 """Requests that never wait for the game to be solved; the others have separate threads."""
-_REQUEST, _STALLED = 10.0, 30.0
-"""Times for the head of a request, and for a page to read a reply [s]."""
-_SHUTDOWN: Final = 1
-"""Time for connections to close when the server stops [s]."""
+_REQUEST, _STALLED = 10.0, 30.0  # times for the head of a request, and for a page to read a reply [s]
+_SHUTDOWN: Final = 1  # time for connections to close when the server stops [s]
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 CONTENT_POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -347,8 +337,6 @@ def hosts_of(host: str) -> tuple[str, ...]:
     return (*_LOOPBACK, host.lower(), socket.gethostname().lower(), *(("*",) if host in ("0.0.0.0", "::") else ()))
 
 
-Progress = Callable[[Iterable[int]], Iterable[int]]
-
 _SIZE: Final = (1280, 720)
 _BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
 _FLAGS: Final = (
@@ -360,72 +348,6 @@ _FLAGS: Final = (
     "--ignore-gpu-blocklist",
     "--use-gl=angle",
 )
-_WAIT: Final = 120_000
-"""Time limit of each operation of the page [ms]."""
-_FAILED: Final = ".notice:not(.hidden):not(.good), p[role=alert]"
-"""Selector of error messages on the page."""
-_PICTURE: Final = {"format": "jpeg", "quality": 95, "optimizeForSpeed": True}
-_FORMATS: Final = {".mp4": "libx264", ".webm": "libvpx-vp9"}
-
-
-def check_video(path: Path) -> None:
-    """Check the format and the required programs of a video.
-
-    Raises:
-        WatchError: an unknown suffix, or a library or the browser is missing.
-    """
-    if path.suffix not in _FORMATS:
-        raise WatchError(f"--video {path}: expected a name that ends in {' or '.join(_FORMATS)}")
-    missing = [library for library in ("av", "playwright") if importlib.util.find_spec(library) is None]
-    if missing:
-        raise WatchError(f"--video needs {' and '.join(missing)}: {install_hint('video')}")
-    browser_program()
-
-
-def write_video(address: str, path: Path, progress: Progress = iter, *, size: tuple[int, int] = _SIZE, fps: int = 25) -> int:
-    """Render the rally of a page to a video, written atomically; returns the number of frames.
-
-    Args:
-        address: URL of the page, with the rally in its fragment.
-        size: width and height [pixels], both even.
-
-    Raises:
-        WatchError: no browser is installed, or the page cannot show the rally.
-    """
-    from playwright.sync_api import Error  # noqa: PLC0415  an extra
-
-    try:
-        with browser_page(size, reduced_motion="reduce") as page:
-            page.set_default_timeout(_WAIT)
-            page.goto(address)
-            page.locator(f"body[data-ready], {_FAILED}").first.wait_for()
-            failed = page.locator(_FAILED)  # the page says so, then shows its first rally instead
-            if failed.count():
-                raise WatchError(f"the page cannot show the rally: {failed.first.inner_text()}")
-            page.evaluate("window.viewer.film()")
-            frames = int(page.evaluate("window.viewer.state().duration") * fps + 1e-6) + 1
-            with replacing(path) as file:
-                _encode(page, progress(range(frames)), file, path.suffix, size, fps)
-            return frames
-    except Error as error:
-        raise WatchError(f"the page cannot be filmed: {error.message.splitlines()[0]}") from error
-
-
-def _encode(page: "Page", frames: Iterable[int], file: BinaryIO, suffix: str, size: tuple[int, int], fps: int) -> None:
-    import av  # noqa: PLC0415  an extra
-
-    with av.open(file, "w", format=suffix[1:]) as container:
-        stream: Any = container.add_stream(_FORMATS[suffix], rate=fps)
-        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
-        stream.options = {"crf": "20"}
-        pictures = page.context.new_cdp_session(page)
-        for frame in frames:
-            page.evaluate("(time) => window.viewer.seek(time)", frame / fps)
-            picture = base64.b64decode(pictures.send("Page.captureScreenshot", _PICTURE)["data"])
-            with av.open(io.BytesIO(picture), "r") as read:
-                for image in read.decode(video=0):
-                    container.mux(stream.encode(av.VideoFrame.from_ndarray(image.to_ndarray(format="rgb24"), format="rgb24")))
-        container.mux(stream.encode())
 
 
 def browser_program() -> str:

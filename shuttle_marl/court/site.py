@@ -15,15 +15,11 @@ from shuttle_marl.court.server import CONTENT_POLICY, in_language
 from shuttle_marl.court.staging import model_file
 from shuttle_marl.reports.languages import Language
 
-MAX_SITE: Final = 8_000_000
-"""Default of the maximum size of a site [bytes]."""
+MAX_SITE: Final = 8_000_000  # default of the maximum size of a site [bytes]
 _MARK: Final = b'<meta name="site" content="static">'
 """Element by which the page knows that no server answers, in the first file that is written."""
 _REPLIES: Final = "replies"
-_ROOM: Final = 600_000
-"""Space for the overviews of matches, the styles and the openings [bytes]."""
-_USUAL: Final = 0.01
-"""Least share of strokes of openings that a site holds."""
+_ROOM: Final = 600_000  # space for the overviews of matches and the styles [bytes]
 
 
 def save_site(
@@ -73,7 +69,6 @@ def save_site(
         whole = hello.recorded.count
         known = replace(hello.recorded, count=count, first=min(hello.recorded.first, count - 1))
         hello = replace(hello, recorded=known)
-    rallies["openings"] = gzip.compress(messages.encode_reply(0, _openings(answers)), mtime=0)
     rallies["hello"] = gzip.compress(messages.encode_reply(0, hello), mtime=0)
     content = {**fixed, **{f"{_REPLIES}/{name}.bin": reply for name, reply in rallies.items()}}
     for name, data in content.items():
@@ -100,36 +95,18 @@ def _packed(answers: Answers, request: messages.Request) -> bytes:
 
 
 def _rallies(answers: Answers, hello: messages.Hello) -> Iterator[tuple[dict[str, bytes], list[str]]]:
-    """Replies about each rally in turn, with the walk that leads to it, and its athletes; a match ends with its last rally."""
+    """Replies about each rally in turn, and its athletes; a match ends with its last rally."""
     plan, number = None if hello.recorded else hello.plan, 0
-    before: tuple[object, ...] | None = None  # ends and players from which a walk leads to the next rally
     while hello.recorded is None or number < hello.recorded.count:
         request = messages.RallyRequest(id=0, plan=plan, rally=number)
         facts = answers.rally(request)[0].rally
         replies = {f"rally-{number}": _packed(answers, request)}
-        here = facts.ends_changed, facts.players
-        if before == here:
-            replies[f"walk-{number - 1}"] = _packed(answers, replace(request, rally=number - 1, walk=True))
-        over = facts.after is not None and facts.after.over
-        before = here if facts.winner is not None and not over else None
         if facts.strokes:
             replies[f"analysis-{number}"] = _packed(answers, messages.AnalysisRequest(id=0, plan=plan, rally=number))
         yield replies, [player.athlete for player in facts.players]
-        if hello.recorded is None and over:
+        if hello.recorded is None and facts.after is not None and facts.after.over:
             return
         number += 1
-
-
-def _openings(answers: Answers) -> messages.Openings:
-    lines: dict[str, messages.OpeningReply] = {}
-    waiting: list[tuple[int, ...]] = [()]
-    for line in waiting:  # grows
-        found = answers.opening(line)
-        usual = [stroke for stroke in found.strokes if stroke.share >= _USUAL]
-        lines["-".join(map(str, line))] = messages.OpeningReply(strokes=usual, seed=None)
-        if len(line) < 2:
-            waiting += [(*line, stroke.stroke) for stroke in usual]
-    return messages.Openings(lines=lines)
 
 
 def _overviews(answers: Answers, hello: messages.Hello, count: int) -> dict[str, bytes]:

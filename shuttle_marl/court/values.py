@@ -1,28 +1,26 @@
 """Facts about hall, rallies and strokes, and values of strokes, as pages receive them."""
 
-import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I32
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.court import messages, staging
-from shuttle_marl.court.match import CourtRally, OnceCache, PolicyTables, seed_of_line
+from shuttle_marl.court.match import CourtRally, OnceCache, PolicyTables
 from shuttle_marl.court.plan import Side
 from shuttle_marl.court.staging import skeleton as body
-from shuttle_marl.exact import Solution
 from shuttle_marl.game import court
-from shuttle_marl.game.pairs import looks_of, seat_names
+from shuttle_marl.game.pairs import seat_names
 from shuttle_marl.game.policy import position_shares
 from shuttle_marl.game.rally import Rally, stepper_of, waited_at
 from shuttle_marl.game.recovery import position_box
-from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError
+from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.shipped import RELIABLE, factor_of, real_strokes, waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
-from shuttle_marl.reports.rally import Decision, Players, analyse_rally, decision
+from shuttle_marl.reports.rally import Decision, Players, analyse_rally
 from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of
 
 
@@ -148,68 +146,6 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
     )
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Opening:
-    """The K strokes that are possible after a line of strokes from the serve, the most frequent first; seat 0 serves.
-
-    A stroke reaches the receiver below or above the net at random, and hurries them at random. A stroke that is legal in several
-    of these states has the mean of its values, weighted by the probabilities of the states.
-    """
-
-    seat: int
-    stroke: I32  # [K] catalogue indices
-    available: F64  # [K] probability that the stroke is legal, given that the line was played
-    share: F64  # [K] probability with which the striker's policy chooses it, given that the line was played
-    p_succ: F64  # [K] probability that it is good
-    p_ret: F64  # [K] probability that the opponent returns a good one
-    support: F64  # [K] number of real strokes behind these two, the smaller of both contacts; NaN if unknown
-    win: F64  # [K] probability that the striker wins the rally with it, under both policies from then on
-    optimal: F64  # [K] the same if both play perfectly from then on
-
-
-def opening(game: Game, line: Sequence[int], players: Players, solution: Solution) -> Opening:
-    """The strokes after a line of first strokes, all of them returned.
-
-    Raises:
-        IllegalStrokeError: a stroke of the line is not legal there.
-        GameError: the support of the game's model cannot be read.
-    """
-    seat, states = len(line) % 2, states_after(game, line)
-    found = [decision(game, state, seat, players, solution) for state in states]
-
-    def of(name: str) -> F64:
-        return np.concatenate([getattr(choice, name) for choice in found])
-
-    weight = np.repeat(list(states.values()), [len(choice.stroke) for choice in found])
-    stroke, group = np.unique(of("stroke"), return_inverse=True)
-    total = np.bincount(group, weight).astype(np.float64)
-    means = {name: np.bincount(group, weight * of(name)) / total for name in ("p_succ", "p_ret", "win", "optimal")}
-    support = np.full(len(stroke), np.inf)
-    np.minimum.at(support, group, of("support"))
-    share = np.bincount(group, weight * of("probability")).astype(np.float64)
-    columns: dict[str, Any] = {"stroke": stroke.astype(np.int32), "available": total, "share": share, "support": support, **means}
-    order = np.argsort(-share, kind="stable")
-    return Opening(seat=seat, **{name: column[order] for name, column in columns.items()})
-
-
-def states_after(game: Game, line: Sequence[int]) -> dict[int, float]:
-    """States of the next striker after a line whose strokes were all returned, with their probabilities.
-
-    Raises:
-        IllegalStrokeError: a stroke is not legal there; ``row`` is its number, from 0.
-    """
-    states = {ROOT: 1.0}
-    for i, stroke in enumerate(line):
-        tables = game.seats[i % 2]
-        pairs = {int(tables.pair(state, stroke)): w for state, w in states.items() if 0 <= stroke < tables.n_strokes}
-        following = arrivals({pair: w for pair, w in pairs.items() if pair >= 0}, tables)
-        total = sum(following.values())
-        if not total:
-            raise IllegalStrokeError(f"stroke {i + 1} of the opening is not legal there, or is never returned", stroke, i)
-        states = {state: mass / total for state, mass in following.items() if mass}
-    return states
-
-
 def arrivals(pairs: dict[int, float], game: Game) -> dict[int, float]:
     """Weights of the states in which returned strokes arrive, from those of legal pairs."""
     following: dict[int, float] = {}
@@ -221,10 +157,8 @@ def arrivals(pairs: dict[int, float], game: Game) -> dict[int, float]:
     return following
 
 
-ELITE: Final = Side(policy="bc")
-"""The imitated average elite player, the reference of all comparisons."""
-SHOWN, OPEN = 8, 0.01
-"""Number of strokes listed for each decision, and gain of a stroke from which a side is open, in rallies."""
+ELITE: Final = Side(policy="bc")  # the imitated average elite player, the reference of all comparisons
+SHOWN, OPEN = 8, 0.01  # number of strokes listed for each decision, and gain of a stroke from which a side is open, in rallies
 _GROUPS: Final = {
     "attack": [SHOTS.index(shot) for shot in ("smash", "half-smash", "net-kill")],
     "net play": [SHOTS.index(shot) for shot in ("net-shot", "cross-court-net-shot", "block")],
@@ -339,43 +273,17 @@ class StrokeValues:
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
         best = (rated or self.rated(choice)).win
         return [
-            messages.Option(**self._valued(rally, choice, k, best), probability=rounded(choice.probability[k]))
+            messages.Option(
+                **stroke_facts(rally, int(choice.stroke[k]), choice.seat),
+                p_succ=rounded(choice.p_succ[k]),
+                p_ret=rounded(choice.p_ret[k]),
+                support=None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
+                win=rounded(choice.win[k]),
+                best=rounded(best[k]),
+                probability=rounded(choice.probability[k]),
+            )
             for k in sorted(listed, key=order.index)
         ]
-
-    def opening(self, line: tuple[int, ...], players: Players) -> messages.OpeningReply:
-        """The strokes that follow the first strokes of a rally that seat 0 serves.
-
-        Raises:
-            IllegalStrokeError: a stroke of the line is not legal there.
-        """
-        found = opening(self.game, line, players, self.policies.solution)
-        none = np.zeros(0, np.int64)
-        hands = looks_of(self.game, (ELITE.policy, ELITE.policy)).hands
-        begun = Rally(catalogue=self.game.catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW, hands=hands)
-        return messages.OpeningReply(
-            strokes=[
-                messages.OpeningStroke(
-                    **self._valued(begun, found, k, found.optimal)
-                    | {"area": court.AREAS[self.game.catalogue.area[found.stroke[k]]]},
-                    available=rounded(found.available[k]),
-                    share=rounded(found.share[k]),
-                )
-                for k in range(len(found.stroke))
-            ],
-            seed=seed_of_line(self.game, line) if line else None,
-        )
-
-    def _valued(self, rally: Rally, choice: Decision | Opening, k: int, best: F64) -> dict[str, Any]:
-        """Fields of :class:`~shuttle_marl.court.messages.ValuedStroke` of the k-th stroke."""
-        return {
-            **stroke_facts(rally, int(choice.stroke[k]), choice.seat),
-            "p_succ": rounded(choice.p_succ[k]),
-            "p_ret": rounded(choice.p_ret[k]),
-            "support": None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
-            "win": rounded(choice.win[k]),
-            "best": rounded(best[k]),
-        }
 
     def styles(self, sides: tuple[Side, Side]) -> messages.Styles:
         """Exact statistics of two players against each other, beside those of two imitated elite players."""

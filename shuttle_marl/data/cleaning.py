@@ -40,14 +40,11 @@ _RARE: Final = 0.2
 _FAR: Final = 8.0
 
 _COORDINATES: Final = {"landing": "landing", "contact": "hit", "striker": "player_location", "receiver": "opponent_location"}
-_HEIGHTS_AGREE: Final = 0.7
-"""Minimum agreement of the two records of the contact heights of a game."""
-_HEIGHTS_PLAUSIBLE: Final = 0.9
-"""Minimum fraction of the strokes of :data:`FIXED_HEIGHT` types at the height of the type."""
+_HEIGHTS_AGREE: Final = 0.7  # minimum agreement of the two records of the contact heights of a game
+_HEIGHTS_PLAUSIBLE: Final = 0.9  # minimum fraction of the strokes of `FIXED_HEIGHT` types at the height of the type
 FIXED_HEIGHT: Final = {"drop": 1, "smash": 1, "half-smash": 1, "lift": 0, "net-shot": 0}
 """Shot types that are nearly always struck at one height: 0 below, 1 above the net."""
-_MAX_EXCHANGED: Final = 0.2
-"""Maximum fraction of the rallies of a game in which letters are exchanged."""
+_MAX_EXCHANGED: Final = 0.2  # maximum fraction of the rallies of a game in which letters are exchanged
 
 _LABEL_AREA: Final = np.array([-1, *AREA_OF_LABEL, *(-1 for _ in NEAREST_OF_LABEL)], dtype=np.int8)
 """Index into court.AREAS by area label of the files; -1 outside."""

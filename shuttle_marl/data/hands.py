@@ -25,13 +25,10 @@ from shuttle_marl.game import court
 from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
 
-_LEAST: Final = 10
-"""Strokes around the head that tell the hand of a player; of fewer it is unknown."""
-_LEFT_HANDED, _RIGHT_HANDED = 0.7, 0.3
-"""Least share of them on the right of a left-hander, and largest of a right-hander."""
+_LEAST: Final = 10  # strokes around the head that tell the hand of a player; of fewer it is unknown
+_LEFT_HANDED, _RIGHT_HANDED = 0.7, 0.3  # least share of them on the right of a left-hander, and largest of a right-hander
 _RIGHT, _LEFT = range(len(HANDS))
-_CENTRE: Final = 1
-"""Side of an area that tells nothing."""
+_CENTRE: Final = 1  # side of an area that tells nothing
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -40,8 +40,7 @@ for _shot, _entries in MET.items():
     _SHARE[SHOTS.index(_shot)] = [share for _, share in _entries]
 LONG_REPLIES: Final = tuple(SHOTS.index(name) for name in ("clear", "drop", "smash", "half-smash"))
 """Shot types of replies to long serves: 99 % of these in the published matches, and 1 % of the others."""
-PAUSE: Final = 4.0
-"""Time between two strokes that ends a rally [s]."""
+PAUSE: Final = 4.0  # time between two strokes that ends a rally [s]
 _LATIN: Final = re.compile(r"LATIN SMALL (?:LETTER|LIGATURE) (?:DOTLESS )?(THORN|ETH|[A-Z]{1,2})(?: WITH .*)?")
 _LETTERS: Final = {"THORN": "th", "ETH": "d"}
 _LOOKS_LIKE: Final = str.maketrans("авекмнорстухіјѕαβεζηικμνορτυχ", "abekmhopctyxijsabezhikmnoptyx")
@@ -51,18 +50,13 @@ _SCORE: Final = re.compile(r"\s*(\d{1,2})\s*[-:/\N{EN DASH}\N{EM DASH} ]\s*(\d{1
 
 POINTS: Final = ("landing", "contact", "striker", "receiver")
 OTHER_SCORE: Final = "the score is not that of the last stroke of its rally, which is used"
-_APART: Final = 0.5
-"""Largest distance of a contact point from the landing of the stroke before, which is the same point [m]."""
-_REACH: Final = 4.0
-"""Largest distance of a player from a contact point [m]; 3.5 in 999 of 1,000 published strokes."""
+_APART: Final = 0.5  # largest distance of a contact point from the landing of the stroke before, which is the same point [m]
+_REACH: Final = 4.0  # largest distance of a player from a contact point [m]; 3.5 in 999 of 1,000 published strokes
 _SHALLOW, _TINY = 3.0, 1.05
 """Points all within this distance of the middle of the net [m] are improbable, or no metres but fractions of a court."""
-_FEW: Final = 10
-"""Fewer points tell nothing for certain."""
-_TEMPO: Final = (0.3, 5.0)
-"""Probable median time between two strokes [s]; 0.9 in published matches."""
-_SHORTEST: Final = 0.1
-"""A shorter median is no time in seconds; 0 is one of whole rallies."""
+_FEW: Final = 10  # fewer points tell nothing for certain
+_TEMPO: Final = (0.3, 5.0)  # probable median time between two strokes [s]; 0.9 in published matches
+_SHORTEST: Final = 0.1  # A shorter median is no time in seconds; 0 is one of whole rallies
 
 Points = tuple[int, int]
 
@@ -296,8 +290,7 @@ _IF_ONE: Final = "; map it in [values.player] if it is one"
 _TWO: Final = re.compile(r"[/&+;|\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(and|und|og|et|dan|vs|v|और)\.?\s", re.IGNORECASE)
 """Separators of two names in one cell."""
 _OTHER_END: Final = {"near": "far", "far": "near", "left": "right", "right": "left"}
-_DECIDER: Final = 3
-"""Game within which the players change ends."""
+_DECIDER: Final = 3  # game within which the players change ends
 _PLACE: Final = re.compile("player|court|side|half|end")
 UNKNOWN_END: Final = "the players change ends in the third game, and with one name nobody knows the other; name them in each row"
 

@@ -27,10 +27,8 @@ _KINDS: Final = ("shot", "ending", "technique", "height", "area")
 _Entry = dict[str, str]
 _DEEPEST: Final = 8
 _RATE: Final = 30.0
-_SIDE: Final = re.compile(r"(top|bottom)[_\s-]+(.+)", re.IGNORECASE)
-"""Types of stroke that begin with who struck it."""
-_PLAYERS: Final = re.compile("players?|names?|sides?", re.IGNORECASE)
-"""Keys of objects with the names of the players."""
+_SIDE: Final = re.compile(r"(top|bottom)[_\s-]+(.+)", re.IGNORECASE)  # types of stroke that begin with who struck it
+_PLAYERS: Final = re.compile("players?|names?|sides?", re.IGNORECASE)  # keys of objects with the names of the players
 _RATES: Final = ("fps", "framerate", "framespersecond")
 _LONGEST: Final = 20
 

@@ -26,14 +26,10 @@ from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 class Outcome(enum.IntEnum):
     """Outcome of an annotated stroke, codes of the column ``outcome``; others than :data:`shuttle_marl.game.rules.OUTCOMES`."""
 
-    RETURNED = 0
-    """The opponent struck it."""
-    FAULT = 1
-    """The striker lost the rally."""
-    WINNER = 2
-    """The striker won the rally."""
-    UNKNOWN = 3
-    """Not recorded."""
+    RETURNED = 0  # the opponent struck it
+    FAULT = 1  # the striker lost the rally
+    WINNER = 2  # the striker won the rally
+    UNKNOWN = 3  # not recorded
 
 
 OUTCOMES: Final = tuple(outcome.name.lower() for outcome in Outcome)
@@ -41,13 +37,11 @@ OUTCOMES: Final = tuple(outcome.name.lower() for outcome in Outcome)
 REASONS: Final = ("returned", "out", "net", "short", "foul", "landed", "misjudged", "unknown")
 """Reasons of an outcome: out of court, into the net, short of the net, a foul; landed in court, left by a misjudging opponent."""
 
-DISCIPLINES: Final = ("MS", "WS")
-"""Men's singles, women's singles."""
+DISCIPLINES: Final = ("MS", "WS")  # men's singles, women's singles
 
 REACH_OVER: Final = 0.5
 """A contact point lies at most this far beyond the net [m]: players may reach over it, and points are marked by hand."""
-FAR_OFF: Final = 5.0
-"""A point more than this far outside the lines [m] cannot be real: the file or its homography is broken."""
+FAR_OFF: Final = 5.0  # A point more than this far outside the lines [m] cannot be real: the file or its homography is broken
 
 _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("match", pa.string(), False, "Name of the match, the folder name of the data set."),
@@ -98,8 +92,7 @@ STROKES: Final = pa.schema(
 )
 """Arrow schema of a stroke table in memory; files and :func:`named` have names for the codes of :data:`NAMES`."""
 
-OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred")
-"""Columns that files may lack."""
+OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred")  # columns that files may lack
 
 NAMES: Final = {
     "hand": court.HANDS,
@@ -292,8 +285,7 @@ def violations(strokes: pa.Table) -> Iterator[Violation]:
 
 
 _PLACE: Final = ("match", "game", "rally", "stroke")
-_Rule = tuple[str, tuple[str, ...], Bools]
-"""A rule, the columns concerned, and the rows that break it."""
+_Rule = tuple[str, tuple[str, ...], Bools]  # A rule, the columns concerned, and the rows that break it
 
 
 def _numbers(strokes: pa.Table) -> dict[str, Array]:

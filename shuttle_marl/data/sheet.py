@@ -24,18 +24,14 @@ from shuttle_marl.base.files import MAX_LINES, parsed, problem, read_file
 from shuttle_marl.data.schema import DataError, Problem, shown
 from shuttle_marl.data.words import WORDS, ColumnMap, Words, plain, whole
 
-_LARGEST: Final = 1e15
-"""Bound of numbers; float32 takes them and their squares."""
+_LARGEST: Final = 1e15  # bound of numbers; float32 takes them and their squares
 _MOST_ROWS: Final = 500_000
 _MOST_PROBLEMS: Final = 10_000
-_LONGEST: Final = 1000
-"""Most characters of a value in a file of another program."""
+_LONGEST: Final = 1000  # most characters of a value in a file of another program
 DELIMITERS: Final = (",", ";", "\t", "|")
-_SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')
-"""First line with which spreadsheets state the delimiter."""
+_SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')  # first line with which spreadsheets state the delimiter
 _MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand")
-_MOST_HINTS: Final = 50
-"""Unknown words of a column for which a similar one is looked up."""
+_MOST_HINTS: Final = 50  # unknown words of a column for which a similar one is looked up
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
@@ -291,8 +287,7 @@ def _float(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else np.nan
 
 
-_LINE: Final = "\N{NUMBER SIGN}line"
-"""Attribute of each element: its line in the file, a name that no XML attribute has."""
+_LINE: Final = "\N{NUMBER SIGN}line"  # attribute of each element: its line in the file, a name that no XML attribute has
 _DEEPEST: Final = 50
 _MOST_ELEMENTS: Final = 1_000_000
 

@@ -28,8 +28,7 @@ from shuttle_marl.data.words import table
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import SHOTS
 
-POINTS: Final = ("landing", "hit", "player_location", "opponent_location")
-"""Points with pixel coordinates in every row."""
+POINTS: Final = ("landing", "hit", "player_location", "opponent_location")  # points with pixel coordinates in every row
 _BAD_HOMOGRAPHY: Final = 0.2
 """Maximum fraction of the rows of a game with both players in one half; above, its homography is broken."""
 
@@ -40,8 +39,7 @@ _COLUMNS: Final = (
 )  # fmt: skip
 _MATCH_COLUMNS: Final = ("id", "video", "winner", "loser", "set")
 _HOMOGRAPHY_COLUMNS: Final = ("video", "homography_matrix")
-_MAX_NUMBER: Final = 9999
-"""Maximum number of rallies, strokes of a rally, and matches of a list."""
+_MAX_NUMBER: Final = 9999  # maximum number of rallies, strokes of a rally, and matches of a list
 _CLOCK: Final = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)", re.ASCII)
 
 AREA_OF_LABEL: Final = (0, 2, 6, 8, 3, 5, 1, 4, 7)

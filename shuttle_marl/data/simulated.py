@@ -33,17 +33,13 @@ FAULT_MIX: Final = np.array([
 ])  # fmt: skip
 """``[13, 3]`` probabilities of out, net and short, by shot type of the fault."""
 FRAME_RATE: Final = 30
-BREAK: Final = 23.0
-"""Median time between two rallies [s]."""
-INTERVAL: Final = 120.0
-"""Time between two games [s]."""
+BREAK: Final = 23.0  # median time between two rallies [s]
+INTERVAL: Final = 120.0  # time between two games [s]
 
 _BASE, _BASE_SPREAD = np.array([0.0, -3.7]), 0.35
 """Mean and standard deviation of the base position of a player between strokes, in the own frame [m]."""
-_RECOVERY: Final = 1.5
-"""Speed of recovery to the base position [m/s]."""
-_NEAR_NET: Final = 0.3
-"""Minimum distance of players and of the landings of good strokes from the net [m]."""
+_RECOVERY: Final = 1.5  # speed of recovery to the base position [m/s]
+_NEAR_NET: Final = 0.3  # minimum distance of players and of the landings of good strokes from the net [m]
 _OUT, _NET, _SHORT, _LANDED = (REASONS.index(name) for name in ("out", "net", "short", "landed"))
 
 

@@ -22,10 +22,8 @@ LANGUAGES: Final = ("en", "zh", "ja", "ko", "id", "da", "hi")
 """English, Chinese, Japanese, Korean, Indonesian and Malay, Danish, Hindi."""
 _MARKS: Final = re.compile(r"[\s_\-\u2010-\u2015\u30fb\u2019.:/()'#]+")
 _LONGEST: Final = 50
-_ALIKE: Final = 0.75
-"""Least similarity of a word that is meant by a misspelt one."""
-_CLEARLY: Final = 0.05
-"""By which it is more similar than any word of another meaning."""
+_ALIKE: Final = 0.75  # least similarity of a word that is meant by a misspelt one
+_CLEARLY: Final = 0.05  # by which it is more similar than any word of another meaning
 
 
 def bare(text: str) -> str:
@@ -101,8 +99,7 @@ def template(name: str) -> str:
 
 
 COLUMNS: Final[dict[str, str]] = dict(re.findall(r'^(?:# )?(\w+) = "\1"  # (.*)$', template("columns.toml"), re.MULTILINE))
-PLAYERS: Final = ("player", "opponent", "winner")
-"""Columns with names of players, whose spellings ``[values.player]`` maps."""
+PLAYERS: Final = ("player", "opponent", "winner")  # columns with names of players, whose spellings ``[values.player]`` maps
 REQUIRED: Final = ("player", "shot")
 FAULTS: Final = ("out", "net", "short", "foul", "error", "forced-error", "unforced-error")
 WINNERS: Final = ("landed", "misjudged")

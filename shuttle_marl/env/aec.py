@@ -32,8 +32,7 @@ RenderMode = Literal["human", "rgb_array", "ansi"]
 OutcomesFrom = Literal["tables", "models"]
 """Source of the outcomes: the tables of the game, or the PyTorch modules from which they were compiled."""
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
-Observation = dict[str, npt.NDArray[Any]]
-"""Observation of an agent: ``observation`` and ``action_mask``."""
+Observation = dict[str, npt.NDArray[Any]]  # observation of an agent: ``observation`` and ``action_mask``
 
 ILLEGAL: Final = "illegal stroke"
 ILLEGAL_POSITION: Final = "illegal position"

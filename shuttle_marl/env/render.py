@@ -150,8 +150,6 @@ _PEAK: Final = (0.7, 5.0, 4.6, 4.2, 0.9, 0.15, 0.2, 0.35, 0.8, 0.1, 0.6, 0.7, 0.
 _SPREAD: Final = (0.45, 0.54)  # half the width and depth over which contact points vary inside an area [m]
 _BASE: Final = (0.0, -3.4)  # base position of players between strokes, in their own frame [m]
 _RETURNED: Final = 0.55  # fraction of the path to the base covered during a flight
-_CELLS: Final = ((1.1, 0.0, -1.1), (2.5, 3.8, 5.1))
-"""Middles of positions: distances towards the forehand side, and from the net [m]."""
 _FAULT_REACH: Final = 0.62  # fraction of the path to its target at which a fault is drawn to end
 
 
@@ -161,28 +159,19 @@ class Flight(NamedTuple):
     stroke: Stroke
     start: Point
     end: Point  # next contact, landing point, or drawn end of a fault
-    peak: float  # height above the straight line at its middle [m]
 
 
 class Plan(NamedTuple):
-    """Positions of all drawn objects in metres."""
+    """Positions of all drawn objects [m]."""
 
     flights: tuple[Flight, ...]
     shuttle: Point
     bodies: tuple[Point, Point]
-    came_from: tuple[Point | None, Point | None]  # of the players at their last contact; None for the player to hit
-    waited: Point | None  # middle of the cell in which the last receiver waited; None where that is hidden or no choice
 
 
 def to_plan(player: int, x: float, y: float) -> Point:
     """A point in a player's frame (x to the right, y to the net and beyond) in the plan."""
     return (y, x) if player == 0 else (-y, -x)
-
-
-def area_corners(player: int, area: int) -> tuple[Point, Point]:
-    """Two opposite corners, in the plan, of an area that a player aims at."""
-    (left, right), (near, far) = area_box(area)
-    return to_plan(player, left, near), to_plan(player, right, far)
 
 
 def plan_of(snapshot: Snapshot) -> Plan:
@@ -191,7 +180,6 @@ def plan_of(snapshot: Snapshot) -> Plan:
     side = 1.0 if serves_from_right(points[snapshot.server]) else -1.0
     contact = to_plan(snapshot.server, 0.4 * side, -SHORT_SERVICE - 0.25)
     stands = [to_plan(p, 0.5 * side, -SHORT_SERVICE - (0.5 if p == snapshot.server else 1.0)) for p in (0, 1)]
-    came_from: list[Point | None] = [None, None]
     flights: list[Flight] = []
     catalogue = snapshot.game.catalogue
     for played in snapshot.strokes:
@@ -201,26 +189,14 @@ def plan_of(snapshot: Snapshot) -> Plan:
         end = _landing(player, snapshot.target(played), len(flights), played.stroke)
         if played.outcome == FAULT:
             end = _between(contact, end, _FAULT_REACH)
-        flights.append(Flight(played, contact, end, _PEAK[catalogue.shot[played.stroke]]))
+        flights.append(Flight(played, contact, end))
         # The striker returns to the base; the receiver has reached the shuttle, or only half of the path to a winner.
-        came_from[player], came_from[1 - player] = stands[player], stands[1 - player]
         stands[player] = _between(stands[player], to_plan(player, *_BASE), _RETURNED)
         if played.outcome != FAULT:
             reach = 0.5 if played.outcome == WINNER else 1.0
             stands[1 - player] = _between(stands[1 - player], _stance(snapshot, 1 - player, end, 0), reach)
         contact = end
-    return Plan(tuple(flights), contact, (stands[0], stands[1]), (came_from[0], came_from[1]), _waited(snapshot))
-
-
-def _waited(snapshot: Snapshot) -> Point | None:
-    """Where the receiver of the last stroke waited."""
-    where = snapshot.positions[-1] if snapshot.positions else None
-    if where is None:
-        return None
-    receiver = 1 - snapshot.strokes[-1].player
-    depth, side = divmod(where, N_SIDES)
-    x = _CELLS[0][side] * (1 if snapshot.hands[receiver] == "right" else -1)
-    return to_plan(receiver, x, -_CELLS[1][depth])
+    return Plan(tuple(flights), contact, (stands[0], stands[1]))
 
 
 def _landing(player: int, area: int, number: int, stroke: int) -> Point:
@@ -248,11 +224,9 @@ PLAYERS: Final = ((56, 189, 248), (251, 113, 133))
 YELLOW, GREEN, RED = (251, 191, 36), (52, 211, 153), (248, 80, 80)
 MAT, AROUND, TARGET = (18, 114, 87), (14, 93, 72), (70, 128, 76)
 
-SIZE: Final = (900, 560)
-"""Width and height of the picture [px]; it is painted twice as large."""
+SIZE: Final = (900, 560)  # width and height of the picture [px]; it is painted twice as large
 WIDE, HIGH = 2 * SIZE[0], 2 * SIZE[1]
-PX: Final = 116.0
-"""Painted pixels per metre."""
+PX: Final = 116.0  # painted pixels per metre
 _RISE: Final = 34.0  # painted pixels that a flight is lifted for each metre of height
 
 
@@ -281,10 +255,6 @@ def _write(surface: Any, text: str, at: tuple[float, float], size: int, colour: 
     return float(place.right)
 
 
-def _faded(colour: Colour, strength: float) -> Colour:
-    return tuple(round(strength * c + (1 - strength) * m) for c, m in zip(colour, MAT, strict=True))
-
-
 def _paint_court(surface: Any) -> None:
     """Mat and lines, in the proportions of the Laws."""
     length, half = HALF_LENGTH, WIDTH / 2
@@ -297,19 +267,17 @@ def _paint_court(surface: Any) -> None:
             _line(surface, [px(a), px(b)], 0.05 * PX, WHITE)
 
 
-def _path(flight: Flight) -> F64:
-    """``[n, 2]`` points of a flight in the painting, lifted by its height."""
-    t = np.linspace(0, 1, 40)[:, None]
-    # A shuttle slows down so much that it is highest well behind the middle of its flight.
-    height = flight.peak * 6.75 * t**2 * (1 - t)
-    return np.asarray(px(flight.start) + t * (px(flight.end) - px(flight.start)) - height * [0, _RISE])
+def _paint_flight(surface: Any, snapshot: Snapshot, flight: Flight, strength: float) -> None:
+    """A flight, lifted by its height; a shuttle slows down so much that it is highest well behind the middle."""
+    t, peak = np.linspace(0, 1, 40)[:, None], _PEAK[snapshot.game.catalogue.shot[flight.stroke.stroke]]
+    path = px(flight.start) + t * (px(flight.end) - px(flight.start)) - peak * 6.75 * t**2 * (1 - t) * [0, _RISE]
+    colour = strength * np.array(PLAYERS[flight.stroke.player]) + (1 - strength) * np.array(MAT)
+    _line(surface, path, 6, tuple(np.rint(colour).astype(int).tolist()))
 
 
 def _paint_player(surface: Any, snapshot: Snapshot, plan: Plan, player: int) -> None:
-    """A player from above: the way since the last contact, shoulders, head, and the racket towards the shuttle."""
-    body, colour, origin = px(plan.bodies[player]), PLAYERS[player], plan.came_from[player]
-    if origin is not None:
-        _line(surface, [px(origin), body], 6, _faded(colour, 0.4))
+    """A player from above: shoulders, head, and the racket towards the shuttle."""
+    body = px(plan.bodies[player])
     if snapshot.striker == player:
         _pygame().draw.circle(surface, WHITE, body, 54, 5)
     ahead = px(plan.shuttle) - body
@@ -318,7 +286,7 @@ def _paint_player(surface: Any, snapshot: Snapshot, plan: Plan, player: int) -> 
     hand = body + 26 * right
     _line(surface, [hand, hand + 50 * ahead], 6, WHITE)
     _pygame().draw.circle(surface, WHITE, hand + 68 * ahead, 20, 4)
-    _line(surface, [body - 34 * right, body + 34 * right], 32, colour)
+    _line(surface, [body - 34 * right, body + 34 * right], 32, PLAYERS[player])
     _pygame().draw.circle(surface, INK, body, 18)
 
 
@@ -407,14 +375,13 @@ class CourtRenderer:
         surface, plan = self._court.copy(), plan_of(snapshot)
         if snapshot.strokes:
             last = snapshot.strokes[-1]
-            _rect(surface, *area_corners(last.player, snapshot.target(last)), TARGET)
-        if plan.waited is not None:
-            _pygame().draw.circle(surface, WHITE, px(plan.waited), 62, 4)
+            (left, right), (near, far) = area_box(snapshot.target(last))
+            _rect(surface, to_plan(last.player, left, near), to_plan(last.player, right, far), TARGET)
         _line(surface, [px((0, -WIDTH / 2 - 0.1)), px((0, WIDTH / 2 + 0.1))], 10, WHITE)
         for player in (0, 1):
             _paint_player(surface, snapshot, plan, player)
         for flight, strength in zip(plan.flights[-3:], (0.35, 0.6, 1.0)[-len(plan.flights) :], strict=False):
-            _line(surface, _path(flight), 6, _faded(PLAYERS[flight.stroke.player], strength))
+            _paint_flight(surface, snapshot, flight, strength)
         _paint_shuttle(surface, plan)
         _paint_words(surface, snapshot)
         return _pygame().transform.smoothscale(surface, SIZE)

@@ -20,8 +20,7 @@ from shuttle_marl.game.rules import IllegalStrokeError
 ActionView = Literal["flat", "components"]
 MaskView = Literal["observation", "info", "none"]
 """Place of the mask of legal strokes: in the dictionary of the observation, in the info, or omitted."""
-InfoView = Literal["full", "none"]
-"""Content of the info: the last stroke, with text and None, or numbers only."""
+InfoView = Literal["full", "none"]  # content of the info: the last stroke, with text and None, or numbers only
 
 _ENDS: Final = np.cumsum([*PARTS, N_POSITIONS])  # ends of the masks of the components
 

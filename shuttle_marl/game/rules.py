@@ -48,7 +48,7 @@ class State(NamedTuple):
     incoming: int  # catalogue index of the stroke that comes to them, n if they serve
     contact: int  # where they meet the shuttle: 0 below, 1 above the net
     duel: int  # net shots in a row up to the incoming stroke, 3 for three or more
-    effort: int  # attacks that they have played in this rally, L - 1 for so many or more
+    effort: int  # attacks that they have played in this rally, up to the game's last level; adds to faults
     opponent_effort: int  # the same of the receiver
     hurried: int  # 1 if they are late or stretched
 

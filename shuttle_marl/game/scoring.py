@@ -80,7 +80,7 @@ class RallyCount(NamedTuple):
 
 
 def count_rally(own: Any, other: Any, games: Any, rules: Any) -> RallyCount:
-    """Count one rally. Everything that plays, checks or shows matches uses this function.
+    """Count one rally. Everything that plays, checks or shows matches uses this function; the rule book has its own.
 
     It is plain arithmetic because the kernel compiles it unchanged.
 

@@ -20,15 +20,11 @@ from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import shipped_game
 from shuttle_marl.game.tables import Game
 
-VERSION: Final = 4
-"""Version of the columns and the header of a log."""
-SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
-"""Rules of logs of single rallies: each is a match of one point."""
+VERSION: Final = 4  # version of the columns and the header of a log
+SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)  # rules of logs of single rallies: each is a match of one point
 
-MAX_NAME: Final = 1000
-"""Limit of the names of policies and strokes [characters]: tables of rallies repeat them in every row."""
-_SAMPLE_KEY: Final = 0x53414D504C45
-"""Key of the draws of the sample; "SAMPLE" in ASCII."""
+MAX_NAME: Final = 1000  # limit of the names of policies and strokes [characters]: tables of rallies repeat them in every row
+_SAMPLE_KEY: Final = 0x53414D504C45  # key of the draws of the sample; "SAMPLE" in ASCII
 
 Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
 """Numbers from which the draws of a rally follow, with the seed.

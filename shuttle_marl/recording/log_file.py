@@ -36,22 +36,18 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.recording.header import VERSION, DamagedLogError, LogHeader, OtherFileError, RecordingError
 
 FRAME: Final = struct.Struct("<BQ")
-MAX_CHUNK: Final = 1 << 25
-"""Limit of an uncompressed batch [bytes]; a file with a larger one is damaged."""
+MAX_CHUNK: Final = 1 << 25  # limit of an uncompressed batch [bytes]; a file with a larger one is damaged
 MAX_RALLIES: Final = 1 << 16
 MAX_STROKES: Final = 1 << 22
-_MAX_RECORDS: Final = 8
-"""Limit of the records in a chunk: the message, and the channel and its schema in the first chunk."""
-_RALLY_TIME: Final = 1_000_000
-"""Log time of a rally [ns]: the log time of a batch is the number of its first rally times this."""
+_MAX_RECORDS: Final = 8  # limit of the records in a chunk: the message, and the channel and its schema in the first chunk
+_RALLY_TIME: Final = 1_000_000  # log time of a rally [ns]: the log time of a batch is the number of its first rally times this
 _UNDECODABLE: Final = (struct.error, McapError, pa.ArrowException, zstandard.ZstdError, ValueError, LookupError, OverflowError)
 """Errors that the decoders raise for input that they do not expect."""
 _PROFILE: Final = "shuttle_marl"
 _MAGIC: Final = b"\x89MCAP0\r\n"
 _DATA_END: Final = FRAME.pack(Opcode.DATA_END, 4)
 _FOOTER: Final = FRAME.pack(Opcode.FOOTER, 20)
-_END: Final = len(_FOOTER) + 20 + len(_MAGIC)
-"""Length of the footer, and of the magic bytes behind it."""
+_END: Final = len(_FOOTER) + 20 + len(_MAGIC)  # length of the footer, and of the magic bytes behind it
 _METADATA: Final = "shuttle_marl.rally_log"
 _INDEX: Final = "rally_index"
 _INDEX_NAMES: Final = ("first_rally", "rallies", "strokes", "offset", "first_match", "last_match")

@@ -29,8 +29,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 
 _MARGIN: Final = 1.1
-_STROKES: Final = 2.0
-"""Initial guess of the strokes of one player in a rally."""
+_STROKES: Final = 2.0  # initial guess of the strokes of one player in a rally
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -30,12 +30,9 @@ from shuttle_marl.policy import baselines
 from shuttle_marl.reports.value import LEAST_REFITS, Value, calibrated
 
 TOLERANCE: Final = 1e-6
-LEAST_STEADY: Final = 0.8
-"""Least share of the refits in which the gain of an advised stroke is positive."""
-LEAST_GAIN: Final = 0.0003
-"""Least gain in rallies won per rally, in the mean over the refits."""
-_ALIKE: Final = 2
-"""Most pieces of advice for one shot type: five times the smash is one piece of advice."""
+LEAST_STEADY: Final = 0.8  # least share of the refits in which the gain of an advised stroke is positive
+LEAST_GAIN: Final = 0.0003  # least gain in rallies won per rally, in the mean over the refits
+_ALIKE: Final = 2  # most pieces of advice for one shot type: five times the smash is one piece of advice
 _LEAST_COVERED: Final = 0.5
 """Least part of a situation in which the advised stroke is legal and has enough real strokes behind it."""
 N_SITUATIONS: Final = 2 * N_SHOTS * N_AREAS + 1

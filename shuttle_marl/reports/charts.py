@@ -61,17 +61,13 @@ _WIDE, _NARROW = 1100.0, 460.0
 """Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
 _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
-_MISSING: Final = 4.5
-"""Width that a letter takes beyond what a missing one does [px]."""
+_MISSING: Final = 4.5  # width that a letter takes beyond what a missing one does [px]
 _SMALLEST_LABELLED: Final = 30.0
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _NAMES: Final = [{"cross-court-net-shot": "cross-court\nnet shot"}.get(shot, shot.replace("-", " ")) for shot in SHOTS]
-_MOST_POINTS: Final = 4000
-"""Approximate largest number of landing points drawn for a player."""
-_LEAST_SHARE: Final = 3.0
-"""Smallest share of a reply that is printed in a picture of transitions [%]."""
-_SPREAD: Final = 0.35
-"""Range of the colours: probabilities of winning from 0.15 to 0.85."""
+_MOST_POINTS: Final = 4000  # approximate largest number of landing points drawn for a player
+_LEAST_SHARE: Final = 3.0  # smallest share of a reply that is printed in a picture of transitions [%]
+_SPREAD: Final = 0.35  # range of the colours: probabilities of winning from 0.15 to 0.85
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",

@@ -23,8 +23,7 @@ from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS, TECHNIQUES
 from shuttle_marl.reports.value import NORMAL
 
 FALSE_DISCOVERIES: Final = 0.05
-LEAST_DIFFERENCE: Final = 0.03
-"""Smaller differences of shares are of no use on court and are not reported."""
+LEAST_DIFFERENCE: Final = 0.03  # smaller differences of shares are of no use on court and are not reported
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

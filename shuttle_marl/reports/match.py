@@ -49,8 +49,7 @@ from shuttle_marl.reports.summary import (
 from shuttle_marl.reports.value import NORMAL, Placed, calibrated, placed, stroke_values
 from shuttle_marl.reports.waits import Wait, waits
 
-_TURN: Final = 0.1
-"""Smallest change of the probability of winning a rally that is reported."""
+_TURN: Final = 0.1  # smallest change of the probability of winning a rally that is reported
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -197,13 +196,11 @@ def score_of(rallies: Sequence[RallyRow], rules: Rules) -> tuple[tuple[tuple[int
     return tuple((points[0], points[1]) for _, (points, _) in sorted(ends.items())), tuple(inferred)
 
 
-LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
-"""Classes of rallies by number of strokes."""
+LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))  # classes of rallies by number of strokes
 MOMENTS: Final = 5
 _OF_GAME: Final = 2
 _MOST_CHOICES: Final = 5
-_LATE: Final = 30
-"""Number of the stroke in a rally after which players tire."""
+_LATE: Final = 30  # number of the stroke in a rally after which players tire
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

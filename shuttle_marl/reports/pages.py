@@ -142,10 +142,8 @@ def page(template: str, clips: Clips, content: Mapping[str, Any]) -> bytes:
     )
 
 
-_RUN = 3
-"""Points in a row that are mentioned."""
-_LEAST_HEAT = 60
-"""Strokes in won and in lost rallies from which a map is drawn."""
+_RUN = 3  # points in a row that are mentioned
+_LEAST_HEAT = 60  # strokes in won and in lost rallies from which a map is drawn
 
 
 def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips = NO_CLIPS) -> bytes:
@@ -249,8 +247,7 @@ def gaps(strokes: pa.Table) -> tuple[str, ...]:
 
 
 _SHOWN: int = 12
-_RARE = 0.02
-"""Least share, of the player or of others, of an answer that is listed."""
+_RARE = 0.02  # least share, of the player or of others, of an answer that is listed
 _ENDS = ("fault", "winner")
 
 

@@ -46,14 +46,10 @@ from shuttle_marl.reports.advice import TOLERANCE
 from shuttle_marl.reports.value import Value, agree
 
 MARKS: Final = ("!!", "!", "?!", "?", "??")
-RARE: Final = 0.25
-"""Share of the shot type among the choices of elite players from which a stroke has no mark."""
-_LEAST: Final = {"!!": 0.06, "!": 0.04, "?!": 0.02, "?": 0.04, "??": 0.07}
-"""Least change, or loss, of each mark, in rallies won."""
-_MASTERED: Final = 0.03
-"""Least difference between the right answer of a question and the stroke played."""
-_WRONG: Final = 0.02
-"""Least difference between the right answer and the other ones."""
+RARE: Final = 0.25  # share of the shot type among the choices of elite players from which a stroke has no mark
+_LEAST: Final = {"!!": 0.06, "!": 0.04, "?!": 0.02, "?": 0.04, "??": 0.07}  # least change, or loss, of each mark, in rallies won
+_MASTERED: Final = 0.03  # least difference between the right answer of a question and the stroke played
+_WRONG: Final = 0.02  # least difference between the right answer and the other ones
 _ANSWERS: Final = 4
 SCALE: Final = 0.02
 """Change at which a stroke has 0.73 of the logistic function, where elite players have a half: what separates players best."""
@@ -66,10 +62,8 @@ THEMES: Final = ("return", "third", "defence", "attack", "net", "wait")
 _HARD: Final = ("smash", "half-smash", "net-kill", "push", "drive")
 USUAL: Final = ("drive", "lift", "drop", "block", "half-smash", "push", "cross-court-net-shot", "net-shot", "smash")
 """Right answers of questions, the rarest first."""
-GOOD: Final = 0.005
-"""Loss up to which a position counts as good as the best one, in rallies."""
-MATTERS: Final = 0.02
-"""Loss of the position chosen from which it is asked where to wait."""
+GOOD: Final = 0.005  # loss up to which a position counts as good as the best one, in rallies
+MATTERS: Final = 0.02  # loss of the position chosen from which it is asked where to wait
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -50,8 +50,7 @@ from shuttle_marl.reports.summary import (
 from shuttle_marl.reports.waits import Wait, waits
 
 PIECES: Final = 5
-LEAST_EACH: Final = 0.01
-"""Smaller gains per time, in rallies won, are of no use on court."""
+LEAST_EACH: Final = 0.01  # smaller gains per time, in rallies won, are of no use on court
 ATTACKS: Final = ("smash", "half-smash", "net-kill")
 EARNED: Final = 0.4
 """Share of the log-odds of a rally that a forecast keeps: the lower end of the 95 % interval of their slope on cross fits, .43,

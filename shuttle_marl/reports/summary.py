@@ -22,8 +22,7 @@ from shuttle_marl.recording.reader import is_log
 
 ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
 """Endings of rallies: a winner, or a fault of the last striker by its kind."""
-LONGEST: Final = 60
-"""Largest counted length of a rally; longer rallies count as this long."""
+LONGEST: Final = 60  # largest counted length of a rally; longer rallies count as this long
 
 
 class AnalysisError(ShuttleError):

@@ -35,10 +35,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports.summary import AnalysisError
 
-NORMAL: Final = 1.6448536
-"""95 % quantile of the normal distribution: intervals of the reports contain the truth in 90 % of cases."""
-LEAST_REFITS: Final = 5
-"""Number of refits below which nothing is advised and no refits agree."""
+NORMAL: Final = 1.6448536  # 95 % quantile of the normal distribution: intervals of the reports contain the truth in 90 % of cases
+LEAST_REFITS: Final = 5  # number of refits below which nothing is advised and no refits agree
 
 
 class Value:

@@ -24,14 +24,11 @@ from shuttle_marl.reports.habits import discoveries
 from shuttle_marl.reports.summary import rally_numbers
 
 MOST: Final = 3
-LEAST_METRES: Final = 0.1
-"""Smaller differences are of no use on court, and are not named [m]."""
-LEAST_MATCHES: Final = 5
-"""Matches of a player from which on intervals resample matches; of fewer they resample rallies."""
+LEAST_METRES: Final = 0.1  # smaller differences are of no use on court, and are not named [m]
+LEAST_MATCHES: Final = 5  # matches of a player from which on intervals resample matches; of fewer they resample rallies
 _RESAMPLES: Final = 2000
 _BOUNDS: Final = (0.025, 0.975)
-_INTERVAL: Final = 11
-"""Points at which players change ends in a third game."""
+_INTERVAL: Final = 11  # points at which players change ends in a third game
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

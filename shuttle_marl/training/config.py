@@ -128,8 +128,8 @@ class TrainingConfig:
     checkpoint_every: Count = 20
     """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
     eval_temperature: Fraction | None = None
-    """Softmax temperature of the trained agent, in evaluations and when it is saved; it learns at temperature 1. Default: 0.1; in
-    self-play in the game with recovery, where perfect play mixes, that of the last rollouts."""
+    """Softmax temperature of the trained agent, in evaluations and when it is saved. Default: 0.1; in self-play in the game
+    with recovery, where perfect play mixes, that of the last rollouts."""
     device: str = "cpu"
     """PyTorch device of the networks, such as cuda."""
     threads: Annotated[int, msgspec.Meta(ge=1, le=1024)] = 1

@@ -68,7 +68,7 @@ def added_rewards(config: TrainingConfig, game: Game) -> F32:
 
 Tensors = dict[str, torch.Tensor]
 Predict = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
-"""``[U, 7]`` observations, with recovery ``[U, 8]``, to ``[U, n]`` logits and ``[U]`` values."""
+"""``[U, 7]`` observations to ``[U, n]`` logits, with recovery ``[U, 8]`` to ``[U, n + 9]``, and ``[U]`` values."""
 
 STATE: Final = "state.safetensors"
 SEEDS: Final = 1 << 31

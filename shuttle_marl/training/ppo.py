@@ -122,7 +122,7 @@ class PPO(ActorCritic):
             self.modules = {**self.modules, "reference": self.reference.network}
 
     def anneal(self, remaining: float) -> None:
-        """Lower the softmax temperature too, geometrically from 1 to ``final_temperature``, after ``anneal_after`` of the run."""
+        """Lower the softmax temperature too, from ``anneal_after`` of the run on, and move the reference policy."""
         super().anneal(remaining)
         start = self.config.anneal_after
         assert start is not None  # set by the configuration

@@ -154,7 +154,6 @@ def test_a_library_of_an_extra_that_is_missing_is_named(
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (["--video", "a.mp4", "--save-site", "site"], "--video and --save-site: give one of them"),
         (["--date", "2021-01-02"], "give both"),
         (["--players", "a", "b", "--replay", "a.mcap"], "leave out --players"),
     ],

@@ -1,6 +1,5 @@
 """Errors for invalid arguments, options and files, with their messages; others are tested beside the code that raises them."""
 
-import importlib.util
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.court.server import bind, check_video
+from shuttle_marl.court.server import bind
 from shuttle_marl.env.batched import RallyEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import States
@@ -55,11 +54,3 @@ def test_numbers_are_accepted_up_to_their_bounds(name: str) -> None:
     for value in refused:
         with pytest.raises(ShuttleError, match="expected"):
             act(value)
-
-
-def test_a_video_needs_its_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "av" else object())
-    with pytest.raises(REFUSED, match=r"--video needs av: "):
-        check_video(tmp_path / "a.mp4")
-    with pytest.raises(REFUSED, match=r"expected a name that ends in \.mp4 or \.webm"):
-        check_video(tmp_path / "a.avi")

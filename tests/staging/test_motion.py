@@ -383,9 +383,3 @@ def test_what_cannot_be_continued(
     rally, motion = two_strokes
     with pytest.raises(StagingError, match=message):
         continue_motion(motion, dataclasses.replace(rally, **change(rally)), seed=0, **arguments)
-
-
-def test_a_motion_with_a_walk_is_not_continued(two_strokes: tuple[Rally, Motion]) -> None:
-    rally, motion = two_strokes
-    with pytest.raises(StagingError, match="motion with a walk cannot be continued"):
-        continue_motion(dataclasses.replace(motion, players=None), rally, seed=0)

@@ -15,7 +15,7 @@ from shuttle_marl.commands.watch import MatchOptions
 from shuttle_marl.court import WatchError, messages
 from shuttle_marl.court.answers import Answers, first_key
 from shuttle_marl.court.match import Match, MatchLog, PolicyTables
-from shuttle_marl.court.messages import RallyRequest, decode_request
+from shuttle_marl.court.messages import RallyRequest
 from shuttle_marl.court.plan import LADDER, Person, Plan, Side
 from shuttle_marl.court.recorded import LogRallies
 from shuttle_marl.court.values import ELITE, StrokeValues
@@ -24,7 +24,6 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.pairs import looks_of, pair_game
 from shuttle_marl.game.policy import tabulate
-from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.policy.registry import resolve
@@ -106,23 +105,6 @@ def test_a_log_of_a_variant_names_its_game_in_a_new_process() -> None:
     assert done.stdout.split() == names
 
 
-def test_likeness_counts_the_strokes_of_all_games_of_a_match(small: PolicyTables) -> None:
-    sides = [{"policy": "bc:kento-momota"}, {"policy": "bc:an-se-young"}]
-    changes = [{"rally": 1, "seat": 0, "side": BC}]
-    plan, asked = Plan.parse({"seed": 3, "sides": sides, "changes": changes}), 0
-    for number in range(2):
-        rally = Match(plan, small).rally(number)
-        mine = {str(i): int(stroke) for i, stroke in enumerate(rally.stroke) if rally.striker[i] == 1}
-        asked += len(mine)
-        chosen = {**{str(k): {str(i): s for i, s in v.items()} for k, v in plan.chosen.items()}, str(number): mine}
-        plan = Plan.parse({"seed": 3, "sides": sides, "changes": changes, "chosen": chosen})
-    person = Person(seat=1, rally=0, stroke=0)
-    request = messages.LikenessRequest(id=0, plan=plan, rally=1, person=person)
-    found = replied(Answers(small, plan), request, messages.Likeness)
-    assert found.strokes == asked
-    assert sum(found.probability) == pytest.approx(1, abs=1e-3)
-
-
 def test_the_appearance_that_is_asked_for_overrides_that_of_the_players() -> None:
     policies = PolicyTables(pair())
     players, keys = [], set()
@@ -200,23 +182,6 @@ def test_a_duel_ends_at_its_points_and_is_recorded_by_its_rules(tables: PolicyTa
     assert sorted(header.rules.points for header in headers) == [3, 21], "one log for each plan"
     with pytest.raises(WatchError, match="plan"):
         Plan.parse({**PLAN, "points": 0})
-
-
-def test_an_opening_is_played_in_the_match_of_its_seed(tables: PolicyTables) -> None:
-    answers = Answers(tables, Plan.parse(PLAN))
-    line: tuple[int, ...] = ()
-    for _ in range(3):
-        line = (*line, answers.opening(line).strokes[1].stroke)
-    found = answers.opening(line)
-    assert found.seed is not None
-    rally = match(tables, seed=found.seed, chosen={"0": {str(i): stroke for i, stroke in enumerate(line)}}).rally(0)
-    assert rally.server == 0
-    assert rally.stroke[:3].tolist() == list(line)
-    assert len(rally) > 3, "the last stroke of the line is returned"
-    request = decode_request(json.dumps({"id": 1, "op": "opening", "line": line[:1]}))
-    assert b'"share"' in answers(request)
-    with pytest.raises(IllegalStrokeError):
-        answers(decode_request(json.dumps({"id": 1, "op": "opening", "line": [line[2], line[2]]})))
 
 
 SIDES = (Side(policy="bc"), Side(policy="attacking"))
@@ -297,16 +262,11 @@ def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
 def test_replies_are_those_that_somebody_looked_at(answers: Answers, policies: PolicyTables) -> None:
     plan = msgspec.structs.replace(PAIR_PLAN, points=3)
     about: dict[str, Any] = {"id": 0, "plan": plan}
-    first, second = (Match(plan, policies).rally(rally) for rally in (0, 1))
-    chosen = msgspec.structs.replace(plan, chosen={0: {0: int(first.stroke[0])}})
-    server = Person(seat=int(first.striker[0]), rally=0, stroke=1)
     requests: dict[str, messages.Request] = {
         "match": messages.MatchRequest(rally=0, **about),
         "analysis": messages.AnalysisRequest(rally=1, **about),
         "options": messages.OptionsRequest(rally=0, person=Person(seat=0, rally=0, stroke=0), **about),
-        "likeness": messages.LikenessRequest(id=0, plan=chosen, rally=0, person=server),
         "styles": messages.StylesRequest(rally=0, **about),
-        "opening": messages.OpeningRequest(id=0, line=tuple(second.stroke[:2].tolist())),
         "rally": messages.RallyRequest(rally=1, **about),
         "hello": messages.HelloRequest(id=0),
     }
@@ -388,7 +348,6 @@ def test_matches_are_recorded_in_turn(policies: PolicyTables, tmp_path: Path) ->
     [
         (messages.TagRequest(id=0, at=0, input=None, first=0, rows=()), "tags no video"),
         (messages.OptionsRequest(id=0, plan=PAIR_PLAN, rally=0), "the rally is over"),
-        (messages.LikenessRequest(id=0, plan=PAIR_PLAN, rally=0), "take over a side first"),
         (messages.StylesRequest(id=0, rally=0), "for policies only"),
         (messages.RallyRequest(id=0, rally=0), "shows no recorded rallies"),
     ],

@@ -481,7 +481,7 @@ def barriers(viewer: Any) -> list[Any]:
 
 
 def test_page_is_accessible(viewer: Any, served: Any) -> None:
-    """Also with hints, in words, and with openings; other modes are checked in every language."""
+    """Also with hints and in words; other modes are checked in every language."""
 
     def checked(mode: str) -> None:
         for width, height in SIZES:
@@ -489,10 +489,6 @@ def test_page_is_accessible(viewer: Any, served: Any) -> None:
             assert barriers(viewer) == [], (mode, width)
 
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
-    viewer.enter("analyse")
-    viewer.page.locator(".openings summary").click()
-    viewer.page.locator(".openings tbody button").first.wait_for()
-    checked("openings")
     viewer.enter("play")
     viewer.press("i").until(lambda: "wins" in viewer.page.locator("section.board").inner_text())
     checked("hints")

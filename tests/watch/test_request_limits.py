@@ -50,7 +50,6 @@ LIMITS: dict[str, tuple[Any, tuple[Any, ...], tuple[Any, ...]]] = {
         ("", "x" * 65, "a/b", "a b"),
     ),
     "key": (lambda value: {**RALLY, "friend": {"token": "a", "key": value}}, ("a", "x" * 64), ("", "x" * 65, "ä", "a\n")),
-    "opening": (lambda value: {"id": 1, "op": "opening", "line": [0] * value}, (0, 3), (4,)),
     "scores": (lambda value: {**RATING, "scores": [1] * value}, (0, 20_000), (20_001,)),
     "input": (lambda value: {**TAG, "input": "x" * value}, (0, 1000), (1001,)),
     "rows": (lambda value: {**TAG, "rows": [ROW] * value}, (0, 400), (401,)),

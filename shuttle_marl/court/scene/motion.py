@@ -14,14 +14,11 @@ from shuttle_marl.court.staging import Motion
 from shuttle_marl.court.staging.geometry import cross, quaternion, unit
 from shuttle_marl.court.staging.skeleton import BONE
 
-_GRID: Final = 2.0**13
-"""Numbers are rounded to 1/8192: 0.12 mm and 0.014 degrees, and compress to a third."""
+_GRID: Final = 2.0**13  # numbers are rounded to 1/8192: 0.12 mm and 0.014 degrees, and compress to a third
 _TOLERANCE: Final = 0.006
 """Largest distance from a transform that viewers interpolate to one that is left out [m or half radians]."""
-_PACKET: Final = 1.0
-"""Time covered by one message of transforms [s]."""
-_TRAIL, _TRAIL_STEP = 0.48, 0.08
-"""Length of the trail of the shuttle, and time between its points [s]."""
+_PACKET: Final = 1.0  # time covered by one message of transforms [s]
+_TRAIL, _TRAIL_STEP = 0.48, 0.08  # length of the trail of the shuttle, and time between its points [s]
 
 
 def motion_messages(staged: StagedRally) -> Iterator[Timed]:

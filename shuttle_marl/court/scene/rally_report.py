@@ -21,8 +21,7 @@ from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.reports import LogPlayers, RallyAnalysis, analyse_rally
 
-SECOND: Final = 1_000_000_000
-"""[ns]"""
+SECOND: Final = 1_000_000_000  # [ns]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

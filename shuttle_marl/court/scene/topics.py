@@ -35,20 +35,16 @@ VALUE: Final = "/rally/value"
 STATE: Final = "/rally/state"
 SUMMARY: Final = "/rally/summary"
 
-WORLD: Final = "court"
-"""Frame of reference of the court, on which all others are placed."""
+WORLD: Final = "court"  # frame of reference of the court, on which all others are placed
 BOARDS: Final = {
     "/scene/board_broadcast": (WORLD, (-4.878, -0.036, 4.041)),
     "/scene/board_side": (WORLD, (-2.389, -5.321, 4.67)),
     "/scene/board_follow": ("player_0", (-2.203, -0.925, 2.666)),
 }
 """Scoreboards, one for each camera: frame of reference and centre [m], at the upper left in the camera's picture."""
-SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, *BOARDS)
-"""Topics of the 3D panel."""
-SHUTTLE_FRAME: Final = "shuttle"
-"""Moves and turns with the shuttle; the cork points along z."""
-SHUTTLE_FLOOR: Final = "shuttle_floor"
-"""On the floor below the shuttle."""
+SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, *BOARDS)  # topics of the 3D panel
+SHUTTLE_FRAME: Final = "shuttle"  # moves and turns with the shuttle; the cork points along z
+SHUTTLE_FLOOR: Final = "shuttle_floor"  # on the floor below the shuttle
 
 
 def bone_frame(seat: int, bone: str) -> str:
@@ -106,8 +102,7 @@ SCHEMAS: Final[dict[str, dict[str, Any]]] = {
 
 
 Message = fox.SceneUpdate | fox.FrameTransforms | fox.Log | dict[str, Any]
-Timed = tuple[int, str, Message]
-"""Time [ns], topic and content of a message."""
+Timed = tuple[int, str, Message]  # time [ns], topic and content of a message
 
 
 def channels_of(context: Context) -> dict[str, Any]:
@@ -198,8 +193,7 @@ def log_line(time: int, text: str, name: str) -> Timed:
     return time, LOG, fox.Log(timestamp=stamp(time), level=fox.LogLevel.Info, message=text, name=name)
 
 
-_COLUMNS, _LEAST_ROWS = 28, 7
-"""Characters in a line of the board, and its rows, so that its height is the same at every stroke."""
+_COLUMNS, _LEAST_ROWS = 28, 7  # characters in a line of the board, and its rows, so that its height is the same at every stroke
 
 
 def name_lines(name: str, width: int = 22) -> list[str]:

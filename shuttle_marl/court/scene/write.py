@@ -28,8 +28,7 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.reports import LogPlayers
 from shuttle_marl.reports.rally import Resolve
 
-_TOP: Final = 5
-"""Number of strokes of a policy that are listed."""
+_TOP: Final = 5  # number of strokes of a policy that are listed
 _PATH, _TARGET = colour(1.0, 1.0, 1.0, 0.35), colour(1.0, 0.80, 0.10, 0.30)
 _WAITED: Final = colour(1.0, 1.0, 1.0, 0.45)
 _FAULT, _WON = colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9)
@@ -194,8 +193,7 @@ def _flight(staged: StagedRally, i: int, time: int) -> list[SceneEntity]:
     return marks
 
 
-EPOCH: Final = 1_735_689_600 * SECOND
-"""Start of every scene, 2025-01-01: recorded rallies have no date, and viewers need one."""
+EPOCH: Final = 1_735_689_600 * SECOND  # start of every scene, 2025-01-01: recorded rallies have no date, and viewers need one
 MOST_FPS: Final = 50
 LAYOUTS: Final = tuple(
     Path(__file__).parent / "layouts" / f"{scope}.{viewer}.json"
@@ -203,8 +201,7 @@ LAYOUTS: Final = tuple(
     for viewer in ("lichtblick", "foxglove")
 )
 """Layouts of the viewers' panels, for a rally (``layout``) and for a match; attached to every scene."""
-CUT: Final = SECOND // 1000
-"""Time between two rallies [ns]: too short for a visible interpolation."""
+CUT: Final = SECOND // 1000  # time between two rallies [ns]: too short for a visible interpolation
 
 
 def select(

@@ -10,6 +10,5 @@ from shuttle_marl.court.staging.assemble import continue_motion, stage
 from shuttle_marl.court.staging.motion import Motion
 from shuttle_marl.court.staging.skeleton import BONES, StagingError, load_skeleton, model_file
 from shuttle_marl.court.staging.trajectory import ENDS
-from shuttle_marl.court.staging.walk import with_walk
 
-__all__ = ["BONES", "ENDS", "Motion", "StagingError", "continue_motion", "load_skeleton", "model_file", "stage", "with_walk"]
+__all__ = ["BONES", "ENDS", "Motion", "StagingError", "continue_motion", "load_skeleton", "model_file", "stage"]

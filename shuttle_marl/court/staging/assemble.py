@@ -19,10 +19,8 @@ from shuttle_marl.game.rally import Rally
 
 _ATTEMPTS, _RETRIES = 5, 3
 _TOLERANCE: Final = 3e-3
-_MOOD: Final = 1 << 20
-"""Counter of the draws for the reactions, above those of the strokes."""
-_TAIL: Final = 2.0
-"""Time after the end of the last flight [s]."""
+_MOOD: Final = 1 << 20  # counter of the draws for the reactions, above those of the strokes
+_TAIL: Final = 2.0  # time after the end of the last flight [s]
 
 
 def stage(
@@ -65,7 +63,7 @@ def continue_motion(motion: Motion, rally: Rally, *, seed: int, from_stroke: int
 
     Raises:
         RallyError: the strokes do not form a rally.
-        StagingError: a motion with a walk, or other strokes.
+        StagingError: other strokes.
     """
     branch = _branch(rally.checked(), motion, from_stroke)
     return _staged(rally, players_of(rally, motion.skeletons), branch, seed, motion.fps, LEAD_IN)
@@ -146,8 +144,6 @@ def _staged(rally: Rally, players: tuple[Athlete, Athlete], branch: Branch | Non
 
 
 def _branch(rally: Rally, motion: Motion, from_stroke: int | None) -> Branch:
-    if motion.players is None:
-        raise StagingError("a motion with a walk cannot be continued: pass the one that stage() returned")
     old = motion.trajectory.rally
     strokes = len(old) if from_stroke is None else from_stroke
     if not 0 <= strokes <= min(len(old), len(rally)):

@@ -41,12 +41,10 @@ from shuttle_marl.court.staging.trajectory import Trajectory
 
 NECK_LIMITS: Final[F64] = np.radians([(-72, 72), (-50, 55)])
 """``[2, 2]`` limits of yaw and pitch of the head against the chest [rad]."""
-_JOINT: Final = 9
-"""Frames over which a continued motion blends into the previous one."""
+_JOINT: Final = 9  # frames over which a continued motion blends into the previous one
 _TRIES, _SLIP = 3, 3e-3
 """Maximum number of corrections of slipping feet, and tolerated displacement of the ball of a planted foot [m]."""
-_EVEN: Final = 6
-"""Half width of the moving mean of the height of the hips [frames]."""
+_EVEN: Final = 6  # half width of the moving mean of the height of the hips [frames]
 _COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])
 """Cost of the speed of each joint; shoulder, elbow and forearm turn most, the grip does not turn."""
 _FASTEST: Final = np.array([7.0, 7.0, 24.0, 24.0, 36.0, 32.0, 36.0, 24.0, 14.0, 0.0])
@@ -60,12 +58,9 @@ a hanging racket head and a high hand."""
 _CLEAR, _COMING = 0.06, 0.20
 """Half width of the window around an own contact without idle movement, and fade-out before it [s]: no effect before the
 opponent's contact, the branch of a continued motion."""
-_IN_PLAY, _CALM = 0.4, 0.5
-"""Amplitude during the rally, as a fraction, and duration of the transition between rest and play [s]."""
-_BREATH: Final = (3.4, 1.7)
-"""Duration of a breath, rested and tired [s]."""
-_MOST_EFFORT: Final = 6
-"""Number of attacks in a rally until full fatigue."""
+_IN_PLAY, _CALM = 0.4, 0.5  # amplitude during the rally, as a fraction, and duration of the transition between rest and play [s]
+_BREATH: Final = (3.4, 1.7)  # duration of a breath, rested and tired [s]
+_MOST_EFFORT: Final = 6  # number of attacks in a rally until full fatigue
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

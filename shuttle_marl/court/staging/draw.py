@@ -33,15 +33,13 @@ _TRIES, _AS_DRAWN = 10, 5
 """Number of tries, and of those whose points are as drawn; the points of later ones are nearer to the receiver."""
 _ACCELERATION, _REACTION = 10.0, 0.06
 _CLEAR, _KILL = SHOTS.index("clear"), SHOTS.index("net-kill")
-_FURTHER_BACK: Final = 0.3
-"""Contact of a clear: distance behind the contact of a smash [m]."""
+_FURTHER_BACK: Final = 0.3  # contact of a clear: distance behind the contact of a smash [m]
 _SHORT_SERVE, _BACKHAND = SHOTS.index("short-serve"), TECHNIQUES.index("backhand")
 _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
 """Expected shot types of the next striker, by height (below, above) and depth of the area."""
 _QUICK: Final = 0.5
 """Times and heights of contacts of hurried players, and places of net kills: share of the range of all, from its lower end."""
-_LOW_FROM: Final = 1.2
-"""Distance from the net above which hurried players strike lower [m]."""
+_LOW_FROM: Final = 1.2  # distance from the net above which hurried players strike lower [m]
 _SHORT, _STRETCH = 0.08, 0.35
 """Distance that the hips of a hurried player are short of their place at the contact [m], with more the arm is straight and
 cannot swing; and their additional reach, where 1 is the widest."""
@@ -58,10 +56,8 @@ _UNTIMELY, _STRICT = 0.2, 4.0
 that by which the receiver is late."""
 _FITS, _GOOD = 1e-6, 0.02
 """Costs below which all fits, and below which no other point is tried: a tenth of a second outside the quartiles."""
-_POOR: Final = 1.0
-"""Cost above which even a much longer flight is tried."""
-_SLOT: Final = 8
-"""Number of draws reserved for each try of a stroke."""
+_POOR: Final = 1.0  # cost above which even a much longer flight is tried
+_SLOT: Final = 8  # number of draws reserved for each try of a stroke
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

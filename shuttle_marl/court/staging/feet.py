@@ -15,10 +15,10 @@ from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.court.staging.geometry import ease
 from shuttle_marl.court.staging.skeleton import LEFT, RIGHT
 
-_STEP_TIME, _SWING = 0.17, 0.28
-"""Shortest duration of a step, and longest swing of a foot in it [s]."""
+_STEP_TIME, _SWING = 0.17, 0.28  # shortest duration of a step, and longest swing of a foot in it [s]
 _CROSSED, _WIDTH = 0.30, 0.15
 """Largest distance of a foot beyond the middle of the body, and half the width between the feet in steps [m]."""
+_STRIDE, _STAYS = 1.25, 0.14  # longest step of a pair of steps, and distance below which a foot does not step [m]
 _SOON, _SETTLED = 5, 12
 """Frames within which a foot in the air lands after a branch, and additional frames before it for moving means."""
 
@@ -33,8 +33,6 @@ class Stand:
     yaw: F64  # [2] headings [rad]
     last: int = RIGHT  # the foot that lands last
     hop: bool = False  # the feet come here together, through the air
-    stride: float = 1.25  # longest step of a pair of steps on the way here [m]
-    stays: float = 0.14  # distance below which a foot does not step here [m]
 
 
 @dataclasses.dataclass(eq=False)
@@ -47,8 +45,7 @@ class Plant:
     yaw: float
 
 
-Plants = tuple[list[Plant], list[Plant]]
-"""Of the left and of the right foot, in order of time."""
+Plants = tuple[list[Plant], list[Plant]]  # of the left and of the right foot, in order of time
 
 
 class Feet(NamedTuple):
@@ -140,15 +137,15 @@ def _between(here: Stand, there: Stand, feet: Plants, hips: F64, yaw: F64, fps: 
         return landing
     gap = there.begin - here.end
     way = np.array([np.hypot(*(there.place[foot] - feet[foot][-1].place)) for foot in (LEFT, RIGHT)])
-    if way.max() < there.stays:
+    if way.max() < _STAYS:
         return [-1, -1]
     most = max(2, int(gap / (_STEP_TIME * fps)))
-    if way.min() < there.stays and way.max() < 1.5 * there.stride:
+    if way.min() < _STAYS and way.max() < 1.5 * _STRIDE:
         moving = int(way.argmax())
         landing[1 - moving] = -1
         order = [moving]
     else:
-        n = int(np.clip(np.ceil(way.max() / there.stride) + 1, 2, most))
+        n = int(np.clip(np.ceil(way.max() / _STRIDE) + 1, 2, most))
         order = [(there.last + n - 1 - k) % 2 for k in range(n)]
     n = len(order)
     swing = _swings(here.end, there.begin, n, hips, fps)

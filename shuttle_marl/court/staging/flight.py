@@ -23,20 +23,15 @@ from shuttle_marl.base.compiling import compiled
 from shuttle_marl.game.court import NET_HEIGHT, NET_HEIGHT_CENTRE, WIDTH
 from shuttle_marl.game.stroke import SHOTS
 
-GRAVITY: Final = 9.81
-"""Acceleration of gravity [m/s²]."""
-TERMINAL: Final = 6.8
-"""Terminal speed of a shuttle [m/s]."""
-LENGTH: Final = TERMINAL**2 / GRAVITY
-"""Length over which drag slows a fast shuttle by a factor e [m]."""
+GRAVITY: Final = 9.81  # acceleration of gravity [m/s²]
+TERMINAL: Final = 6.8  # terminal speed of a shuttle [m/s]
+LENGTH: Final = TERMINAL**2 / GRAVITY  # length over which drag slows a fast shuttle by a factor e [m]
 _TIME: Final = TERMINAL / GRAVITY
 STEPS: Final = 16
 _TOLERANCE: Final = 5e-4 / LENGTH
-CLEARANCE: Final = 0.035
-"""Least height of the shuttle above the net [m]."""
+CLEARANCE: Final = 0.035  # least height of the shuttle above the net [m]
 _ANY: Final = (0.0, np.inf)
-_TOUCHES, _KMH = 100.0, 0.01
-"""Weight of the height that is missing over the net, and of the speed beyond a bound [m per km/h]."""
+_TOUCHES, _KMH = 100.0, 0.01  # weight of the height that is missing over the net, and of the speed beyond a bound [m per km/h]
 
 
 class Flights(NamedTuple):
@@ -185,8 +180,7 @@ _OF: Final[dict[str, Bounds]] = {
     "block": Bounds(over=(CLEARANCE, 0.35), over_high=(0.40, 0.90), varied=0.5, kmh=(0, 85)),
     "cross-court-net-shot": Bounds(over=(CLEARANCE, 0.23), over_high=(0.40, 0.90), varied=0.7, kmh=(0, 75)),
 }
-BOUNDS: Final = tuple(_OF[shot] for shot in SHOTS)
-"""Bounds of each shot type. Half smashes are slower than every smash."""
+BOUNDS: Final = tuple(_OF[shot] for shot in SHOTS)  # bounds of each shot type. Half smashes are slower than every smash
 
 
 def _outside(value: F64, limits: tuple[float, float]) -> F64:

@@ -13,8 +13,7 @@ from shuttle_marl.base.arrays import F64, I64, Floats
 from shuttle_marl.base.compiling import compiled
 
 Vec = tuple[float, float, float]
-Mat = tuple[Vec, Vec, Vec]
-"""Rows of a matrix."""
+Mat = tuple[Vec, Vec, Vec]  # rows of a matrix
 
 
 @compiled

@@ -50,12 +50,9 @@ LIMITS: Final[F64] = np.radians(
 """``[10, 2]`` least and greatest angle [rad]. Elbow, forearm and wrist: the normal range of motion (American Academy of
 Orthopaedic Surgeons 1965), ulnar deviation and extension as measured in racket players; wrist bend is positive towards the
 palm, deviation towards the little finger, pronation positive."""
-SWING_LIMIT: Final = np.radians(125)
-"""Greatest angle between the upper arm and its middle direction [rad]."""
-MIDDLE: Final = geometry.unit(np.array([0.80, 0.58, 0.12]))
-"""The middle direction of the upper arm, seen from the chest."""
-RELAXED: Final[F64] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])
-"""Preferred angles of the solver [rad]."""
+SWING_LIMIT: Final = np.radians(125)  # greatest angle between the upper arm and its middle direction [rad]
+MIDDLE: Final = geometry.unit(np.array([0.80, 0.58, 0.12]))  # the middle direction of the upper arm, seen from the chest
+RELAXED: Final[F64] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])  # preferred angles of the solver [rad]
 _STARTS: Final[F64] = np.radians(
     [
         (5, 5, 0, 0, 0, 60, 0, 0, 10, 0),
@@ -66,13 +63,10 @@ _STARTS: Final[F64] = np.radians(
         (5, 10, -60, -30, 0, 40, -30, 0, 10, -40),
     ]
 )
-_BEGINS: Final = (RAISE, TWIST, ELBOW, BEND, ROLL)
-"""Angles at whose pivots the bones begin."""
-_N, _ROWS = 10, 12
-"""Angles of one arm, and residuals: three each for point, shaft, normal and elbow."""
+_BEGINS: Final = (RAISE, TWIST, ELBOW, BEND, ROLL)  # angles at whose pivots the bones begin
+_N, _ROWS = 10, 12  # angles of one arm, and residuals: three each for point, shaft, normal and elbow
 _DAMPING, _LEAST_DAMPING = 1e-2, 1e-4
-_HOLD: Final = 0.03
-"""Weight of staying near :data:`RELAXED`."""
+_HOLD: Final = 0.03  # weight of staying near `RELAXED`
 
 
 class ArmPose(NamedTuple):
@@ -359,25 +353,19 @@ def sweet_spot_jacobian(arm: Arm, angles: F64) -> F64:
     return geometry.cross(pose.axes, sweet_spot(arm, pose)[:, None] - pose.pivot).transpose(0, 2, 1)
 
 
-KNEE_LIMITS: Final = tuple(np.radians((2.0, 150.0)))
-"""Limits of the bend of the knee [rad]."""
+KNEE_LIMITS: Final = tuple(np.radians((2.0, 150.0)))  # limits of the bend of the knee [rad]
 HIP_LIMITS: Final = np.radians([(-45, 130), (-45, 65), (-65, 65)])
 """``[3, 2]`` thigh forward, outward, turned outward against the hips [rad]."""
 ANKLE_LIMITS: Final = np.radians([(-55, 38), (-45, 45), (-50, 50)])
 """``[3, 2]`` toes up, foot tilted, foot turned against the shank [rad] (with the joints of the hindfoot)."""
-TOE_LIMITS: Final = np.radians((-25.0, 70.0))
-"""Toes bent up against the foot [rad]."""
-_OUT, _FOLDED = 0.10, 0.45
-"""Outward turn of the knees, and least share of the length of a leg between hip and ankle."""
-_ROUNDS, _LIFTS = 4, 12
-"""Maximum numbers of solutions of a leg in a frame, and of further ones for toes under the floor."""
+TOE_LIMITS: Final = np.radians((-25.0, 70.0))  # toes bent up against the foot [rad]
+_OUT, _FOLDED = 0.10, 0.45  # outward turn of the knees, and least share of the length of a leg between hip and ankle
+_ROUNDS, _LIFTS = 4, 12  # maximum numbers of solutions of a leg in a frame, and of further ones for toes under the floor
 _UNDER, _DROP = 1e-3, 8
 """Depth of the toes under the floor above which a leg is drawn up [m], and half width of the window over which the hips sink
 towards a distant foot [frames]."""
-_USED: Final = 0.985
-"""Used fraction of the length of a leg: knees never lock."""
-_HEELS: Final = np.linspace(0, np.radians(62), 9)
-"""Pitches of a raised heel [rad]."""
+_USED: Final = 0.985  # used fraction of the length of a leg: knees never lock
+_HEELS: Final = np.linspace(0, np.radians(62), 9)  # pitches of a raised heel [rad]
 _TURN: Final = np.radians(48)
 
 

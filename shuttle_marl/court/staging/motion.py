@@ -18,10 +18,8 @@ from shuttle_marl.game.court import Hands
 from shuttle_marl.game.rules import OUTCOMES
 
 _MAGIC: Final = b"SMOT\x02"
-_SCALE: Final = ((1 << 14) - 1) * np.sqrt(2)
-"""Steps of a component of a quaternion."""
-_HIPS_STEP, _SHUTTLE_STEP = 2.5e-4, 5e-4
-"""Steps of the places of the hips, and of the shuttle outside flights [m]."""
+_SCALE: Final = ((1 << 14) - 1) * np.sqrt(2)  # steps of a component of a quaternion
+_HIPS_STEP, _SHUTTLE_STEP = 2.5e-4, 5e-4  # steps of the places of the hips, and of the shuttle outside flights [m]
 _OTHERS: Final = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
@@ -42,7 +40,7 @@ class Motion:
         position: ``[F, 2, 23, 3]`` where each bone begins.
         planted: ``[F, 2, 2]`` whether the left and the right foot of each player stand.
         contact_frame: ``[n]`` frame in which each stroke is struck.
-        players: state of both players for :func:`~shuttle_marl.court.staging.continue_motion`; None after a walk.
+        players: state of both players for :func:`~shuttle_marl.court.staging.continue_motion`.
     """
 
     fps: int
@@ -55,7 +53,7 @@ class Motion:
     contact_frame: I64
     skeletons: tuple[Skeleton, Skeleton]
     trajectory: Trajectory
-    players: tuple[PlayerMotion, PlayerMotion] | None = dataclasses.field(default=None, repr=False)
+    players: tuple[PlayerMotion, PlayerMotion] = dataclasses.field(repr=False)
 
     @property
     def hands(self) -> Hands:
@@ -153,7 +151,6 @@ class Branch:
 
     def player(self, seat: int) -> PlayerMotion:
         """A player of the motion."""
-        assert self.motion.players is not None
         return self.motion.players[seat]
 
     def course(self, seat: int) -> Course:

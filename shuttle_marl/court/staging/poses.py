@@ -51,11 +51,9 @@ MOTIONS: Final = (
     "backhand defence",
 )
 """Kinds of motion."""
-OVERHEADS: Final = frozenset({OVERHEAD, AROUND, OVERHEAD_BACKHAND})
-"""Motions that may be played from a jump."""
+OVERHEADS: Final = frozenset({OVERHEAD, AROUND, OVERHEAD_BACKHAND})  # motions that may be played from a jump
 LUNGES: Final = frozenset({LUNGE, LUNGE_BACKHAND})
-STRIDES: Final = LUNGES | {KILL, KILL_BACKHAND}
-"""Motions whose stroke frame turns towards the shuttle."""
+STRIDES: Final = LUNGES | {KILL, KILL_BACKHAND}  # motions whose stroke frame turns towards the shuttle
 BACKHANDS: Final = frozenset(k for k, name in enumerate(MOTIONS) if "backhand" in name)
 HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
     SERVE_BACKHAND: ((-0.04, 0.02, 0.04), 0.06),
@@ -90,12 +88,9 @@ MANNERS: Final = {
 }
 _FLAT, _FLAT_OVERHEAD = (1.58, 1.70), (2.12, 2.22)
 """Range of the contact height above the net for flat shuttles, which do not rise far over it [m]: at the shoulder, overhead."""
-_LOWER: Final = (0.0, 0.14, 0.05)
-"""Contact height of overhead strokes below that of the forehand [m], by technique."""
-OVERHEAD_FROM: Final = 2.1
-"""Height of the contact above which a stroke is overhead [m]."""
-_NET_ZONE: Final = 2.7
-"""Distance from the net below which a low contact is a lunge [m]."""
+_LOWER: Final = (0.0, 0.14, 0.05)  # contact height of overhead strokes below that of the forehand [m], by technique
+OVERHEAD_FROM: Final = 2.1  # height of the contact above which a stroke is overhead [m]
+_NET_ZONE: Final = 2.7  # distance from the net below which a low contact is a lunge [m]
 _ABOVE_FROM: Final = 1.55
 _WIDEST_STRIDE: Final = np.radians(55)
 
@@ -196,14 +191,12 @@ class _Poses(msgspec.Struct, frozen=True):
 
 
 _POSES: Final = msgspec.json.decode(Path(__file__).with_name("poses.json").read_bytes(), type=_Poses)
-STROKES: Final = tuple(_POSES.strokes[name] for name in MOTIONS)
-"""Strokes by the number of their motion."""
+STROKES: Final = tuple(_POSES.strokes[name] for name in MOTIONS)  # strokes by the number of their motion
 
 _N_ARM: Final = 10
 TRUNK, RACKET_ARM = slice(0, N_TRUNK), slice(N_TRUNK, N_TRUNK + _N_ARM)
 FREE_ARM: Final = slice(N_TRUNK + _N_ARM, N_TRUNK + 2 * _N_ARM)
-N_POSE: Final = N_TRUNK + 2 * _N_ARM
-"""Size of a pose without legs and head: trunk, racket arm, free arm."""
+N_POSE: Final = N_TRUNK + 2 * _N_ARM  # size of a pose without legs and head: trunk, racket arm, free arm
 _NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())
 """Contact heights above the natural one at which each motion is solved [m]."""
 _UP: Final = (0.0, 0.0, 1.0)

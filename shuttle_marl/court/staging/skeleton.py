@@ -32,8 +32,7 @@ BONES: Final = (
 """Names of the bones, parents before children; ``Racket`` begins in the middle of the grip."""
 N_BONES: Final = len(BONES)
 BONE: Final = {name: i for i, name in enumerate(BONES)}
-FLIP: Final = np.array([-1.0, 1.0, 1.0])
-"""Signs of a mirror between left and right."""
+FLIP: Final = np.array([-1.0, 1.0, 1.0])  # signs of a mirror between left and right
 MIRROR: Final = np.array([BONE[b.replace("Left", "*").replace("Right", "Left").replace("*", "Right")] for b in BONES])
 """``[23]`` index of the bone on the other side."""
 LEFT, RIGHT = 0, 1
@@ -50,26 +49,20 @@ _FINGERS: Final = {
 """Bend of the joints of each finger, closed and open [degrees]."""
 _REFERENCE: Final = 1.787
 
-RACKET_LENGTH: Final = 0.675
-"""Length of a racket (BWF Law 4: at most 0.680 m) [m]."""
-RACKET_BUTT: Final = -0.10
-"""Position of the lower end along the shaft, from the middle of the grip [m]."""
-SWEET_SPOT: Final = 0.45
-"""Distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]."""
+RACKET_LENGTH: Final = 0.675  # length of a racket (BWF Law 4: at most 0.680 m) [m]
+RACKET_BUTT: Final = -0.10  # position of the lower end along the shaft, from the middle of the grip [m]
+SWEET_SPOT: Final = 0.45  # distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]
 RACKET_HEAD: Final = (RACKET_LENGTH + RACKET_BUTT - SWEET_SPOT, 0.105)
 """Half the length and half the width of the strung head (at most 0.14 m and 0.11 m) [m]."""
-SHUTTLE_SCALE: Final = 1.9
-"""Scale at which a shuttle is drawn: at its true size it cannot be seen across the court."""
-CORK: Final = 0.0131
-"""Radius of the cork (Law 2: 25 to 28 mm across) [m]."""
+SHUTTLE_SCALE: Final = 1.9  # scale at which a shuttle is drawn: at its true size it cannot be seen across the court
+CORK: Final = 0.0131  # radius of the cork (Law 2: 25 to 28 mm across) [m]
 FEATHERS: Final = 16
 FEATHER: Final = ((0.012, 0.0015, 0.013), (0.032, 0.0075, 0.076))
 """Both ends of a feather (62 to 70 mm long, 58 to 68 mm across their tips): distance from the axis, half the width of the vane,
 distance behind the middle of the cork [m]."""
 
 HIPS_HEIGHT, HIPS_YAW, HIPS_PITCH, HIPS_ROLL, SPINE_YAW, SPINE_PITCH, SPINE_ROLL = range(7)
-N_TRUNK = 7
-"""Size of a trunk pose: height of the hips [m] and six angles [rad], in this order."""
+N_TRUNK = 7  # size of a trunk pose: height of the hips [m] and six angles [rad], in this order
 SPINE_LIMITS: F64 = np.radians([(-45, 45), (-30, 60), (-35, 35)])
 """``[3, 2]`` limits of yaw, pitch and roll of the chest against the hips [rad] (thoracic and lumbar spine)."""
 

@@ -91,7 +91,7 @@ export class App {
     if (source.friend && this.live) {
       this.course.friend = new FriendGame(source.friend, layout, (now) => this.friendPlayed(now));
     }
-    this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, source, () =>
+    this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, () =>
       this.go(this.course.number + 1, null, true),
     );
     this.saving = new Saving(this.course, this.player, this.frames, source, this.screen);
@@ -174,10 +174,8 @@ export class App {
       choose: (choice) => void this.choose(choice),
       nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
       isLast: () => this.isLast,
-      daily: this.source.opening ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
-      opening: this.source.opening,
+      daily: this.source.puzzles ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
       retry: () => void this.retry(),
-      playLine: (line, seed) => this.playLine(line, seed),
       hints: async () => {
         const { friend, number } = this.course;
         return friend?.now ? { options: [], positions: [] } : this.source.options(this.course.wanted(number));
@@ -305,7 +303,7 @@ export class App {
 
   toggle(): void {
     const { player } = this;
-    if (!player.playing && player.time >= player.end) {
+    if (!player.playing && player.time >= player.duration) {
       player.seek(0);
     }
     const mine = this.screen.board.turn && (player.waits || player.time >= player.choice);
@@ -326,8 +324,6 @@ export class App {
   stepStroke(step: number): void {
     if (this.player.stepStroke(step)) {
       this.saving.updateAddress();
-    } else if (step > 0 && this.player.time >= this.player.duration) {
-      void this.go(this.course.number + 1); // from the walk on
     } else {
       this.seek(step > 0 ? this.player.duration : 0);
     }
@@ -361,12 +357,6 @@ export class App {
       this.screen.learn.start(null);
       void this.go(0, null, true);
     }
-  }
-
-  /** Starts a match whose first rally begins with a line of strokes. */
-  private playLine(line: number[], seed: number): void {
-    this.course.open({ seed, sides: this.course.sides!, chosen: { 0: Object.fromEntries(line.entries()) } });
-    void this.go(0, null, true);
   }
 
   /** Opens the link in the address. */

@@ -8,7 +8,7 @@ import { opponentName } from "./names";
 import type { Source } from "./rallies";
 import type { Screen } from "./screen";
 import type { StrokeValues } from "./strokeValues";
-import { likenessSentence, summary } from "./summary";
+import { summary } from "./summary";
 import { playing, type Timeline } from "./timeline";
 import type { Hello, RallyFacts, Side } from "./wire.gen";
 import { say } from "./words";
@@ -85,7 +85,7 @@ export class Challenges {
     }
   }
 
-  /** Shows the score, the rating, and the costliest decisions of a person in the finished game, and whose choices theirs are like. */
+  /** Shows the score, the rating and the costliest decisions of a person in the finished game. */
   async summary(rally: RallyFacts): Promise<void> {
     const { course, hooks, screen } = this;
     const { person } = course;
@@ -111,11 +111,7 @@ export class Challenges {
       };
       return h("button", { onclick: start }, words);
     };
-    const [found, likeness] = await Promise.all([
-      summary(rally, person.seat, this.values.played, open),
-      this.source.likeness(course.wanted(rally.number)),
-      this.values.latest,
-    ]);
+    const [found] = await Promise.all([summary(rally, person.seat, this.values.played, open), this.values.latest]);
     const [mine, theirs] = screen.decisions.scores(person.seat);
     const ahead = mine !== null && theirs !== null && mine > theirs;
     const unrated = screen.decisions.unrated(person.seat);
@@ -137,7 +133,6 @@ export class Challenges {
       h("p", {}, h("b", {}, say(ahead ? "decide.ahead" : "decide.behind", score))),
       h("p", {}, say("decide.rating", { points, low, high })),
       ...found,
-      likenessSentence(likeness),
       at >= 0 &&
         h(
           "div",

@@ -1,8 +1,8 @@
-// The end of a rally: its best stroke once more, the walk to the next rally, and that rally.
+// The end of a rally: its best stroke once more, and the next rally.
 
 import { still } from "./dom";
 import type { Frames } from "./frame";
-import type { Rallies, Shown, Source } from "./rallies";
+import type { Rallies, Shown } from "./rallies";
 import type { Screen } from "./screen";
 import type { Camera } from "./stage";
 import type { Timeline } from "./timeline";
@@ -23,11 +23,10 @@ export class Ending {
     private readonly frames: Frames,
     private readonly rallies: Rallies,
     private readonly screen: Screen,
-    private readonly source: Source,
     private readonly next: () => Promise<void>,
   ) {}
 
-  /** The playback has reached the end of the rally, or of the walk after it. */
+  /** The playback has reached the end of the rally. */
   reached(shown: Shown): void {
     const { player } = this.frames;
     const { after, winner } = shown.rally;
@@ -35,8 +34,6 @@ export class Ending {
     if (this.loop) {
       player.seek(0);
       player.playing = true;
-    } else if (player.end > player.duration) {
-      void this.goOn();
     } else if (this.replaysBest(shown.rally)) {
       return;
     } else if (
@@ -46,7 +43,7 @@ export class Ending {
       !after?.over &&
       !(this.course.person && after?.game_won)
     ) {
-      void this.walk(shown);
+      void this.goOn();
     }
   }
 
@@ -56,23 +53,6 @@ export class Ending {
       this.frames.stage.camera = this.replayed;
     }
     this.replayed = null;
-  }
-
-  /** Plays the walk to the next rally; the rally itself on pages without walks, to a person, and after a change of ends. */
-  private async walk({ motion, rally }: Shown): Promise<void> {
-    const { course, frames, rallies, screen, source } = this;
-    const { request } = rallies;
-    const watched = source.walk && screen.mode === "watch" && !rally.after?.changes_ends;
-    const whole = watched ? await source.walk!(course.wanted(course.number), motion).catch(() => null) : null;
-    if (request !== rallies.request) {
-      return; // another rally was asked for
-    }
-    if (whole) {
-      frames.stage?.blendFrom(motion, frames.player.time);
-      frames.extend(whole);
-    } else {
-      await this.goOn();
-    }
   }
 
   private async goOn(): Promise<void> {

@@ -64,12 +64,6 @@ export class Frames {
     this.version++;
   }
 
-  /** Plays on, with the walk to the next rally. */
-  extend(motion: Motion): void {
-    this.player.extend(motion);
-    this.shown = { rally: this.shown!.rally, motion };
-  }
-
   resize(width: number, height: number): void {
     this.size = [width, height];
     this.stage?.resize(...(this.fixed ?? this.size));

@@ -9,7 +9,7 @@ import { Motion } from "./motion";
 import type { Source, Wanted } from "./rallies";
 import { isSite, openReply, openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
 import { Tagging } from "./tag";
-import type { Analysis, Hello, MatchReply, OpeningReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
+import type { Analysis, Hello, MatchReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
 import { say } from "./words";
 
 declare global {
@@ -18,7 +18,7 @@ declare global {
   }
 }
 
-function query({ plan, rally, person, tried, friend }: Wanted): Omit<RallyRequest, "have" | "walk"> {
+function query({ plan, rally, person, tried, friend }: Wanted): Omit<RallyRequest, "have"> {
   if (friend) {
     return { rally, friend: friend.seat };
   }
@@ -43,19 +43,15 @@ async function served(): Promise<Opened> {
   const server = new Connection(address, (open) => lost.classList.toggle("hidden", open));
   const { facts: hello, raw } = await server.ask("hello", {});
   const source: Source = {
-    rally: async (wanted, before) =>
-      unpacked(await server.ask("rally", { ...query(wanted), have: before !== null, walk: false }), before),
-    walk: async (wanted, motion) =>
-      (await unpacked(await server.ask("rally", { ...query(wanted), have: false, walk: true }), motion)).motion,
+    rally: async (wanted, before) => unpacked(await server.ask("rally", { ...query(wanted), have: before !== null }), before),
     analysis: async (wanted) => (await server.ask("analysis", query(wanted))).facts,
     options: async (wanted) => (await server.ask("options", query(wanted))).facts,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
     match: async (wanted) => (await server.ask("match", { ...query(wanted), partial: false })).facts,
-    likeness: async (wanted) => (await server.ask("likeness", query(wanted))).facts,
     rating: async ({ points, deviation, volatility }, scores) =>
       (await server.ask("rating", { points, deviation, volatility, scores })).facts,
     friend: async (asked) => (await server.ask("friend", asked)).facts,
-    opening: async (line) => (await server.ask("opening", { line })).facts,
+    puzzles: true,
     model: fetchModel,
     share: async (rallies, title, hash, progress) => {
       const [script = "", style = ""] = await Promise.all(
@@ -65,7 +61,7 @@ async function served(): Promise<Opened> {
       const athletes = new Set<string>();
       for (const [i, wanted] of rallies.entries()) {
         progress(i);
-        const reply = await server.ask("rally", { ...query(wanted), have: false, walk: false });
+        const reply = await server.ask("rally", { ...query(wanted), have: false });
         reply.facts.rally.players.forEach(({ athlete }) => athletes.add(athlete));
         replies.set(`rally ${wanted.rally}`, reply.raw);
         replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw);
@@ -97,14 +93,12 @@ type Found<F> = Promise<{ facts: F; body: ArrayBuffer }>;
 function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => string, model: Source["model"]): Source {
   return {
     rally: async ({ rally }) => unpacked(await find(`rally ${rally}`)),
-    walk: null,
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
     options: noPlay,
-    likeness: noPlay,
     rating: noPlay,
     styles: async () => (await find<Styles>("styles")).facts,
     match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
-    opening: null,
+    puzzles: false,
     friend: null,
     model,
     share: null,
@@ -138,16 +132,7 @@ async function site(): Promise<Opened> {
   };
   const { facts: hello } = await find<Hello>("hello");
   const match = ({ plan, rally }: Wanted) => `match ${plan ? 0 : rally}`;
-  const openings = () => find<{ lines: Record<string, OpeningReply> }>("openings");
-  let loaded: ReturnType<typeof openings> | null = null;
-  const opening = async (line: number[]): Promise<OpeningReply> => {
-    loaded ??= openings();
-    const { lines } = (await loaded).facts;
-    return lines[line.join("-")] ?? { strokes: [], seed: null };
-  };
-  const walk = async ({ rally }: Wanted, motion: Motion) =>
-    (await unpacked(await find<{ rally: RallyFacts }>(`walk ${rally}`), motion)).motion;
-  return { hello, source: { ...stored(find, match, fetchModel), walk, opening } };
+  return { hello, source: { ...stored(find, match, fetchModel), puzzles: true } };
 }
 
 const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();

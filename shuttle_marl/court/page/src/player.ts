@@ -13,7 +13,7 @@ export class Player {
   playing = false;
   rally: RallyFacts | null = null;
   motion: Motion | null = null;
-  /** Duration of the rally, without the walk that may follow [s]. */
+  /** Duration of the rally [s]. */
   duration = 0;
   /** Time at which the playback stops once, for example before a decision; null: none. */
   stopAt: number | null = null;
@@ -38,17 +38,6 @@ export class Player {
   /** Time at which a person chooses the next stroke: after the last one, however fast the shuttle is. */
   get choice(): number {
     return Math.max(this.rally?.strokes.at(-1)?.time ?? 0, this.duration - EARLY);
-  }
-
-  /** End of the playback: of the rally, or of the walk that follows it [s]. */
-  get end(): number {
-    return this.motion?.duration ?? 0;
-  }
-
-  /** Plays on, with the walk to the next rally. */
-  extend(motion: Motion): void {
-    this.motion = motion;
-    this.playing = true;
   }
 
   /** Number of the last stroke; -1 before the serve. */
@@ -93,15 +82,15 @@ export class Player {
       time = this.until.cut ? this.duration : time;
       this.endReplay();
     }
-    this.time = Math.min(time, this.end);
-    return this.playing && this.time >= this.end;
+    this.time = Math.min(time, this.duration);
+    return this.playing && this.time >= this.duration;
   }
 
   stepFrame(frames: number): void {
     this.playing = false;
     const fps = this.motion?.fps ?? 50;
     this.endReplay();
-    this.time = Math.min(Math.max((Math.round(this.time * fps) + frames) / fps, 0), this.end);
+    this.time = Math.min(Math.max((Math.round(this.time * fps) + frames) / fps, 0), this.duration);
   }
 
   /** Seeks the contact of the next or previous stroke; false if there is none. */

@@ -6,9 +6,7 @@ import type {
   FriendReply,
   FriendRequest,
   FriendSeat,
-  Likeness,
   MatchReply,
-  OpeningReply,
   OptionsReply,
   Person,
   Plan,
@@ -35,20 +33,16 @@ export interface Shown {
 export interface Source {
   /** `before` has the frames before the branch of a motion that continues it. */
   rally(wanted: Wanted, before: Motion | null): Promise<Shown>;
-  /** The motion of a rally, followed by the walk to the next one; null: this page has no walks. */
-  walk: ((wanted: Wanted, motion: Motion) => Promise<Motion>) | null;
   analysis(wanted: Wanted): Promise<Analysis>;
   options(wanted: Wanted): Promise<OptionsReply>;
   styles(wanted: Wanted): Promise<Styles>;
   match(wanted: Wanted): Promise<MatchReply>;
-  /** Players whose choices are like those of the person, up to a rally. */
-  likeness(wanted: Wanted): Promise<Likeness>;
   /** How a game with a friend stands; null: this page has no server. */
   friend: ((asked: FriendRequest) => Promise<FriendReply>) | null;
   /** The rating of a person after a match. */
   rating(before: RatingReply, scores: number[]): Promise<RatingReply>;
-  /** Strokes after the first strokes of a rally; null: this page has no openings. */
-  opening: ((line: number[]) => Promise<OpeningReply>) | null;
+  /** Whether the page has enough rallies for the puzzles of the day. */
+  puzzles: boolean;
   model(athlete: string): Promise<ArrayBuffer>;
   /** Creates a page that opens from disk with these rallies; null on such a page. */
   share: ((wanted: Wanted[], title: string, hash: string, progress: (done: number) => void) => Promise<Blob>) | null;

@@ -13,7 +13,6 @@ import { Learn } from "./learn";
 import { MatchPanel } from "./match_panel";
 import { displayName, does } from "./names";
 import { endSentence, reason, startSentence, strokeSentence } from "./narration";
-import { Openings } from "./openings";
 import type { Player } from "./player";
 import { RallyBrowser } from "./rally_browser";
 import { boxOf, PlacePanel } from "./recover";
@@ -21,18 +20,7 @@ import { SideCard, StylePanel } from "./sides";
 import { Sound } from "./sound";
 import type { Camera, Stage } from "./stage";
 import { Chances, LandingMap } from "./stroke_panels";
-import type {
-  Analysis,
-  HallFacts,
-  Hello,
-  OpeningReply,
-  Option,
-  OptionsReply,
-  RallyFacts,
-  Side,
-  Styles,
-  Turn,
-} from "./wire.gen";
+import type { Analysis, HallFacts, Hello, Option, OptionsReply, RallyFacts, Side, Styles, Turn } from "./wire.gen";
 import { decimal, say } from "./words";
 
 export interface Acts extends Hooks {
@@ -57,17 +45,12 @@ export interface Acts extends Hooks {
   isLast(): boolean;
   /** Starts the puzzles of the day; null: this page has too few rallies. */
   daily: (() => void) | null;
-  /** Strokes after the first strokes of a rally; null: this page has no openings. */
-  opening: ((line: number[]) => Promise<OpeningReply>) | null;
-  /** Starts a match whose first rally begins with a line of strokes. */
-  playLine(line: number[], seed: number): void;
   gameOver(rally: RallyFacts): void;
   /** Plays the rally again from the last stroke of the person on the court. */
   retry(): void;
 }
 
 const BEFORE = 0.03; // time before a contact at which a question stops the playback [s]
-const BANNER = 0.8; // time of the walk for which the result of the rally stays [s]
 
 export class Screen {
   mode: Mode = "watch";
@@ -163,14 +146,6 @@ export class Screen {
       hints: () => acts.hints(),
       aim: (box) => (frames.aim = box),
     });
-    const openings = acts.opening
-      ? new Openings({
-          load: acts.opening,
-          point: (stroke) => (frames.aim = stroke?.box ?? null),
-          play: match && live ? (line, seed) => acts.playLine(line, seed) : null,
-          failed: (error) => this.layout.say(error.message, true),
-        })
-      : null;
     for (const { element } of [this.options, this.chances, this.landing, this.styles]) {
       element.classList.add("detail");
     }
@@ -194,7 +169,6 @@ export class Screen {
         right: [
           this.match.element,
           this.moves.element,
-          openings?.element ?? null,
           this.options.element,
           this.places.element,
           this.chances.element,
@@ -374,7 +348,6 @@ export class Screen {
     this.layout.scrubber.value = String(time);
     this.layout.clock.textContent = `${decimal(Math.min(time, player.duration), 2)} / ${decimal(player.duration, 1)} s`;
     this.layout.showPlaying(player.playing);
-    this.layout.court.classList.toggle("walking", player.time > player.duration + BANNER);
     if (player.stroke !== this.shownStroke) {
       this.showStroke(rally, player.stroke);
     }

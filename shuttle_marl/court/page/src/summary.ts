@@ -1,9 +1,8 @@
 // The summary of a game that a person played: their costliest decisions.
 
 import { accuracy } from "./analysis";
-import { h, percent, signed } from "./dom";
-import { displayName } from "./names";
-import type { Analysis, Likeness, RallyFacts } from "./wire.gen";
+import { h, signed } from "./dom";
+import type { Analysis, RallyFacts } from "./wire.gen";
 import { say, words } from "./words";
 
 /** A rally that a person played to its end. */
@@ -14,7 +13,6 @@ export interface Played {
 }
 
 const MOST = 5;
-const TELLING = 30; // strokes from which a likeness is told
 
 /**
  * Content of the dialog after a game.
@@ -62,15 +60,4 @@ export async function summary(
 
 function target({ shot, area }: { shot: string; area: string }): string {
   return say("stroke.to", { shot: words(shot), area: words(area) });
-}
-
-/** Which player the choices of a person are like. */
-export function likenessSentence({ names, probability, strokes }: Likeness): HTMLElement {
-  const [name, share] = [names[0], probability[0]];
-  const known = strokes >= TELLING && name !== undefined && share !== undefined;
-  return h(
-    "p",
-    {},
-    known && say("duel.likeness", { share: percent(share), name: displayName(name), players: names.length, strokes }),
-  );
 }

@@ -153,7 +153,6 @@ export interface RallyRequest {
   tried?: Record<string, number>;
   friend?: FriendSeat | null;
   have: boolean;
-  walk: boolean;
 }
 
 /** A person who plays instead of a policy. */
@@ -309,7 +308,7 @@ export interface Question {
   usual: number;
 }
 
-/** A stroke of a decision. */
+/** A stroke of a decision: ``win`` if both players continue with their policies, ``best`` if both play strongly. */
 export interface Option {
   stroke: number;
   seat: number;
@@ -395,7 +394,7 @@ export interface MatchRequest {
   partial: boolean;
 }
 
-/** Reply to MatchRequest; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides. */
+/** Reply to MatchRequest; ``marks``: numbers of ``!!``, ``!``, ``?!``, ``?`` and ``??`` of both sides. */
 export interface MatchReply {
   rallies: MatchRally[];
   win_after: number | null;
@@ -425,22 +424,6 @@ export interface Moment {
   mark: string;
   change: number;
   cost: number | null;
-}
-
-/** Players whose choices are like those of a person, up to a rally. */
-export interface LikenessRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
-}
-
-/** Reply to LikenessRequest: imitated players and the average pro, the likeliest first. */
-export interface Likeness {
-  names: string[];
-  probability: number[];
-  strokes: number;
 }
 
 /** The rating of a person after a match. */
@@ -479,35 +462,6 @@ export interface FriendReply {
   strokes: number;
   chosen: boolean;
   plan?: Plan | null;
-}
-
-/** Strokes that follow the first strokes of a rally. */
-export interface OpeningRequest {
-  line?: number[];
-}
-
-/** Reply to OpeningRequest. */
-export interface OpeningReply {
-  strokes: OpeningStroke[];
-  seed: number | null;
-}
-
-/** A stroke after the first ones of a rally between two average pros. */
-export interface OpeningStroke {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
-  p_succ: number;
-  p_ret: number;
-  support: number | null;
-  win: number;
-  best: number;
-  available: number;
-  share: number;
 }
 
 /** An input of a person who tags a video, and the rows that it changed. */
@@ -587,10 +541,8 @@ export interface Requests {
   options: OptionsRequest;
   styles: StylesRequest;
   match: MatchRequest;
-  likeness: LikenessRequest;
   rating: RatingRequest;
   friend: FriendRequest;
-  opening: OpeningRequest;
   tag: TagRequest;
   suggest: SuggestRequest;
 }
@@ -603,10 +555,8 @@ export interface Replies {
   options: OptionsReply;
   styles: Styles;
   match: MatchReply;
-  likeness: Likeness;
   rating: RatingReply;
   friend: FriendReply;
-  opening: OpeningReply;
   tag: Saved;
   suggest: Suggestions;
 }
