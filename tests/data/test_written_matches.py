@@ -69,7 +69,7 @@ TOLD = ((), ("ending",), ("winner",), ("ending", "winner"), *((kind,) for kind i
 FORMATS = ("csv", "json", "json by game", "elan", "elan of strokes", "sportscode")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     seed=st.integers(0, 10**6), form=st.sampled_from(FORMATS), matches=st.integers(1, 3), numbers=st.sampled_from(NUMBERS),
     told=st.sampled_from(TOLD), ends=st.sampled_from(["", *written.ENDS]), named=st.booleans(),

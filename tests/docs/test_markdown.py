@@ -1,5 +1,6 @@
 """The pages of the documentation: links lead somewhere, and code blocks are of a kind that is run."""
 
+import functools
 import importlib
 import re
 import subprocess
@@ -30,6 +31,7 @@ def targets(page: Path) -> list[str]:
     return [str(target) for target in found] + re.findall(r'<(?:img|a)\b[^>]*\b(?:src|href)="([^"]+)"', text)
 
 
+@functools.cache
 def anchors(page: Path) -> set[str]:
     """Names of the headings of a page, made as GitHub makes them."""
     found: set[str] = set()

@@ -54,7 +54,7 @@ def same(a: Any, b: Any) -> bool:
 def test_what_is_received_does_not_depend_on_the_position(make: Callable[..., Any]) -> None:
     env, rng, told = make(game=GAME, render_mode="ansi"), np.random.default_rng(1), [0, 0]
     env.reset(seed=5)
-    for count in range(400):
+    for count in range(200):
         raw = env.unwrapped
         if raw.terminations["player_0"]:
             env.reset()
@@ -70,7 +70,7 @@ def test_what_is_received_does_not_depend_on_the_position(make: Callable[..., An
         first, second = rng.choice(legal, 2, replace=False).tolist()
         raw.step(first)
         other.step(second)
-        assert same(received(env, picture=count % 40 == 0), received(twin, picture=count % 40 == 0))
+        assert same(received(env, picture=count % 50 == 0), received(twin, picture=count % 50 == 0))
         assert same(received(env.fork(count)), received(twin.fork(count)))
         stroke = int(rng.choice(np.flatnonzero(raw.observe(raw.agent_selection)["action_mask"])))
         raw.step(stroke)

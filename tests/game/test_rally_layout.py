@@ -60,15 +60,16 @@ def test_pairs_number_the_legal_strokes_of_each_state_in_order(made: tuple[Game,
         expected = np.flatnonzero(replies[incoming] & (height == contact))
         assert game.legal_strokes(state).tolist() == expected.tolist()
         assert game.legal_count(np.array(state)) == len(expected)
-        for stroke in expected:
-            assert game.pair_state[row] == state
-            assert game.pair_stroke[row] == stroke
-            arrivals = game.arrivals(np.array(row))
-            assert game.contact(arrivals).tolist() == [0, 1, 0, 1]
-            assert game.hurried(arrivals).tolist() == [0, 0, 1, 1]
-            assert set(zip(game.own(arrivals).tolist(), game.incoming(arrivals).tolist(), strict=True)) == {(incoming, stroke)}
-            row += 1
+        pairs = slice(row, row + len(expected))
+        assert (game.pair_state[pairs] == state).all()
+        assert game.pair_stroke[pairs].tolist() == expected.tolist()
+        row += len(expected)
     assert row == game.n_pairs
+    arrivals = game.arrivals()
+    assert (game.contact(arrivals) == [0, 1, 0, 1]).all()
+    assert (game.hurried(arrivals) == [0, 0, 1, 1]).all()
+    assert (game.own(arrivals) == game.incoming(game.pair_state)[:, None]).all()
+    assert (game.incoming(arrivals) == game.pair_stroke[:, None]).all()
 
 
 @given(games)

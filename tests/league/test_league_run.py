@@ -317,6 +317,7 @@ def test_the_command_prints_the_table_and_a_forfeit(
     )
     out = tmp_path / "[/run]"
     flags = ["--pool", "safe", "my_broken:policy", "random", "--matches", "10", "--out", str(out), "--policy-timeout", "0"]
+    flags += ["--game", reduced_model()]
     assert main(flags) == 0
     printed = capsys.readouterr()
     assert "my_broken:policy (forfeited 2)" in printed.out
@@ -373,7 +374,7 @@ def test_a_policy_that_changes_the_working_directory_moves_no_results(tmp_path: 
 def test_saves_of_one_policy_are_equal(tmp_path: Path) -> None:
     game = reduced_game()
     policy = tabulate(resolve("safe", game), game)
-    paths = [tmp_path / f"{i}.safetensors" for i in range(12)]
+    paths = [tmp_path / f"{i}.safetensors" for i in range(5)]
     for path in paths:
         policy.save(path, {"policy": "safe", "made": "here", "b": "c"})
         game.save(path.with_suffix(".game"))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -17,9 +18,14 @@ from shuttle_marl.game.shipped import REFITS, resolve_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import add_values, strokes_of
 from shuttle_marl.reports.advice import Refitted, refitted
+from shuttle_marl.reports.languages import Language
 from shuttle_marl.reports.match import MatchReport, match_report, matches_in
+from shuttle_marl.reports.words import Words
 from tests.pages import Tags, parsed
 from tests.reduced import reduced_model
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 A, B = "viktor-axelsen", "kento-momota"
@@ -67,6 +73,21 @@ def read(content: bytes) -> tuple[Tags, str]:
     """Tags and text of a page."""
     tags = parsed(content)
     return tags, " ".join(" ".join(tags.words).split())
+
+
+def assert_fits(content: bytes, language: Language, folder: Path, browser: "Browser") -> None:
+    """A page in a language is no wider than a telephone or paper, and no name of a row of a chart is cut off."""
+    assert f'<html lang="{Words(language)("language.tag")}">'.encode() in content
+    (folder / "page.html").write_bytes(content)
+    page = browser.new_page()
+    page.goto((folder / "page.html").as_uri())
+    for medium, width in (("screen", 390), ("print", 688)):  # A4 without its margins
+        page.emulate_media(media=medium)  # type: ignore[arg-type]
+        page.set_viewport_size({"width": width, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth"), medium
+    inside = "(all) => all.every((e) => e.getBoundingClientRect().left >= e.closest('svg').getBoundingClientRect().left - 1)"
+    assert page.locator(".chart svg text").evaluate_all(inside)
+    page.close()
 
 
 @pytest.fixture(scope="session")

@@ -12,13 +12,20 @@ from shuttle_marl.court.scene import topics
 from shuttle_marl.court.scene.write import write_scene
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.shipped import load_game, waiting_places
+from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog, RallyRecorder
+from tests.reduced import reduced_model
 from tests.scene.conftest import read
 
 
 @pytest.fixture(scope="module")
-def recovery_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    policies = PolicyTables(load_game("default:recovery"))
+def game() -> Game:
+    return load_game(f"{reduced_model()}:recovery")
+
+
+@pytest.fixture(scope="module")
+def recovery_log(game: Game, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    policies = PolicyTables(game)
     plan, folder = Plan(seed=6, sides=(Side(policy="bc"), Side(policy="safe"))), tmp_path_factory.mktemp("log")
     log, match = MatchLog(folder, policies), Match(plan, policies)
     for number in range(3):
@@ -27,8 +34,7 @@ def recovery_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return next(folder.glob("*.mcap"))
 
 
-def test_a_scene_tells_and_shows_where_receivers_wait(recovery_log: Path) -> None:
-    game = load_game("default:recovery")
+def test_a_scene_tells_and_shows_where_receivers_wait(recovery_log: Path, game: Game) -> None:
     with RallyLog(recovery_log) as log:
         number = int(np.argmax(log.rally_table()["length"]))
         row = log.rally(number)
@@ -55,7 +61,7 @@ def test_a_scene_tells_and_shows_where_receivers_wait(recovery_log: Path) -> Non
     assert [stroke.get("waited") for stroke in summary["strokes"]] == [stroke.get("waited") for stroke in strokes]
 
 
-def test_a_log_without_positions_is_written_as_before(recovery_log: Path, tmp_path: Path) -> None:
+def test_a_log_without_positions_is_written_as_before(recovery_log: Path, game: Game, tmp_path: Path) -> None:
     with RallyLog(recovery_log) as log:
         header = dataclasses.replace(log.files[0].header, columns=())
         rows = dataclasses.replace(log.rally(0), waited=None)
@@ -63,7 +69,7 @@ def test_a_log_without_positions_is_written_as_before(recovery_log: Path, tmp_pa
     recorder.add(rows)
     recorder.close()
     with RallyLog(tmp_path / "old.mcap") as log:
-        messages = read(write_scene(log, [0], load_game("default:recovery"))[0])
+        messages = read(write_scene(log, [0], game)[0])
     assert all("waited" not in message for _, topic, message in messages if topic == topics.STROKE)
     marks = [message for _, topic, message in messages if topic == topics.STROKE_MARKS]
     assert {entity.id for mark in marks for entity in mark.entities} == {"path", "target", "landing"}

@@ -21,7 +21,7 @@ from shuttle_marl.suite.task import Outcome
 from tests.reduced import reduced_model
 from tests.suite.small import run
 
-ROWS, EPISODES = 1000, 20
+ROWS, EPISODES = 1000, 10
 METHODS: Final = {
     "exploit-v0": ("minimax", "ppo-self-play", "model"),
     "equilibrium-v0": ("minimax", "minimax-deterministic", "model-boosted"),

@@ -155,7 +155,7 @@ def test_perfect_play_has_to_mix_where_positions_are_hidden(tmp_path: Path) -> N
 
 
 def test_estimates_of_the_opponent_are_answered(tmp_path: Path) -> None:
-    found = summary(played(tmp_path, "restricted-counts", "exploit-v0"))
+    found = summary(played(tmp_path, "restricted-counts"))
     assert 0.25 * found["scores"]["best"]["value"] < found["score"] <= found["scores"]["best"]["value"] + 1e-6
     assert 0 < found["strokes"] <= 20_000
     golden.check("player_methods", {"restricted-counts": {**found["scores"], "strokes": found["strokes"]}})

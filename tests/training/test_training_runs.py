@@ -77,16 +77,6 @@ def metrics(run: Path) -> list[dict[str, float]]:
     return [{k: v for k, v in line.items() if k != "seconds"} for line in lines]
 
 
-def test_what_is_recorded_changes_nothing_in_learning(tmp_path: Path) -> None:
-    """Results depend neither on the room for recorded strokes nor on how it grew."""
-    config = PPOConfig(**SMALL | {"growth": 4.0}, strokes=256 * 20)
-    first, *others = (
-        train(dataclasses.replace(config, out=tmp_path / part.replace(":", "-"), record=part)).folder
-        for part in ("all", "sample:2", "none")
-    )
-    assert all(weights(other) == weights(first) for other in others)
-
-
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name in VARIANTS[1:5] else ()) for name in CONFIGS]
 )
@@ -114,8 +104,9 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
     assert rallies(resumed.folder) == rallies(whole.folder)
     assert metrics(resumed.folder) == metrics(whole.folder)
     assert (resumed.policy.cumulative == whole.policy.cumulative).all()
-    other = train(dataclasses.replace(config, out=tmp_path / "other", seed=1))
-    assert weights(other.folder) != weights(whole.folder)
+    if name in ("ppo", "a2c", "sac"):
+        other = train(dataclasses.replace(config, out=tmp_path / "other", seed=1))
+        assert weights(other.folder) != weights(whole.folder)
 
 
 def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +187,7 @@ def test_no_number_is_taken_that_cannot_be_meant(name: str) -> None:
 
 
 def test_the_agent_of_sac_is_the_mean_of_its_weights_which_changes_nothing_in_learning(tmp_path: Path) -> None:
-    sac = CONFIGS["sac"]
+    sac = dataclasses.replace(CONFIGS["sac"], strokes=256 * 4)
     assert isinstance(sac, SACConfig)
 
     def kept(name: str, **changes: Any) -> list[list[bytes]]:
@@ -390,11 +381,12 @@ def test_the_log_probability_is_that_of_the_weights(tmp_path: Path) -> None:
 
 
 def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
-    weights = []
-    for record in ("all", "sample:3", "none"):
-        done = train(PPOConfig(**{**LOGGED, "record": record}, out=tmp_path / record))
-        weights.append((done.folder / "agent" / "network.safetensors").read_bytes())
-    assert weights[0] == weights[1] == weights[2]
+    """Nor does the room for recorded strokes, or how it grew."""
+    first, *others = (
+        weights(train(PPOConfig(**{**LOGGED, "growth": 4.0, "record": record}, out=tmp_path / record)).folder)
+        for record in ("all", "sample:3", "none")
+    )
+    assert all(other == first for other in others)
     assert not (tmp_path / "none" / LOG).exists()
     assert check(tmp_path / "sample:3" / LOG, GAME).problems == ()
     every, some = read_rallies(tmp_path / "all" / LOG), read_rallies(tmp_path / "sample:3" / LOG)

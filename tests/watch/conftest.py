@@ -1,14 +1,18 @@
 """The page built once, a server of it, and a browser without a window."""
 
+import atexit
 import contextlib
 import dataclasses
+import functools
 import http.client
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -62,9 +66,12 @@ def policies() -> PolicyTables:
     return PolicyTables(game)
 
 
-def run_script(name: str, folder: Path, *arguments: str) -> bytes:
-    """Output of a script of tests that uses the source of the page; it is built into a folder."""
-    program, built = str(node()), folder / f"{name}.mjs"
+@functools.cache
+def script(name: str) -> Path:
+    """A script of tests that uses the source of the page, built; removed at the end of the process."""
+    folder = Path(tempfile.mkdtemp(prefix="script-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    built = folder / f"{name}.mjs"
     options = {
         "entryPoints": [str(HERE / "scripts" / name)],
         "outfile": str(built),
@@ -73,8 +80,13 @@ def run_script(name: str, folder: Path, *arguments: str) -> bytes:
         "format": "esm",
     }
     code = f"import {{ build }} from 'esbuild'; await build({json.dumps(options)});"
-    subprocess.run([program, "--input-type=module", "-e", code], cwd=SOURCE, check=True, capture_output=True)
-    return subprocess.run([program, str(built), *arguments], check=True, capture_output=True).stdout
+    subprocess.run([str(node()), "--input-type=module", "-e", code], cwd=SOURCE, check=True, capture_output=True)
+    return built
+
+
+def run_script(name: str, *arguments: str) -> bytes:
+    """Output of a script of tests."""
+    return subprocess.run([str(node()), str(script(name)), *arguments], check=True, capture_output=True).stdout
 
 
 @dataclasses.dataclass

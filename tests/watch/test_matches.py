@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.watch import MatchOptions
 from shuttle_marl.court import WatchError, messages
 from shuttle_marl.court.answers import Answers, first_key
@@ -32,7 +31,7 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.reader import check
 from shuttle_marl.reports.rating import Rating, rater_of
 from tests import golden
-from tests.reduced import reduced_model
+from tests.reduced import reduced_game, reduced_model
 from tests.staging.reader import read
 from tests.watch.conftest import replied
 
@@ -64,17 +63,22 @@ def test_rally_waits_for_a_person_and_plays_their_stroke(tables: PolicyTables) -
         match(tables, chosen={"0": {"0": game.n_strokes - 1}}).rally(0)
 
 
-def test_persons_of_different_hands_meet_in_the_game_of_different_hands(tables: PolicyTables, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def small() -> PolicyTables:
+    return PolicyTables(reduced_game())
+
+
+def test_persons_of_different_hands_meet_in_the_game_of_different_hands(small: PolicyTables, tmp_path: Path) -> None:
     momota, woman = {"policy": "bc:kento-momota"}, {"policy": "bc:an-se-young"}
     plan = Plan.parse({"seed": 3, "sides": [momota, woman], "changes": [{"rally": 2, "seat": 0, "side": BC}]})
-    assert tables.between(plan.sides_in(2)) is tables
-    opposite = tables.between(plan.sides_in(0)).game
-    assert opposite.hash == load_game("default:opposite").hash != tables.game.hash
-    answers, log = Answers(tables, plan), MatchLog(tmp_path, tables)
-    rallies = [Match(plan, tables).rally(number) for number in range(3)]
+    assert small.between(plan.sides_in(2)) is small
+    opposite = small.between(plan.sides_in(0)).game
+    assert opposite.hash == load_game(f"{reduced_model()}:opposite").hash != small.game.hash
+    answers, log = Answers(small, plan), MatchLog(tmp_path, small)
+    rallies = [Match(plan, small).rally(number) for number in range(3)]
     assert [rally.hands for rally in rallies] == [("left", "right"), ("left", "right"), ("right", "right")]
     assert [rally.athletes for rally in rallies] == [("male", "female")] * 2 + [("female", "female")]
-    for number, game in ((0, opposite), (2, tables.game)):
+    for number, game in ((0, opposite), (2, small.game)):
         rally = rallies[number]
         sides = plan.sides_in(number)
         players = tuple(tabulate(resolve(side.policy, game), game) for side in sides)
@@ -87,18 +91,18 @@ def test_persons_of_different_hands_meet_in_the_game_of_different_hands(tables: 
         log.add(plan, rally)
     log.close()
     path = next(tmp_path.glob("*.mcap"))
-    game = RallyGameOptions().load_for(path)
-    assert check(path, game).problems == ()
-    shown = LogRallies(path, game).rally(1)
+    assert check(path, opposite).problems == ()
+    shown = LogRallies(path, opposite).rally(1)
     assert (shown.hands, shown.athletes) == (rallies[1].hands, rallies[1].athletes)
 
 
-@pytest.mark.parametrize("name", ["default:women-opposite", "default:recovery", "default:men-opposite-recovery"])
-def test_a_log_of_a_variant_names_its_game_in_a_new_process(name: str) -> None:
-    found = f"origin_of(shipped_game({load_game(name).hash!r})).name_in('default')"
-    script = f"from shuttle_marl.game.shipped import origin_of, shipped_game; print({found})"
+def test_a_log_of_a_variant_names_its_game_in_a_new_process() -> None:
+    names = ["default:women-opposite", "default:recovery", "default:men-opposite-recovery"]
+    hashes = [load_game(name).hash for name in names]
+    found = f"[origin_of(shipped_game(played)).name_in('default') for played in {hashes}]"
+    script = f"from shuttle_marl.game.shipped import origin_of, shipped_game; print(*{found})"
     done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == name
+    assert done.stdout.split() == names
 
 
 def test_the_appearance_that_is_asked_for_overrides_that_of_the_players() -> None:

@@ -31,8 +31,8 @@ def port_of(served: Served) -> int:
     return int(served.address.rstrip("/").rpartition(":")[2])
 
 
-def connected(served: Served, **options: Any) -> ClientConnection:
-    return connect(f"ws://127.0.0.1:{port_of(served)}/ws", max_size=None, proxy=None, **options)
+def connected(port: int, **options: Any) -> ClientConnection:
+    return connect(f"ws://127.0.0.1:{port}/ws", max_size=None, proxy=None, **options)
 
 
 def asked(socket: ClientConnection, request: object) -> tuple[dict[str, Any], bytes]:
@@ -99,9 +99,9 @@ def test_a_port_in_use_is_replaced_and_a_host_that_is_not_here_refused() -> None
             bind(host, 0)
 
 
-def test_a_connection_that_asks_too_fast_has_to_wait(served: Served) -> None:
+def test_a_connection_that_asks_too_fast_has_to_wait(tmp_path: Path) -> None:
     asked_for = 200
-    with connected(served) as hasty:
+    with running(tmp_path) as (_, port), connected(port) as hasty:
         begun = time.monotonic()
         for _ in range(asked_for):
             hasty.send("no request")
@@ -133,7 +133,7 @@ def test_files_are_served_and_nothing_else(served: Served) -> None:
         assert told["x-content-type-options"] == "nosniff"
         assert told["cross-origin-resource-policy"] == "same-origin"
     with pytest.raises(InvalidStatus):
-        connected(served, origin="http://evil.example")
+        connected(port_of(served), origin="http://evil.example")
 
 
 @pytest.mark.slow
@@ -148,10 +148,10 @@ def test_malformed_messages_are_answered_and_others_served(served: Served) -> No
         if fields["op"] in ("hello", "") or (fields.get("plan") == PLAN and fields.get("rally") == 0):
             continue  # these are well-formed
         requests.append(json.dumps(fields))
-    with connected(served) as other:
+    with connected(port_of(served)) as other:
         for start in range(0, len(requests), 100):
             # A connection may send a hundred at once, and then has to wait.
-            with connected(served) as stranger:
+            with connected(port_of(served)) as stranger:
                 for request in requests[start : start + 100]:
                     stranger.send(request)
                 for _ in requests[start : start + 100]:
@@ -160,7 +160,7 @@ def test_malformed_messages_are_answered_and_others_served(served: Served) -> No
     assert facts["id"] == 7
     assert motion[:4] == b"SMOT"
     for content in ("x" * (MAX_MESSAGE + 1), b"\x00" * 10):
-        with connected(served) as stranger, contextlib.suppress(ConnectionClosed):
+        with connected(port_of(served)) as stranger, contextlib.suppress(ConnectionClosed):
             stranger.send(content)
             with pytest.raises(ConnectionClosed):
                 stranger.recv(timeout=20)
@@ -170,16 +170,16 @@ def test_malformed_messages_are_answered_and_others_served(served: Served) -> No
 def test_disconnected_or_stalled_clients_do_not_block_others(served: Served) -> None:
     request = json.dumps({"id": 1, "op": "rally", "plan": PLAN, "rally": 0, "person": None})
     with contextlib.ExitStack() as stack:
-        readers = [stack.enter_context(connected(served, max_queue=1)) for _ in range(5)]
+        readers = [stack.enter_context(connected(port_of(served), max_queue=1)) for _ in range(5)]
         for reader in readers:
             for _ in range(60):
                 reader.send(request)
         for _ in range(20):
-            with connected(served) as stranger:
+            with connected(port_of(served)) as stranger:
                 stranger.send(request)
                 stranger.socket.shutdown(socket.SHUT_RDWR)
         began = time.monotonic()
-        with connected(served) as other:
+        with connected(port_of(served)) as other:
             facts, _ = asked(other, {"id": 9, "op": "rally", "plan": PLAN, "rally": 0, "person": None})
         assert facts["id"] == 9
         assert time.monotonic() - began < 10
@@ -191,7 +191,7 @@ def test_disconnected_or_stalled_clients_do_not_block_others(served: Served) -> 
 def test_server_stops_immediately_and_frees_its_port(page_folder: Any) -> None:
     with serving() as first, contextlib.ExitStack() as stack:
         port = port_of(first)
-        open_ones = [stack.enter_context(connected(first)) for _ in range(3)]
+        open_ones = [stack.enter_context(connected(port)) for _ in range(3)]
         first.process.send_signal(signal.SIGINT)
         began = time.monotonic()
         first.process.wait(10)
@@ -272,10 +272,10 @@ GOLDEN = Path(__file__).parents[1] / "staging" / "golden"
 
 
 @pytest.mark.slow
-def test_the_golden_motion_is_read_as_it_was_written(page_folder: Path, tmp_path: Path) -> None:
+def test_the_golden_motion_is_read_as_it_was_written(page_folder: Path) -> None:
     wanted = json.loads((GOLDEN / "rally.json").read_text(encoding="utf-8"))
     frames = [str(row["frame"]) for row in wanted["at"]]
-    found = json.loads(run_script("read.ts", tmp_path, str(GOLDEN / "rally.smot"), *frames))
+    found = json.loads(run_script("read.ts", str(GOLDEN / "rally.smot"), *frames))
     assert (found["fps"], found["frames"], found["players"]) == (wanted["fps"], wanted["frames"], wanted["players"])
     for row, seen in zip(wanted["at"], found["at"], strict=True):
         assert np.abs(np.array(seen["shuttle"]) - row["shuttle"]).max() < 1e-4

@@ -2,6 +2,7 @@
 
 import contextvars
 import errno
+import functools
 import json
 import os
 import re
@@ -65,14 +66,14 @@ def tagged(folder: Path, inputs: list[dict[str, Any]]) -> dict[str, Any]:
     """What the page makes of inputs."""
     (folder / "hall.json").write_bytes(msgspec.json.encode(hall_facts()))
     (folder / "inputs.json").write_text(json.dumps(inputs))
-    found: dict[str, Any] = json.loads(run_script("tag.ts", folder, str(folder / "hall.json"), str(folder / "inputs.json")))
+    found: dict[str, Any] = json.loads(run_script("tag.ts", str(folder / "hall.json"), str(folder / "inputs.json")))
     assert found["same"], "the state follows from the inputs"
     return found
 
 
-def test_the_page_judges_scores_as_the_game_does(tmp_path: Path) -> None:
+def test_the_page_judges_scores_as_the_game_does() -> None:
     scores = Path(__file__).parents[1] / "game" / "scores.json"
-    found = json.loads(run_script("scores.ts", tmp_path, str(scores)))
+    found = json.loads(run_script("scores.ts", str(scores)))
     assert found == [won for *_, won in json.loads(scores.read_text(encoding="utf-8"))["games"]]
 
 
@@ -179,7 +180,7 @@ def test_time_without_play_is_skipped(tmp_path: Path) -> None:
         motion = np.concatenate([rng.normal(level, 0.3 * level, int(4 * seconds)).clip(0) for seconds, level in parts])
         given = {"motion": motion.tolist(), "rallies": [{"from": 0, "to": parts[0][0]}], "from": start, "within": within}
         (tmp_path / "given.json").write_text(json.dumps(given))
-        return json.loads(run_script("dead.ts", tmp_path, str(tmp_path / "given.json")))
+        return json.loads(run_script("dead.ts", str(tmp_path / "given.json")))
 
     to = asked((10, 1.0), (60, 0.2), (10, 1.0), start=10)
     assert to is not None
@@ -408,22 +409,30 @@ def test_a_journal_of_another_kind_is_refused(tmp_path: Path) -> None:
         tag_file(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("name", "fine"),
-    [
-        ("Ada Alpha", True), ("Müller, Jörg", True), ("李娜", True), ("a" * 100, True), ("a" * 101, False), ("", False),
-        ("=1", False), (" =1", False), ("\t=1", False), ("+x", False), ("-x", False), ("@x", False), ("Anna\tExample", False),
-        ("a\u2028b", False),
-        ("a\u200bb", False), ("a\x85b", False), (" Ada", False), ("a-b=c+d@e", True),
-    ],
-)  # fmt: skip
+NAMES = {
+    "Ada Alpha": True, "Müller, Jörg": True, "李娜": True, "a" * 100: True, "a" * 101: False, "": False,
+    "=1": False, " =1": False, "\t=1": False, "+x": False, "-x": False, "@x": False, "Anna\tExample": False,
+    "a\u2028b": False,
+    "a\u200bb": False, "a\x85b": False, " Ada": False, "a-b=c+d@e": True,
+}  # fmt: skip
+
+
+@functools.cache
+def names_that_the_form_takes(pattern: str) -> list[bool] | None:
+    """What the browser's engine finds of each name, if there is one here."""
+    test = f"(name) => new RegExp('^(?:' + {json.dumps(pattern)} + ')$', 'v').test(name)"
+    script = f"process.stdout.write(JSON.stringify({json.dumps([*NAMES])}.map({test})))"
+    node = shutil.which("node")
+    return json.loads(subprocess.run([node, "-e", script], capture_output=True, check=True).stdout) if node else None
+
+
+@pytest.mark.parametrize(("name", "fine"), NAMES.items())
 def test_the_form_takes_what_the_server_takes(name: str, fine: bool, tmp_path: Path) -> None:
     facts = tag_file(tmp_path).facts()
     assert ((len(name) <= facts.longest_name) and re.search(facts.name, name) is not None) == fine
-    script = f"process.stdout.write(String(new RegExp('^(?:' + {json.dumps(facts.name)} + ')$', 'v').test({json.dumps(name)})))"
-    node = shutil.which("node")
-    if node and len(name) <= facts.longest_name:
-        assert subprocess.run([node, "-e", script], capture_output=True, text=True, check=True).stdout == str(fine).lower()
+    taken = names_that_the_form_takes(facts.name)
+    if taken and len(name) <= facts.longest_name:
+        assert taken[[*NAMES].index(name)] == fine
     try:
         requests([{**NO_ROW, "player": name}])
     except msgspec.ValidationError:
