@@ -13,10 +13,9 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.occupancy import Hole, Holes, Regret, Sensitivity, Visits, holes, policy_regret, sensitivity, visits
     from shuttle_marl.exact.odds import Crossplay, Spread, crossplay
     from shuttle_marl.exact.optimal import (
+        Equilibrium,
         Exploitability,
         Response,
-        RobustSolution,
-        SoftSolution,
         Solution,
         best_response,
         nash_conv,
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "TOLERANCE",
     "Crossplay",
+    "Equilibrium",
     "ExactError",
     "Exploitability",
     "Hole",
@@ -39,9 +39,7 @@ __all__ = [
     "ProfileValue",
     "Regret",
     "Response",
-    "RobustSolution",
     "Sensitivity",
-    "SoftSolution",
     "Solution",
     "Spread",
     "StatePolicy",

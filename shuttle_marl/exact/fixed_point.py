@@ -52,17 +52,14 @@ ROUNDING: Final = 2.0**-40
 sum, and scaled by a unit, and the absolute values of the terms add up to 2 at most. So each application loses at most
 2 (K + 8) 2^-53 in double precision: both less than 2^-41 for states of K <= 1000 legal strokes."""
 
-TOLERANCE: Final = 1e-9
-"""Default of ``tolerance``: the largest acceptable error bound of values, on the scale from -1 to 1."""
-FIRST_RALLY_STATE: Final = 4
-"""Base states 0 to 3 are the start of the rally; no state leads there."""
+TOLERANCE: Final = 1e-9  # default of ``tolerance``: the largest acceptable error bound of values, on the scale from -1 to 1
+FIRST_RALLY_STATE: Final = 4  # base states 0 to 3 are the start of the rally; no state leads there
 
 _DIRECTIONS: Final = 60
 _SOLVED: Final = 1e-3  # relative residual at which the linear system of a Newton step counts as solved
 
 Linear = Callable[[F64], F64]
-Operator = Callable[[F64], tuple[F64, Linear]]
-"""x to T x and the linear part of T at x."""
+Operator = Callable[[F64], tuple[F64, Linear]]  # x to T x and the linear part of T at x
 BlockLinear = Callable[[F64, F64], F64]
 """``[base states]`` change of the values of a block, from those of the blocks after a plain stroke and after an attack."""
 

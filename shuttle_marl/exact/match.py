@@ -10,8 +10,7 @@ import dataclasses
 
 from shuttle_marl.game.scoring import BWF, Rules, count_rally, match_win_probability, open_scores
 
-Situation = tuple[int, int, int, int, int]
-"""Games of players 0 and 1, their points, and the server."""
+Situation = tuple[int, int, int, int, int]  # games of players 0 and 1, their points, and the server
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -469,21 +469,17 @@ class Saddle:
 
     Attributes:
         games: with recovery, the tables with which that player strikes; of several, nature picks one after each stroke.
-        against: whether nature picks against that player; else in favour.
         strokes: for each block ``[base pairs]`` probabilities of a policy that the striker follows; None: free.
-        positions: ``[S, 9]`` probabilities of positions of a policy that the receiver follows; None: free.
-        share: probability with which each choice follows the policy; else it is free.
         tau: if above 0, both are free and pay so much for a nat of divergence from ``strokes`` and ``positions``, the priors.
-        gap: largest gap of a matrix game so far.
     """
 
     games: tuple[Game, ...]
-    against: bool = False
+    against: bool = False  # whether nature picks against that player; else in favour
     strokes: tuple[Chances, ...] | None = None
-    positions: F64 | None = None
-    share: float = 1.0
+    positions: F64 | None = None  # [S, 9] probabilities of positions of a policy that the receiver follows; None: free
+    share: float = 1.0  # probability with which each choice follows the policy; else it is free
     tau: float = 0.0
-    gap: float = 0.0
+    gap: float = 0.0  # largest gap of a matrix game so far
 
     @property
     def game(self) -> Game:

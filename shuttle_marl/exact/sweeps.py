@@ -18,8 +18,7 @@ from shuttle_marl.game.draws import CHOICE_ONE, ONE
 from shuttle_marl.game.tables import Game
 
 Successors = tuple[float, float, float, float]
-Chances = F64 | U16
-"""``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535."""
+Chances = F64 | U16  # ``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535
 
 TIE: Final = 1e-12
 """Strokes whose values differ by less are tied; the first one in the catalogue is played, so that rounding decides nothing."""

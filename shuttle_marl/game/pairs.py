@@ -202,21 +202,13 @@ _LARGEST: Final = 4.0  # offsets are limited to this difference of log-odds
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class People:
-    """Two players in whose game seats 0 and 1 strike with their skill.
+    """Two players in whose game seats 0 and 1 strike with their skill."""
 
-    Attributes:
-        players: their names; ``average`` for the average player.
-        model: the model or variant whose tables the offsets are applied to, by name or folder.
-        date: day of the skill; None: the last one known.
-        discipline: ``men`` or ``women`` for the tables of that discipline; None: the average of both.
-        hands: their hands; an unknown one, and that of the average player, counts as right.
-    """
-
-    players: tuple[str, str]
-    model: str = "default"
-    date: datetime.date | None = None
-    discipline: str | None = None
-    hands: Hands = (HANDS[0], HANDS[0])
+    players: tuple[str, str]  # their names; `average` for the average player
+    model: str = "default"  # the model or variant whose tables the offsets are applied to, by name or folder
+    date: datetime.date | None = None  # day of the skill; None: the last one known
+    discipline: str | None = None  # `men` or `women` for the tables of that discipline; None: the average of both
+    hands: Hands = (HANDS[0], HANDS[0])  # their hands; an unknown one, and that of the average player, counts as right
 
     def game(self, model: str | None = None) -> Game:
         """Their game, in another model if one is named."""

@@ -289,17 +289,11 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GamePolicy:
-    """A policy on one game, which can act in its environments.
+    """A policy on one game, which can act in its environments."""
 
-    Attributes:
-        policy: the policy; its other attributes are available here too.
-        game: the tables.
-        name: by which it was resolved; empty for none.
-    """
-
-    policy: Policy
-    game: Game
-    name: str = ""
+    policy: Policy  # the policy; its other attributes are available here too
+    game: Game  # the tables
+    name: str = ""  # by which it was resolved; empty for none
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name in ("policy", "game", "name"):  # while it is copied or unpickled

@@ -30,14 +30,10 @@ COUNTS = ("matches", "wins", "games_won", "games_lost", "points_won", "points_lo
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Pairing:
-    """Two entrants who play each other.
-
-    Attributes:
-        entrants: their indices in the pool, the lower one first.
-    """
+    """Two entrants who play each other."""
 
     number: int
-    entrants: tuple[int, int]
+    entrants: tuple[int, int]  # their indices in the pool, the lower one first
     names: tuple[str, str]
 
     @property
@@ -59,14 +55,13 @@ class PairResult:
         seats: :data:`COUNTS` at seat 0 and at seat 1: matches, wins, games and points of the first entrant and of the second,
             rallies that the first one served and how many of them it won, rallies and strokes.
         cells: numbers of cells in which the first entrant won neither match, one, and both.
-        forfeit: entrants that failed, so that the results of the pairing do not count; empty if none did.
     """
 
     pairing: int
     names: tuple[str, str]
     seats: tuple[dict[str, StoredCount], dict[str, StoredCount]]
     cells: tuple[StoredCount, StoredCount, StoredCount] = (0, 0, 0)
-    forfeit: tuple[str, ...] = ()
+    forfeit: tuple[str, ...] = ()  # entrants that failed, so that the results of the pairing do not count; empty if none did
     reason: str = ""
 
     def seen_by(self, name: str) -> dict[str, int]:
@@ -225,8 +220,7 @@ ERROR: Final = 0.05
 BOUND: Final = math.log((1 - ERROR) / ERROR)
 _CELL_SCORES: Final = np.array([0.0, 0.5, 1.0])
 _LEAST_COUNT: Final = 1e-3  # count of a result that never occurred, as in fishtest
-Block = tuple[PairResult, list[Rallies]]
-"""A finished pairing and those of its rallies that are recorded, in order."""
+Block = tuple[PairResult, list[Rallies]]  # A finished pairing and those of its rallies that are recorded, in order
 
 
 def matches_of(pairing: Pairing, seed: int, first: int, last: int) -> Matches:
@@ -264,30 +258,23 @@ class Tournament:
     """A tournament that is being played.
 
     Attributes:
-        matches: number of matches of every pairing, even.
-        batch: number of matches that are played in one batch.
-        keep_strokes: whether rallies are returned, with their strokes; else only the results are.
-        sample: selects the rallies that are returned; None: all.
         decide: Elo points of the sequential test that stops pairings with an entrant without a table, see :func:`decided`; None:
             all matches are played.
-        workers: number of threads that play pairings of tables; compiled code does not hold the interpreter's lock.
-        cluster: plays them instead of threads; policies without a table play in this process.
-        threads: of compiled code in a pairing; None: one for each core.
     """
 
     game: Game
     entrants: Sequence[Entrant]
     _: dataclasses.KW_ONLY
-    matches: int
+    matches: int  # number of matches of every pairing, even
     seed: int
-    batch: int = 8192
-    keep_strokes: bool = False
-    sample: Callable[[Rallies], Rallies] | None = None
+    batch: int = 8192  # number of matches that are played in one batch
+    keep_strokes: bool = False  # whether rallies are returned, with their strokes; else only the results are
+    sample: Callable[[Rallies], Rallies] | None = None  # selects the rallies that are returned; None: all
     rules: Rules = BWF
     decide: float | None = None
-    workers: int = 1
-    cluster: Cluster | None = None
-    threads: int | None = None
+    workers: int = 1  # number of threads that play pairings of tables; compiled code does not hold the interpreter's lock
+    cluster: Cluster | None = None  # plays them instead of threads; policies without a table play in this process
+    threads: int | None = None  # of compiled code in a pairing; None: one for each core
 
     def __post_init__(self) -> None:
         self.batch = max(2, self.batch - self.batch % 2)

@@ -47,50 +47,35 @@ ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
-Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
-"""A name in a file of a stranger."""
-Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]
-"""A name with at least one letter."""
-Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
-"""A score in a file of a stranger; neither infinite nor NaN."""
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]  # A name in a file of a stranger
+Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]  # A name with at least one letter
+Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]  # A score in a file of a stranger; neither infinite nor NaN
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RunConfig:
-    """Content of ``config.json``: everything that decides the results.
-
-    Attributes:
-        seeds: seeds from 0.
-        model: name or folder of the model of the game.
-        game: hash of its tables.
-    """
+    """Content of ``config.json``: everything that decides the results."""
 
     task: Name
     method: Name
     split: Split
     quick: bool
     budget: StoredCount | None = None
-    seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]
-    model: Name
-    game: Sha256
+    seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]  # seeds from 0
+    model: Name  # name or folder of the model of the game
+    game: Sha256  # hash of its tables
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Card:
-    """Content of ``card.json``.
-
-    Attributes:
-        author: whose row it is; boards refuse a run without one.
-        tuning_strokes: strokes or runs that were used for tuning; None: not stated.
-        access: what it reads; None: not stated.
-    """
+    """Content of ``card.json``."""
 
     method: Name | None = None
-    author: Author | None = None
+    author: Author | None = None  # whose row it is; boards refuse a run without one
     paper: Name | None = None
-    tuning_strokes: StoredCount | Name | None = None
+    tuning_strokes: StoredCount | Name | None = None  # strokes or runs that were used for tuning; None: not stated
     kind: Kind = "method"
-    access: Access | None = None
+    access: Access | None = None  # what it reads; None: not stated
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -98,18 +83,16 @@ class Entry:
     """Content of a file in ``entries``.
 
     Attributes:
-        fingerprint: of the case, see :meth:`shuttle_marl.suite.task.Task.fingerprint`.
         answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.
-        seconds: time of the method, without scoring.
     """
 
     case: Name
     seed: StoredCount
-    fingerprint: Sha256
+    fingerprint: Sha256  # of the case, see `Task.fingerprint`
     policies: Mapping[str, Sha256]
     answers: Mapping[str, Any]
     scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
-    seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]
+    seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]  # time of the method, without scoring
     strokes: StoredCount | None = None
     curve: Annotated[Sequence[tuple[StoredCount, Figure]], msgspec.Meta(max_length=10_000)] = ()
 
@@ -200,12 +183,10 @@ def checked(entry: Entry, case: Case) -> Entry:
     return entry
 
 
-TOLERANCE: Final = 1e-7
-"""Largest difference between a recomputed score and the stored one, in the unit of the score."""
+TOLERANCE: Final = 1e-7  # largest difference between a recomputed score and the stored one, in the unit of the score
 NOT_VERIFIED: Final = ("strokes used", "curves", "tuning", "seconds", "access", "that the method produced these policies")
 """What no recomputation can show."""
-Units = dict[str, dict[str, list[float]]]
-"""Figures by stratum, case and seed."""
+Units = dict[str, dict[str, list[float]]]  # figures by stratum, case and seed
 
 
 class Bounds(TypedDict):
@@ -220,21 +201,14 @@ class Row(TypedDict):
     """Aggregates of a run: a row of a board.
 
     Attributes:
-        author: from the card; empty in the rows of this package.
         cases: hash of the fingerprints of the units of the first seed, from which the others follow; rows of a board have the
             same ones, whether they have one seed, as references, or several.
-        access: what the card says that the method reads.
         metric, score, low, high: the main score with its interval.
-        worst: the main score of the worst case.
         seconds, strokes: sums over all units, as they are declared.
-        remarks: what a reader should know.
-        rank: among the methods of a board of this access; equal scores share one.
-        behind: paired difference to the best method of the board.
-        commit: of this repository, for the rows of its results; None outside of git.
     """
 
     task: str
-    author: str
+    author: str  # from the card; empty in the rows of this package
     method: str
     cases: str
     split: Split
@@ -243,21 +217,21 @@ class Row(TypedDict):
     seeds: int
     game: str
     kind: Kind
-    access: Access
+    access: Access  # what the card says that the method reads
     tuning_strokes: int | str | None
     metric: str
     score: float
     low: float | None
     high: float | None
-    worst: float
+    worst: float  # the main score of the worst case
     seconds: float
     strokes: int
     scores: dict[str, Bounds]
     units: Units
-    remarks: list[str]
-    rank: NotRequired[int]
-    behind: NotRequired[Bounds]
-    commit: NotRequired[str | None]
+    remarks: list[str]  # what a reader should know
+    rank: NotRequired[int]  # among the methods of a board of this access; equal scores share one
+    behind: NotRequired[Bounds]  # paired difference to the best method of the board
+    commit: NotRequired[str | None]  # of this repository, for the rows of its results; None outside of git
 
 
 def task_of_run(config: RunConfig, model: str | None = None, seed: str | None = None) -> tuple[Task, Arena, list[Case]]:
@@ -407,15 +381,11 @@ class Refusal:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Verification:
-    """Verification of a run.
-
-    Attributes:
-        summary: of the run; None if a unit is refused.
-    """
+    """Verification of a run."""
 
     units: int
     refused: list[Refusal]
-    summary: Row | None
+    summary: Row | None  # of the run; None if a unit is refused
 
 
 def verify_run(
