@@ -41,8 +41,7 @@ VARIANTS: Final = {
     "adapt": ("restricted-nash:0.25", "restricted-nash:0.75", "counts:0.5", "mixture:0.9"),
 }
 """Baselines with arguments, besides those without, by kind of task."""
-LEFT_OUT: Final = ("restricted-nash",)
-"""Methods that without an argument equal another one."""
+LEFT_OUT: Final = ("restricted-nash",)  # methods that without an argument equal another one
 QUICK: Final = {
     **dict.fromkeys(("exploit", "equilibrium", "adapt"), "minimax"),
     "offline": "clone",

@@ -25,8 +25,7 @@ from shuttle_marl.commands import cli
 
 PACKAGE: Final = ROOT / "shuttle_marl"
 _OUTSIDE: Final = ("benchmarks", "datasets", "docs", "experiments")
-_NAMED_TUPLE: Final = ("_asdict", "_fields", "_make", "_replace")
-"""Public, whatever they look like."""
+_NAMED_TUPLE: Final = ("_asdict", "_fields", "_make", "_replace")  # public, whatever they look like
 _PATCH: Final = re.compile(r".*\.setattr|(.*\.)?patch(\.object|\.multiple)?")
 
 

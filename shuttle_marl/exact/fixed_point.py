@@ -192,6 +192,24 @@ class Striker(Protocol):
         """
 
 
+@dataclasses.dataclass(eq=False)
+class Free:
+    """A player who chooses best; a base class of strikers."""
+
+    games: tuple[Game, ...]  # tables of the player; of several, nature picks one after each stroke
+    against: bool = False  # whether nature picks against this player; else in favour
+
+    @property
+    def game(self) -> Game:
+        """The first of the games."""
+        return self.games[0]
+
+    @functools.cached_property
+    def contraction(self) -> float:
+        """Factor by which a sweep reduces an error of the rally states."""
+        return max(map(largest_continuation, self.games))
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class ProfileValue:
     """Values of all states when player 0 and player 1 play given policies.

@@ -41,13 +41,13 @@ class Odds:
         """Probability of winning a match; ``first_server`` 0 is the player, 1 the opponent, None drawn at random."""
         return float(match_win_probability(self.serving, self.receiving, first_server=first_server, rules=rules))
 
-    def match_error_bound(self, rules: Rules = BWF) -> float:
+    def match_error_bound(self) -> float:
         """Absolute error bound of :meth:`match`, which increases with both probabilities of a rally."""
         low, high = (
-            match_win_probability(*(min(1.0, max(0.0, p + e)) for p in (self.serving, self.receiving)), rules=rules)
+            match_win_probability(*(min(1.0, max(0.0, p + e)) for p in (self.serving, self.receiving)))
             for e in (-self.error_bound, self.error_bound)
         )
-        middle = self.match(rules)
+        middle = self.match()
         return float(max(high - middle, middle - low))
 
 

@@ -252,9 +252,9 @@ def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> 
     return {"rally_win": odds.rally, "match_win": odds.match()}
 
 
-def of_all_pairs(odds: Crossplay, rules: Rules = BWF) -> dict[str, Values]:
+def of_all_pairs(odds: Crossplay) -> dict[str, Values]:
     """Odds of N policies: ``[N, N]`` ``rally_win`` and ``match_win``, and ``[N]`` ``match_share``, against all others."""
-    match = odds.match(rules)
+    match = odds.match()
     others = max(1, len(match) - 1)
     return {"rally_win": odds.rally, "match_win": match, "match_share": (match.sum(axis=1) - match.diagonal()) / others}
 

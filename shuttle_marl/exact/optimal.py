@@ -25,6 +25,7 @@ from shuttle_marl.exact.fixed_point import (
     TOLERANCE,
     BlockLinear,
     ExactError,
+    Free,
     ProfileValue,
     Striker,
     largest_continuation,
@@ -157,21 +158,7 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Solu
     return _equilibrium(_best(several, against=True), _best(several), tolerance)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _BestStrokes:
-    """A player who plays the best strokes."""
-
-    games: tuple[Game, ...]  # tables of the player; of several, nature picks one after each stroke
-    against: bool = False  # whether nature picks against this player; else in favour
-
-    @property
-    def game(self) -> Game:
-        return self.games[0]
-
-    @functools.cached_property
-    def contraction(self) -> float:
-        return max(map(largest_continuation, self.games))
-
+class _BestStrokes(Free):
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         chosen = block_choices(self.games, block, plain, after_attack, against=self.against)
         return chosen.value, functools.partial(after_block_choices, self.game, chosen)

@@ -293,13 +293,11 @@ def moved(policy: PolicyT, game: Game) -> PolicyT:
         ExactError: the layouts differ.
     """
     check_same_layout(policy.game, game)
-    return dataclasses.replace(policy, game=game)
+    return policy if policy.game is game else dataclasses.replace(policy, game=game)
 
 
 def facing(policy: SomeT, opponent: OtherT) -> tuple[SomeT, OtherT]:
     """Two policies with the tables that hold while the receiver waits as the other policy does; as they are without recovery."""
-    if policy.game.recovery is None:
-        return policy, opponent
     first = cast("SomeT", moved(cast("PairPolicy", policy), met_by(policy.game, opponent)))
     if policy is opponent:
         return first, cast("OtherT", first)

@@ -261,7 +261,7 @@ class Rallies:
         waited: ``[N]`` int8 position of the receiver of every stroke; None: in the game without recovery, or not recorded.
         update: ``[R]`` uint32 number of updates of the learner before the end of the rally; None: not recorded.
         log_probability: ``[N]`` float32 log-probability of the stroke under the striker's policy, NaN if unknown; None: not
-            were not recorded.
+            recorded.
         value: ``[N]`` float32 the striker's value estimate before the stroke, NaN if unknown; None: not recorded.
     """
 

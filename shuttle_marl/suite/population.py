@@ -36,7 +36,7 @@ _TOLERANCE: Final = 1e-6
 
 def families(game: Game) -> tuple[str, ...]:
     """Families of opponents that a game has."""
-    return tuple(name for name in FAMILIES if game.recovery is not None or name != "waiting")
+    return tuple(name for name in FAMILIES if game.hides or name != "waiting")
 
 
 class Opponent(NamedTuple):
