@@ -1,11 +1,7 @@
 """Exact odds of policies against each other, kept in the cache, and figures of policies in the refits of their game.
 
-A tournament of 17 solves 153 pairs, most of which the last tournament solved too. The key of a result is a hash of the game, both
-policies, the tolerance, and the source code of what computes it.
-
-A policy that was computed in a fitted game also exploits the errors of that fit. Refits are samples of the fits that the same
-data could have given, so results there show how much of an advantage is supported by the data. Refits share most of their matches
-with the game itself; unseen matches can differ more.
+Refits are samples of the fits that the same data could have given, so results there show how much of an advantage is supported
+by the data. They share most of their matches with the game itself; unseen matches can differ more.
 """
 
 import dataclasses

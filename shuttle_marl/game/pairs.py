@@ -1,13 +1,9 @@
 """Skill of players, and the game of a pair: two players, each with the tables of their own strokes, over the same states.
 
-Skill is by how much the log-odds of a player differ from those of the average player: partially pooled estimates. Three
-components describe a stroke: **success** (log-odds of a fault), **return** (log-odds that a good stroke is returned) and
-**contact** (log-odds that a returned stroke is met above the net). Each has a part for the player who strikes and one for the
-player who receives, and each part is the sum of a general offset and one of the group of the shot type. Skill changes with time,
-so a player has one set of offsets for each of several days (*knots*).
-
-The tables of a player's strokes are those of the average game, of players with equal or with different hands, with the odds
-multiplied by the offsets of striker and receiver. They are computed in whole numbers, the same on every machine.
+Skill is by how much the log-odds of a player differ from those of the average player: of a fault (**success**), that a good
+stroke is returned (**return**) and that it is met above the net (**contact**). Each has a part for the striker and one for the
+receiver, and each part is the sum of a general offset and one of the group of the shot type. It changes with time, so a player
+has one set of offsets for each of several days (*knots*). Tables are computed in whole numbers, the same on every machine.
 """
 
 import dataclasses

@@ -121,12 +121,7 @@ class _Run:
         return LeagueRun(folder=run.folder, standings=standings, results=self.results)
 
     def read_results(self, *, finished: bool) -> list[PairResult]:
-        """The finished pairings; an incomplete last line of an unfinished run is removed.
-
-        Raises:
-            RunError: a line is damaged.
-            LeagueError: pairings are missing, or a line is of another program.
-        """
+        """The finished pairings; an incomplete last line of an unfinished run is removed."""
         path = self.folder / PAIRINGS
         try:
             results = [msgspec.convert(fields, PairResult) for fields in self.journal.read(finished=finished)]

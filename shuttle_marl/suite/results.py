@@ -1,17 +1,8 @@
-"""Runs: the folder, aggregates, and verification.
+"""Runs: the folder, aggregates, and verification, which recomputes every score from stored policies and answers.
 
-- Aggregates: mean over cases of interquartile means over seeds, worst case, and differences.
-- Verification: every score is recomputed from the stored policies and answers, and nothing else is proved.
-
-The folder of a run is also a submission:
-
-- ``config.json``: task, method, split, seeds, and the game;
-- ``card.json``: what the author says about the method, see :class:`Card`; edited by hand, never scored;
-- ``entries/CASE-SEED.json``: one unit: fingerprint of the case, hashes of the policies, answers, scores, curve, seconds; with a
-  checksum;
-- ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
-- ``work/FINGERPRINT-SEED/``: files of the method, which nothing reads;
-- ``results.json``: aggregates, which nothing reads.
+- ``config.json``: task, method, split, seeds, and the game; ``card.json``: what the author says, edited by hand, never scored;
+- ``entries/CASE-SEED.json``: one unit, with a checksum; ``policies/HASH.zst``: one table of a policy by the hash of its numbers;
+- ``work/FINGERPRINT-SEED/``: files of the method, and ``results.json``: aggregates, neither of which is read.
 """
 
 import dataclasses

@@ -1,11 +1,8 @@
 """Methods of ``exploit`` and ``equilibrium``: references, methods that estimate, and learners.
 
 References compute from the tables of the game, and use no strokes. The other methods estimate something from play, and solve what
-they estimated. The argument is the restriction of the response, or what the function says. Strokes are those of the learner, and
-with recovery its positions too, one for each stroke of the opponent.
-
-Learners are PPO, A2C and SAC of :mod:`shuttle_marl.training` with its default settings, against the opponent or in self-play.
-They train in the game of a model, so not in the drawn game of a round.
+they estimated. Strokes are those of the learner, and with recovery its positions too, one for each stroke of the opponent.
+Learners are those of :mod:`shuttle_marl.training`, which train in the game of a model, so not in the drawn game of a round.
 """
 
 import dataclasses
