@@ -33,8 +33,7 @@ from shuttle_marl.suite import TASKS, SuiteRun, run_method, verify_run
 from shuttle_marl.suite.exploit import opponent_of
 from shuttle_marl.suite.method import BASELINES, kind_of
 from shuttle_marl.suite.options import Split
-from shuttle_marl.suite.registry import arena_of
-from shuttle_marl.suite.results import Row
+from shuttle_marl.suite.results import Row, arena_of
 from shuttle_marl.suite.task import frontier
 
 VARIANTS: Final = {

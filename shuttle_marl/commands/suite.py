@@ -28,7 +28,7 @@ def list_tasks(*, json_output: Json = False) -> None:
         json_output: print JSON.
     """
     from shuttle_marl.suite.method import BASELINES, kind_of  # noqa: PLC0415  numba
-    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
+    from shuttle_marl.suite.results import arena_of  # noqa: PLC0415
 
     rows: list[dict[str, Any]] = [
         {
@@ -68,7 +68,7 @@ def show(
         seed: seed of the split round.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415  numba
+    from shuttle_marl.suite.results import arena_of  # noqa: PLC0415  numba
 
     found = suite.find_task(task)
     arena = arena_of(found, game, split, quick=quick, seed=seed)
@@ -166,7 +166,7 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
         json_output: print JSON.
     """
     from shuttle_marl.suite.exploit import Exploit  # noqa: PLC0415  numba
-    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
+    from shuttle_marl.suite.results import arena_of  # noqa: PLC0415
     from shuttle_marl.suite.task import frontier as points_of  # noqa: PLC0415
 
     found = suite.find_task(task)
@@ -214,7 +214,7 @@ def data(
         game: model of the game.
         json_output: print the hashes of the logs as JSON.
     """
-    from shuttle_marl.suite.registry import write_data  # noqa: PLC0415  numba
+    from shuttle_marl.suite.results import write_data  # noqa: PLC0415  numba
 
     cli.show(write_data(task, out, split, game, seeds, quick=quick, minari=minari), json_output)
 
