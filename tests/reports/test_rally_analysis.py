@@ -8,7 +8,7 @@ import pytest
 
 from shuttle_marl.court.values import opening, states_after
 from shuttle_marl.exact import evaluate, solve
-from shuttle_marl.exact.match import match_table
+from shuttle_marl.exact.odds import match_table
 from shuttle_marl.game.policy import Policy, tabulate
 from shuttle_marl.game.rally import Rally, stepper_of
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER, IllegalStrokeError
