@@ -135,9 +135,8 @@ def main(*, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False, check:
     found, allowed = size(), budgets()
     if check:
         if lines := over_budget(figures(found), allowed):
-            raise SizeError(
-                "\n".join([*lines, "delete something, or raise the budget in pyproject.toml with a reason beside it"])
-            )
+            advice = "delete something, or raise the budget in pyproject.toml with a reason beside it"
+            raise SizeError("\n".join([*lines, advice]))
         return
     rows = [(name, f"{number:,}", f"{allowed[name]:,}" if name in allowed else "") for name, number in figures(found).items()]
     shown = markdown(("figure", "number", "budget"), rows, left=("figure",))

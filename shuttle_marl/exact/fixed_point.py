@@ -83,11 +83,9 @@ def largest_continuation(game: Game) -> float:
     level, row = np.unravel_index(int(ends.argmin()), ends.shape)
     base = int(np.searchsorted(waiting.start, first + row, side="right")) - 1
     stroke = game.base_pair_stroke[game.base_pair_start[base] + (first + row - waiting.start[base]) // waiting.choices[base]]
-    raise ExactError(
-        f"{game.catalogue.names[stroke]} never ends the rally in state: "
-        f"{game.describe(int(level) * game.levels * game.n_base_states + base)}; "
-        "exact values need a probability above 0 for every stroke to end it"
-    )
+    where = game.describe(int(level) * game.levels * game.n_base_states + base)
+    advice = "exact values need a probability above 0 for every stroke to end it"
+    raise ExactError(f"{game.catalogue.names[stroke]} never ends the rally in state: {where}; {advice}")
 
 
 def error_bound(residual: float, contraction: float) -> float:

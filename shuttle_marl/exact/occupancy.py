@@ -232,7 +232,8 @@ class Regret:
     Attributes:
         state: ``[S]`` loss of the stroke played in each state, on average over the policy.
         weight: ``[S]`` how often the policy strikes there in a rally, both players serving equally often.
-        per_rally: loss in a rally: the sum over all, with recovery also of the positions chosen where the opponent strikes.
+        waiting: ``[S]`` loss of the position chosen where the opponent strikes; None without recovery.
+        per_rally: loss in a rally: the sum over all.
         error_bound: ``per_rally`` is within this of the true one.
     """
 
@@ -240,6 +241,7 @@ class Regret:
     weight: F64
     per_rally: float
     error_bound: float
+    waiting: F64 | None = None
 
     def largest(self, count: int) -> Intp:
         """The states with the largest losses in a rally, largest first."""
@@ -276,6 +278,7 @@ def policy_regret(
         weight=weight,
         per_rally=float(weight @ state) + float(theirs @ waiting),
         error_bound=bound,
+        waiting=waiting if hidden else None,
     )
 
 

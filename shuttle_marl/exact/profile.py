@@ -272,10 +272,8 @@ def check_opponents(first: Game, second: Game) -> None:
             continue
         player, opponent = _player_and_opponent(game)
         if other.whole is None or _player_and_opponent(other) != (opponent, player):
-            raise ExactError(
-                f"{player} strikes with the tables of a pair, and the opponent does not strike as {opponent} does; "
-                "move its policy to those tables with exact.moved(policy, game.opposite)"
-            )
+            wrong = f"{player} strikes with the tables of a pair, and the opponent does not strike as {opponent} does"
+            raise ExactError(f"{wrong}; move its policy to those tables with exact.moved(policy, game.opposite)")
 
 
 def _player_and_opponent(game: Game) -> tuple[str, str]:
@@ -320,10 +318,8 @@ def check_same_layout(first: Game, second: Game) -> None:
         return
     for part in _LAYOUT:
         if not np.array_equal(*map(operator.attrgetter(part), (first, second))):
-            raise ExactError(
-                f"the two players' games differ in {part}, so their states are not the same; "
-                "compile both from the same catalogue, with the same rule of legality and the same number of levels of effort"
-            )
+            advice = "compile both from the same catalogue, with the same rule of legality and levels of effort"
+            raise ExactError(f"the two players' games differ in {part}, so their states are not the same; {advice}")
 
 
 def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = TOLERANCE) -> ProfileValue:

@@ -206,10 +206,8 @@ def origin_named(name: str) -> Origin:
                 without, _, last = (part or "").rpartition("-")
                 return Origin(folder, without or None, recovery=True) if last == RECOVERY else Origin(folder, part)
     shipped = ", ".join(sorted(p.parent.name for p in _MODELS.glob(f"*/{GAME}"))) or "none"
-    raise GameError(
-        f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; "
-        f"fit one with `{command('dynamics', 'fit')}`"
-    )
+    fit = command("dynamics", "fit")
+    raise GameError(f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; fit one with `{fit}`")
 
 
 def between_hands(equal: Game, folder: Path) -> Game:

@@ -203,9 +203,8 @@ class Game(Layout):
             GameError: in the game of a pair, each seat has its own.
         """
         if self.people is not None:
-            raise GameError(
-                f"the game of {self.people.title} has the tables of both players; take those of a seat, game.seats[0]"
-            )
+            advice = "take those of a seat, game.seats[0]"
+            raise GameError(f"the game of {self.people.title} has the tables of both players; {advice}")
         return frozen(np.stack([with_fault_odds(self.threshold, odds) for odds in self.fault_odds.tolist()]))
 
     @property

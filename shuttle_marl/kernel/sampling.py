@@ -63,9 +63,8 @@ class RallySampler:
         shaping: Floats | None = None,
     ) -> None:
         if not 0 <= gae_lambda <= 1 or cache_iterations < 1:
-            raise KernelError(
-                f"gae_lambda {gae_lambda}, cache_iterations {cache_iterations}: expected 0 to 1, and 1 iteration or more"
-            )
+            given = f"gae_lambda {gae_lambda}, cache_iterations {cache_iterations}"
+            raise KernelError(f"{given}: expected 0 to 1, and 1 iteration or more")
         self.game, self._gae_lambda, self._cache_iterations = game, float(gae_lambda), cache_iterations
         self._tables = tables_of(game)
         players = empty_players(game, 1 + len(opponents))

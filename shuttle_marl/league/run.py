@@ -130,10 +130,8 @@ class _Run:
         expected = [(pairing.number, pairing.names) for pairing in itertools.chain(*self.stages(results))]
         found = [(result.pairing, result.names) for result in results]
         if found != expected[: len(found)] or (finished and found != expected):
-            raise LeagueError(
-                f"{path}: pairings are missing, out of order, or of another run; restore it from a backup, or play the "
-                "tournament again with --overwrite"
-            )
+            advice = "restore it from a backup, or play the tournament again with --overwrite"
+            raise LeagueError(f"{path}: pairings are missing, out of order, or of another run; {advice}")
         if not finished:
             self.journal.keep(len(results))
         return results
