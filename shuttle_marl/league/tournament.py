@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.optimize import brentq
@@ -19,11 +19,9 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel.matches import Matches, play
+from shuttle_marl.kernel.matches import Matches, play, play_matches
+from shuttle_marl.kernel.players import Players, pack
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers, seat_tables
-
-if TYPE_CHECKING:
-    from shuttle_marl.kernel import Players
 
 COUNTS = ("matches", "wins", "games_won", "games_lost", "points_won", "points_lost", "served", "served_won", "rallies", "strokes")
 
@@ -357,8 +355,7 @@ class Tournament:
         matches = join([matches_of(pairing, self.seed, first, last) for pairing in group])
         if any(self._reads_score(pairing) for pairing in group):  # policies are called for every stroke
             choose, wait = self._strikers.choose, self._strikers.wait
-            rules, keep = self.rules, self.keep_strokes
-            played = play(self.game, matches, choose, wait, rules=rules, keep_strokes=keep).rallies
+            played = play(self.game, matches, choose, wait, rules=self.rules, keep_strokes=self.keep_strokes).rallies
         else:
             played = self._play_tables(matches)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)
@@ -367,26 +364,16 @@ class Tournament:
         return dataclasses.replace(played, pairing=number[in_group], match=(first + match).astype(np.uint32), policy=policy)
 
     def _play_tables(self, matches: Matches) -> Rallies:
-        from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
-
         # The tables of seat 1 in the game of a pair are behind those of seat 0.
         second = (self._table_of >= 0).sum() if self.game.people is not None else 0
         entrant = self._table_of[matches.entrant] + np.array([0, second], dtype=np.int32)
         seated = Matches(entrant=entrant, first_server=matches.first_server, key=matches.key)
-        return play_matches(
-            self.game,
-            seated,
-            self._players,
-            rules=self.rules,
-            keep_strokes=self.keep_strokes,
-            threads=self.threads,
-        ).rallies
+        game, players, rules, keep = self.game, self._players, self.rules, self.keep_strokes
+        return play_matches(game, seated, players, rules=rules, keep_strokes=keep, threads=self.threads).rallies
 
     @functools.cached_property
-    def _players(self) -> "Players":
+    def _players(self) -> Players:
         """The tables of all entrants that have one, in order; see :func:`shuttle_marl.league.entrants.seat_tables`."""
-        from shuttle_marl.kernel import pack  # noqa: PLC0415  numba is slow to import
-
         return pack([table for table in seat_tables(self.game, self.entrants) if table is not None], self.game)
 
     @functools.cached_property
