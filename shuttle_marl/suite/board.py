@@ -38,9 +38,9 @@ def shown(name: str, longest: int = _LONGEST) -> str:
     return text if len(text) <= longest else f"{text[:longest]}..."
 
 
-def code(name: str) -> str:
+def code(name: str, longest: int = _LONGEST) -> str:
     """The same as code in a table of Markdown, in which nothing is an address or a mention."""
-    return "`" + shown(name).replace("`", "'").replace("|", "\\|") + "`"
+    return "`" + shown(name, longest).replace("`", "'").replace("|", "\\|") + "`"
 
 
 def called(row: Row) -> str:
