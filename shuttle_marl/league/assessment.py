@@ -17,8 +17,7 @@ from shuttle_marl.league.ranking import ELO, ExactOdds, Misfit, Standing, misfit
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.policy.registry import tabulated
 
-ANCHOR: Final = "minimax"
-"""Perfect play, which can have all the weight in an equilibrium; meta-games are also solved without it."""
+ANCHOR: Final = "minimax"  # perfect play, which can have all the weight in an equilibrium; meta-games are also solved without it
 _MOST_CYCLES: Final = 20
 _SURE: Final = 5e-7
 _DECIMALS: Final = 6
@@ -59,13 +58,11 @@ class Style:
     Attributes:
         likeness: overlap with ``bc``: sum of the smaller of the two probabilities of every stroke, averaged over the states of
             ``bc`` in self-play; 1 for ``bc``.
-        rally_length: expected number of strokes of a rally against ``bc``.
-        shots: fraction of each of :data:`AXES` among the strokes after the serve, against ``bc``.
     """
 
     likeness: float
-    rally_length: float
-    shots: dict[str, float]
+    rally_length: float  # expected number of strokes of a rally against `bc`
+    shots: dict[str, float]  # fraction of each of `AXES` among the strokes after the serve, against `bc`
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,16 +72,14 @@ class Assessment:
     Attributes:
         win: ``[N, N]`` probability that the row wins a match against the column: exact, else sampled with the prior of the
             ratings, else by the ratings.
-        misfit: of the ratings to the P pairings that were played.
-        games: meta-games by description: of all, and without :data:`ANCHOR`.
         cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
     """
 
     names: tuple[str, ...]
     win: F64
-    misfit: Misfit
+    misfit: Misfit  # of the ratings to the P pairings that were played
     pairs: list[tuple[str, str]]
-    games: dict[str, MetaGame]
+    games: dict[str, MetaGame]  # meta-games by description: of all, and without `ANCHOR`
     cyclic_share: float
     cycles: list[Cycle]
     styles: Mapping[str, Style]

@@ -36,15 +36,11 @@ _RATING: Final = ("rank", "rating", "rating_low", "rating_high", "rating_exact")
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Curve:
-    """Evaluations of a training run.
-
-    Attributes:
-        settings: of the run, as JSON with sorted keys.
-    """
+    """Evaluations of a training run."""
 
     name: str
     rows: list[dict[str, Any]]
-    settings: str = "{}"
+    settings: str = "{}"  # of the run, as JSON with sorted keys
 
     def points(self, figure: str, by: str) -> list[tuple[float, float]]:
         """Points of a figure over ``seconds`` or ``strokes``; rows without one of the two are left out."""

@@ -15,10 +15,9 @@ import numpy as np
 from scipy.stats import binomtest
 
 from shuttle_marl.base.arrays import I32, Intp
-from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.match import Odds, normalised_score
+from shuttle_marl.exact.fixed_point import TOLERANCE, Odds
 from shuttle_marl.exact.occupancy import Visits, policy_regret, visits
-from shuttle_marl.exact.odds import Spread, best_odds, over
+from shuttle_marl.exact.odds import Spread, best_odds, normalised_score, over
 from shuttle_marl.exact.optimal import Solution, best_response, solve
 from shuttle_marl.exact.play import averaged, cells_of, impossible, lists, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved

@@ -18,7 +18,8 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import plays_of, tally
-from shuttle_marl.exact.match import Odds, match_table
+from shuttle_marl.exact.fixed_point import Odds
+from shuttle_marl.exact.odds import match_table
 from shuttle_marl.game.pairs import game_of_people, people_of, without_skill
 from shuttle_marl.game.scoring import BWF, Rules, Score, wins_game
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, resolve_game

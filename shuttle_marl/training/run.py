@@ -24,8 +24,8 @@ from shuttle_marl.base.files import StoredCount
 from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.base.runs import check_interrupt, interrupts_held
-from shuttle_marl.exact.match import Odds, normalised_score
-from shuttle_marl.exact.odds import best_odds, pair_odds
+from shuttle_marl.exact.fixed_point import Odds
+from shuttle_marl.exact.odds import best_odds, normalised_score, pair_odds
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import InducedChain, evaluate, evaluate_chains, induced
 from shuttle_marl.game import draws

@@ -12,7 +12,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.files import FileReadError, FractionOrZero, Sha256, StoredCount, read_json, replace_sealed
-from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
 from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.training.league.config import LeagueTrainingError
