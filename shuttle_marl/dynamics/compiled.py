@@ -517,19 +517,18 @@ def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
     return codes
 
 
-def layouts_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> tuple[Game, Game]:
+def layouts_of(rows: Rows, models: FittedModels) -> tuple[Game, Game]:
     """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
 
     Args:
         models: what the average player chooses.
-        share: minimum share of a legal shot type (:mod:`shuttle_marl.dynamics.compiled`).
 
     Raises:
         ShuttleError: too few kinds of stroke occur often enough.
     """
     catalogue = catalogue_of(rows)
     try:
-        replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue), share)
+        replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue))
         return empty_game(catalogue, replies), empty_game(catalogue, between_hands(replies, catalogue))
     except GameError as error:
         raise ShuttleError(

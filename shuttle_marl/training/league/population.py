@@ -143,7 +143,6 @@ class TurnResult:
     member: str
     hash: Sha256
     strokes: StoredCount
-    iterations: StoredCount
 
 
 @dataclasses.dataclass(kw_only=True)

@@ -183,7 +183,7 @@ class _Turn(Callback):
         )
         name = self.tables.save(tabulated(policy, self.game))
         replace_file(network_path, save(weights_of(policy)))
-        result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes, iterations=learner.iteration)
+        result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes)
         about = {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)}
         replace_with_card(about_path, about, {state_path.name: stored(state)})
         return result
