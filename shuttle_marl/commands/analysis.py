@@ -81,7 +81,6 @@ def analysis(
 
 
 def _ratings(path: Path) -> dict[str, float]:
-    """Ratings of the players by name, from the report beside the log; empty without a report."""
     from shuttle_marl.league.entrants import REPORT  # noqa: PLC0415
 
     try:
@@ -92,7 +91,6 @@ def _ratings(path: Path) -> dict[str, float]:
 
 
 def _draw(out: Path, summaries: dict[str, "play.Summary"], name: str, reference: "play.Summary") -> None:
-    """Draw the first players and the last one, compared with a reference."""
     from shuttle_marl.reports import charts  # noqa: PLC0415
 
     names = list(summaries)

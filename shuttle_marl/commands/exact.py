@@ -330,7 +330,6 @@ def _stroke_to_plot(game: Game, plot: Path | None, incoming: str | None) -> int 
 
 
 def _least(game: Game, at_least: int | None) -> int:
-    """Real strokes that a better stroke must have behind it."""
     if at_least is not None and at_least < 0:
         raise ExactError(f"--at-least {at_least}: expected 0 or more")
     return least_support(game) if at_least is None else at_least

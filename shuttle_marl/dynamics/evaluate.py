@@ -52,7 +52,6 @@ def log_losses(label: Bools, p: F64) -> F64:
 
 
 def _bins(label: Bools, p: F64, bins: int = BINS) -> list[tuple[float, float, int]]:
-    """Mean prediction, observed frequency and number of rows of each bin of equal mass."""
     parts = np.array_split(np.argsort(p, kind="stable"), bins)
     return [(float(p[i].mean()), float(label[i].mean()), len(i)) for i in parts if len(i)]
 

@@ -267,7 +267,6 @@ def fit_model(
 
 @own_settings(THREADS)
 def _refit(number: int, *, train: Rows, layout: Game, seed: int, config: EnsembleConfig) -> Game:
-    """The game of a fit to resampled training matches, for a process of its own; ``seed``: that of the first fit."""
     rows = resampled(train, [seed, number])
     # Processes share one terminal, so they report nothing.
     return fit(rows, None, seed=seed + 1000 * number, config=config, layout=layout, report=lambda _: None).compiled()[0]

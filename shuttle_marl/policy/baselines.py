@@ -228,7 +228,6 @@ class HistoryPolicy:
         return np.asarray(q / q.sum(axis=1, keepdims=True))
 
     def _shift(self, states: States, strokes: I32) -> F64:
-        """``[B, 39 + 9]`` shifts by ``[B, 2]`` earlier strokes, n for none, and by the stages that are known."""
         lag, catalogue = np.arange(strokes.shape[1]), states.game.catalogue
         values = {name: np.append(getattr(catalogue, name), size)[strokes] for name, size in ATTRIBUTES.items()}
         shift = sum(self.shifts[name][lag, value].sum(axis=1) for name, value in values.items())
@@ -353,5 +352,4 @@ def distance_from_opponent(states: States) -> F64:
 
 
 def _by_shot(points: Mapping[str, float]) -> F64:
-    """``[13]`` points of every shot type, 0 for those that are not named."""
     return np.array([points.get(name, 0.0) for name in SHOTS])

@@ -121,7 +121,6 @@ def _entry_points() -> dict[str, importlib.metadata.EntryPoint]:
 
 
 def _family(key: str) -> Family | None:
-    """The family of a key; a registered family takes precedence over an entry point."""
     return _FAMILIES.get(key) or _plugged_in(key)
 
 

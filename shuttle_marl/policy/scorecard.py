@@ -193,7 +193,6 @@ class Scorer:
         return None if behind is None else float(played[behind[self.game.base_pair_edge] < FEW_STROKES].sum() / played.sum())
 
     def _headlines(self, policy: TabulatedPolicy, refit: Game) -> dict[str, float]:
-        """The figures :data:`HEADLINES` of a policy in a refit."""
         there = moved(policy, refit)
         odds = evaluate(there, moved(self.reference, refit), tolerance=_AWAY).odds()
         gain = best_response(there, tolerance=_AWAY).value.odds().value
