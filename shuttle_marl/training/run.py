@@ -88,7 +88,6 @@ class Evaluator:
 
     @functools.cached_property
     def _scales(self) -> list[tuple[Odds, Odds]]:
-        """Odds of ``bc`` and of the best response against each opponent."""
         reference = pair_odds([(self._reference, opponent) for opponent in self._opponents])
         return list(zip(reference, best_odds(self._opponents), strict=True))
 
@@ -294,11 +293,9 @@ class _Training(Callback):
         self.self_play.update(learner.iteration)
 
     def collected(self, learner: Learner) -> None:
-        """Record the rallies, while the learner learns from them."""
         self.log.record(learner.collector.sampler, self.segment, learner.iteration - 1)
 
     def learned(self, learner: Learner, losses: dict[str, float]) -> None:
-        """Show the progress; evaluate, stop and save if it is time."""
         self.log.settle()
         config, at, (task,) = self.config, self.at, self.bar.tasks
         at.seconds = time.monotonic() - self.begun
