@@ -159,11 +159,10 @@ def arrivals(pairs: dict[int, float], game: Game) -> dict[int, float]:
 
 ELITE: Final = Side(policy="bc")  # the imitated average elite player, the reference of all comparisons
 SHOWN, OPEN = 8, 0.01  # number of strokes listed for each decision, and gain of a stroke from which a side is open, in rallies
-_GROUPS: Final = {
+_GROUPS: Final = {  # shot types of a figure of style
     "attack": [SHOTS.index(shot) for shot in ("smash", "half-smash", "net-kill")],
     "net play": [SHOTS.index(shot) for shot in ("net-shot", "cross-court-net-shot", "block")],
 }
-"""Shot types of a figure of style."""
 
 
 class StrokeValues:

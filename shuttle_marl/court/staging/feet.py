@@ -16,11 +16,9 @@ from shuttle_marl.court.staging.geometry import ease
 from shuttle_marl.court.staging.skeleton import LEFT, RIGHT
 
 _STEP_TIME, _SWING = 0.17, 0.28  # shortest duration of a step, and longest swing of a foot in it [s]
-_CROSSED, _WIDTH = 0.30, 0.15
-"""Largest distance of a foot beyond the middle of the body, and half the width between the feet in steps [m]."""
+_CROSSED, _WIDTH = 0.30, 0.15  # reach of a foot across the middle of the body, and half the width of steps [m]
 _STRIDE, _STAYS = 1.25, 0.14  # longest step of a pair of steps, and distance below which a foot does not step [m]
-_SOON, _SETTLED = 5, 12
-"""Frames within which a foot in the air lands after a branch, and additional frames before it for moving means."""
+_SOON, _SETTLED = 5, 12  # frames until a foot lands after a branch, and further ones for moving means
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

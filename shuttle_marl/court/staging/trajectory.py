@@ -23,8 +23,7 @@ from shuttle_marl.game.rally import Rally
 
 LEAD_IN: Final = 1.2  # time before the serve [s]
 RETURN, WIN, OUT, NET, OPEN = range(5)
-ENDS: Final = ("returned", "winner", "out", "net", "open")
-"""Ends of a stroke; *open*: it will be returned, but the reply is not chosen yet."""
+ENDS: Final = ("returned", "winner", "out", "net", "open")  # open: the reply is not chosen yet
 
 RESTING: Final = 0.014  # height of a shuttle that lies on the floor [m]
 _BY_STROKE: Final = ("time", "contact", "end", "end_time", "chosen_point", "end_point", "base")
@@ -34,8 +33,7 @@ _MARGIN: Final = 0.90  # fraction of the limits that the solver aims at
 _SPEED_PENALTY, _ACCELERATION_PENALTY = 2e-2, 3e-3  # penalties of what is above the limits
 _ROUNDS, _MOST_ROUNDS = 240, 4000  # iterations after which the margin is given up, and their maximum number
 _STIFFER: Final = (400, 1200)  # iterations at which the penalties grow twelvefold
-_SLACK, _LATE_SLACK = 1.02, 0.995 / _MARGIN
-"""Factors of the aim below which a path is accepted: paths that want to break the limits converge slowly."""
+_SLACK, _LATE_SLACK = 1.02, 0.995 / _MARGIN  # factors of the aim below which a path is accepted
 _PINNED: Final = 1e11
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 _LATE: Final = 0.12  # time after the contact at which a hurried player brakes [s]
