@@ -1,7 +1,4 @@
-"""The plan of a match: the content of a link, from which the match is reproduced.
-
-Plans are untrusted input from pages and links; decoding validates every field.
-"""
+"""The plan of a match: the content of a link. Plans are untrusted; decoding validates every field."""
 
 from typing import Annotated, Any, Final
 

@@ -1,8 +1,7 @@
 """``render()``: the state of an environment as text, and as a picture from above the court.
 
-The environment has areas, not positions, so contact points within an area follow a fixed rule: the same rally always gives
-the same picture. Court frame: X along the court from player 0 (X < 0) to player 1, Y to player 0's right,
-which is down in the picture; the origin is under the middle of the net.
+The environment has areas, so contact points follow a fixed rule. Plan: X along the court from player 0 (X < 0), Y to player 0's
+right, which is down in the picture.
 """
 
 import dataclasses

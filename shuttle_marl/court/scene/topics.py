@@ -1,7 +1,4 @@
-"""Topics and frames of reference of a scene, schemas of its JSON messages, constructors of messages, and all shapes.
-
-``docs/foxglove.md`` describes every topic.
-"""
+"""Topics (``docs/foxglove.md``), frames and JSON schemas of a scene, constructors of messages, and all shapes."""
 
 import itertools
 import math

@@ -1,10 +1,8 @@
 """Random trajectory of a rally: place and time of every contact, and the flights in between.
 
-Each number is drawn from the measured tables by a counter, so that the k-th stroke of a rally depends only on the seed and
-the strokes up to it. Several points and times are drawn for each stroke. The first one within the bounds of its shot type that
-the receiver can reach is used; otherwise the closest one. Where a flight would leave the bounds, its time gives way. A hurried
-receiver gets the one that leaves them the least time, from a quick and low flight, and strikes before their hips are where they
-are for a calm stroke.
+A stroke depends on the seed and the strokes up to it alone. Of several drawn points and times the first one is used that the
+bounds of the shot type and the receiver's reach allow, else the closest; a hurried receiver gets the one that leaves the least
+time.
 """
 
 import dataclasses

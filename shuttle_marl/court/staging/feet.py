@@ -1,9 +1,7 @@
 """Footwork: place and time of every step; planted feet never slide.
 
-A foot is described by the point under its ball, its heading, and the pitch of the heel about the ball. The point is fixed
-while the foot is planted, and swings from one place to the next in between. The places come from the stances
-at the strokes (a lunge, a wide defence, the landing of a jump), from the split step when the opponent strikes, and from
-steps in between, alternately left and right, under the hips as they travel.
+A foot is the point under its ball, its heading, and the pitch of the heel. Places come from stances and split steps; steps in
+between alternate under the hips as they travel.
 """
 
 import dataclasses

@@ -1,14 +1,8 @@
 """Arms and legs: bones from joint angles or targets, within the limits of the joints.
 
-An arm has ten angles: two of the collar bone, three of the shoulder, one each of elbow and forearm, two of the wrist, and the
-roll of the handle in the fingers, which is how a player changes the grip. The shoulder is a swing (a rotation vector across the
-arm, from an arm held out to the right and forward) after a twist about the arm, so that no pose that a player takes lies near
-a singularity. All other joints are hinges. The free arm is the mirror image of the same model.
-
-Inverse kinematics is damped least squares with the geometric Jacobian (Buss & Kim 2005), each step clipped to the limits. A
-step that does not bring the arm nearer is taken again with more damping (Marquardt 1963): without that the arm jumps between
-its limits where no pose reaches the goal, and rounding decides where it stops. A leg reaches for its place on the floor with two
-bones; heels rise and hips sink until it does.
+The shoulder is a swing (a rotation vector across the arm) after a twist about the arm, so that no pose of a player is near a
+singularity; other joints are hinges, and the roll of the handle changes the grip. Inverse kinematics is damped least squares
+(Buss & Kim 2005; damping by Marquardt 1963, without which rounding decides where an arm stops), each step within the limits.
 """
 
 import functools

@@ -1,12 +1,8 @@
-"""Kinds of stroke motions, contact heights, stances, and key poses as joint angles of an athlete.
+"""Kinds of stroke motions, contact heights, stances, and key poses (``poses.json``) as joint angles of an athlete.
 
-The matches say whether a contact was above or below the net, not how high. The heights below are choices within that:
-clears at full reach, smashes as high as a jump brings them, serves under 1.15 m (BWF Law 9), other strokes at typical heights.
-
-A *stroke frame* has its origin on the floor under the hips; y points where the player strides or faces (the net, but for strides
-into a corner), x to the right. Key poses are in ``poses.json``: hips and spine as angles, both hands as places and directions
-in the *facing frame* (y where the hips face). All is written for a right-hander of 1.79 m; others scale, and a left-hander is the
-mirror image.
+A *stroke frame* has its origin on the floor under the hips, y where the player strides or faces, x to the right; hands are
+given in the *facing frame* (y where the hips face). All is written for a right-hander of 1.79 m: others scale, left-handers are
+mirrored.
 """
 
 import dataclasses

@@ -1,8 +1,7 @@
 """Skeletons of the athletes: bones, rest pose, limits of the joints and the trunk; dimensions of racket and shuttle.
 
-Axes of a body: x to its right, y forward, z up, metres; the soles of the athlete at rest stand on z = 0. Every bone is
-aligned with these axes at rest, so the rotation of a bone is relative to its rest pose. The bones are those of the
-``.glb`` files (Mixamo's names) without the fingers, and one for the racket.
+Axes of a body: x to its right, y forward, z up [m], soles at z = 0; every bone is aligned with them at rest. Bones are those of
+the ``.glb`` files (Mixamo's names) without the fingers, and the racket.
 """
 
 import dataclasses

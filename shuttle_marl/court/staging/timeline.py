@@ -1,7 +1,4 @@
-"""Timeline of a player: key poses, contacts, jumps, and stands of the feet, on the clock of a rally.
-
-All values are in the player's own frame, mirrored for a left-hander.
-"""
+"""Timeline of a player, in their own frame and mirrored for a left-hander: key poses, contacts, jumps, stands of the feet."""
 
 import dataclasses
 from typing import Final

@@ -1,12 +1,11 @@
 """Trajectory of a rally: times and places of all strokes, flights, the path of the shuttle, and the travel of the players.
 
-The hips travel over the court on the smoothest path that is where it must be and breaks no limit:
+The hips travel on the smoothest path that is at the root of each stance and near the base when the opponent strikes:
 
     minimise   Σ w_a |p̈|² + Σ w_b |base - p|² + Σ w_v |ṗ|² + Σ W |root - p|²    subject to |ṗ| ≤ V, |p̈| ≤ A
 
-over the positions of all frames: at each own stroke the hips are at the root of its stance, when the opponent strikes
-they wait near their base, slow enough for a split step. Solved by the alternating direction method of multipliers (Boyd,
-Parikh, Chu, Peleato & Eckstein 2011): one pentadiagonal system, factored once, and projections onto discs.
+Solved by the alternating direction method of multipliers (Boyd et al. 2011): one pentadiagonal system, and projections onto
+discs.
 """
 
 import dataclasses
