@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Final, Literal, Self
@@ -153,15 +153,15 @@ class RallyLog:
 
     def rally_table(self) -> pa.Table:
         """All rallies as one table, see :func:`rally_rows`."""
-        return pa.concat_tables([rally_rows(self, *batch) for batch in self._batches_or_none()])
+        return self._table(rally_rows)
 
     def stroke_table(self) -> pa.Table:
         """All strokes as one table, see :func:`stroke_rows`."""
-        return pa.concat_tables([stroke_rows(self, *batch) for batch in self._batches_or_none()])
+        return self._table(stroke_rows)
 
-    def _batches_or_none(self) -> Iterable[tuple[int, Rallies]]:
-        """The batches; an empty batch if there are none, so that tables have their columns."""
-        return self.batches() if len(self.first_rally) else [(0, self.no_rallies())]
+    def _table(self, rows: "Callable[[RallyLog, int, Rallies], pa.Table]") -> pa.Table:
+        batches = self.batches() if len(self.first_rally) else [(0, self.no_rallies())]
+        return pa.concat_tables([rows(self, *batch) for batch in batches])
 
     def no_rallies(self) -> Rallies:
         """An empty batch with the columns of this log."""
