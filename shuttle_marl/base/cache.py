@@ -15,8 +15,7 @@ import platformdirs
 from shuttle_marl.base.files import content_hash, verify
 
 NAME: Final = "computed.sqlite"
-_ROOMS: Final = ("exact", "game", "kernel", "policy")
-"""Rooms of the code between the tables of a game and a cached result."""
+_ROOMS: Final = ("exact", "game", "kernel", "policy")  # rooms of the code between the tables of a game and a cached result
 _WAIT_S: Final = 20.0
 _HASH: Final = 64
 _LOG: Final = logging.getLogger(__name__)

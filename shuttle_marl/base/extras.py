@@ -19,8 +19,7 @@ _EXTRAS: Final = {
     "train": ("lightgbm", "tensordict", "torch", "torchrl"),
 }
 """Optional libraries by extra of the package."""
-_APART: Final = ("ray",)
-"""Extras that `make install` omits."""
+_APART: Final = ("ray",)  # extras that `make install` omits
 
 
 def install_hint(extra: str) -> str:

@@ -14,8 +14,7 @@ from typing import IO, Final
 
 from shuttle_marl.base.errors import ShuttleError, printable
 
-_CHUNK: Final = 1 << 16
-"""Most bytes that are read at once, and length of the longest line [bytes]."""
+_CHUNK: Final = 1 << 16  # most bytes that are read at once, and length of the longest line [bytes]
 _STDERR_SHOWN: Final = 300
 
 

@@ -33,15 +33,13 @@ METRICS: Final = "metrics.jsonl"
 RESULTS: Final = "results.json"
 RALLIES: Final = "rallies.mcap"
 PAGE: Final = "report.html"
-LOCK: Final = ".lock"
-"""Lock file of a folder; never replaced or removed, so that all processes lock the same file."""
+LOCK: Final = ".lock"  # lock file of a folder; never replaced or removed, so that all processes lock the same file
 _ABOUT: Final = "about.json"
 _RETAINED: Final = 2
 _ADVICE: Final = "restore it from a backup, or start the run again with --overwrite"
 _LEFTOVER: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
 """File that remains if a process is killed before it wrote the configuration."""
-_noted: Final[list[int]] = []
-"""Interrupts within :func:`interrupts_held`."""
+_noted: Final[list[int]] = []  # interrupts within `interrupts_held`
 
 
 class RunError(ShuttleError):
@@ -57,8 +55,7 @@ class Run:
     """A run whose folder is locked, see :func:`open_run`."""
 
     folder: Path
-    about: dict[str, Any] = dataclasses.field(default_factory=dict)
-    """Content of the manifest, after :meth:`begin`."""
+    about: dict[str, Any] = dataclasses.field(default_factory=dict)  # content of the manifest, after `begin`
 
     @property
     def finished(self) -> bool:

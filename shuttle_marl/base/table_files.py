@@ -18,8 +18,7 @@ from shuttle_marl.base.files import hash_of, read_file, replace_file, verify
 PARQUET: Final[dict[str, Any]] = {"compression": "zstd", "write_page_checksum": True}
 _MARK: Final = b"shuttle_marl.sha256="
 _SEAL: Final = len(_MARK) + 64
-_END: Final = 8
-"""Length of the length of the footer, and of the magic ``PAR1`` behind it [bytes]."""
+_END: Final = 8  # length of the length of the footer, and of the magic ``PAR1`` behind it [bytes]
 _MOST: Final = 1 << 29
 """Maximum size of a file that is read, and of its table [bytes]: a small file may hold any number of equal rows."""
 _FORMULA: Final = r"\A([=+\-@\t\r])"

@@ -21,18 +21,15 @@ from shuttle_marl.base.files import read_file, read_hashed
 
 _PACKED: Final = "packed"
 _LARGE: Final = 1 << 16
-_MOST: Final = 1 << 27
-"""Maximum size of all unpacked arrays of a file together, and of the file [bytes]."""
+_MOST: Final = 1 << 27  # maximum size of all unpacked arrays of a file together, and of the file [bytes]
 _MOST_HEADER: Final = 1 << 20
 
 
 class Tensors(NamedTuple):
     """Content of a safetensors file."""
 
-    metadata: dict[str, str]
-    """Text by name."""
-    arrays: dict[str, npt.NDArray[Any]]
-    """Arrays by name."""
+    metadata: dict[str, str]  # text by name
+    arrays: dict[str, npt.NDArray[Any]]  # arrays by name
 
 
 def tensor_bytes(arrays: Mapping[str, npt.NDArray[Any]], metadata: Mapping[str, str], *, pack: bool = False) -> bytes:

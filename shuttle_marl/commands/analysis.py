@@ -1,10 +1,9 @@
 """Summaries and pictures of recorded rallies, compared with real matches."""
 
-import dataclasses
 import json as json_format
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import tyro
@@ -12,69 +11,13 @@ import tyro
 from shuttle_marl import reports as play
 from shuttle_marl.base.files import MAX_JSON, read_file, replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import PlayerOptions, RallyGameOptions, hands_told
+from shuttle_marl.commands.options import RALLY_MODEL, PlayerOptions, RallyModel, hands_told
 from shuttle_marl.game.stroke import SHOTS
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-_MODEL: Final = RallyGameOptions()
 _PLAYERS: Final = PlayerOptions()
 _HEADINGS: Final = ("", "strokes", "won", "rating", "length", "tempo", "winners", "value", "most played")
 _SHOWN: Final = 12
 _PICTURED: Final = 3
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RallyFilter:
-    """The rallies that count.
-
-    Attributes:
-        rallies: approximate number of rallies sampled from a log, the same number from each pairing.
-        games: numbers of the games that count, from 1; default: all.
-        leading: least and most points of the player who leads before a rally that counts, such as 18 29 for the ends of games.
-        server: name of the server of the rallies that count.
-        length: least and most strokes of a rally that counts.
-    """
-
-    rallies: int = 20_000
-    games: tuple[int, ...] = ()
-    leading: tuple[int, int] | None = None
-    server: str | None = None
-    length: tuple[int, int] | None = None
-
-    def of(self, strokes: "pa.Table") -> "pa.Table":
-        """The strokes of the rallies that count, of schema :data:`shuttle_marl.data.schema.STROKES` with rallies in order.
-
-        Raises:
-            AnalysisError: no rally is left.
-        """
-        import pyarrow  # noqa: PLC0415  keeps --help quick; `pa` is for types
-
-        rallies = play.rally_table(strokes)
-        first, length = (rallies[name].to_numpy() for name in ("first", "length"))
-        kept = np.ones(len(rallies), np.bool_)
-        if self.games:
-            kept &= np.isin(rallies["game"].to_numpy(), self.games)
-        if self.server is not None:
-            kept &= rallies["server"].to_numpy(zero_copy_only=False) == self.server
-        if self.length is not None:
-            kept &= (length >= self.length[0]) & (length <= self.length[1])
-        if self.leading is not None:
-            # The table has the points after the rally; without a winner or points those before it are not known.
-            players, winner = (
-                table[name].to_numpy(zero_copy_only=False).astype(object)
-                for table, name in ((strokes.take(pyarrow.array(first)), "player"), (rallies, "winner"))
-            )
-            own, other = (
-                strokes[name].to_numpy(zero_copy_only=False).astype(np.float64)[first] for name in ("points", "points_opponent")
-            )
-            won = winner == players
-            leader = np.where(winner == None, np.nan, np.maximum(own - won, other - ~won))  # noqa: E711  an array of objects
-            kept &= (leader >= self.leading[0]) & (leader <= self.leading[1])
-        if not kept.any():
-            raise play.AnalysisError(f"no rally of {len(rallies):,} is left by {self}; ask for less")
-        return strokes.filter(pyarrow.array(np.repeat(kept, np.diff([*first, strokes.num_rows]))))
 
 
 def analysis(
@@ -83,8 +26,8 @@ def analysis(
     against: Path | None = None,
     out: Path | None = None,
     reference: str = "bc",
-    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
-    rallies: tyro.conf.OmitArgPrefixes[RallyFilter] = RallyFilter(),
+    model: RallyModel = RALLY_MODEL,
+    rallies: int = 20_000,
     players: tyro.conf.OmitArgPrefixes[PlayerOptions] = _PLAYERS,
     json: bool = False,
 ) -> None:
@@ -96,7 +39,7 @@ def analysis(
         out: folder for pictures and tables of rallies and strokes, as Parquet and CSV files.
         reference: policy whose play the values assume.
         model: game on which values are computed.
-        rallies: the rallies that count.
+        rallies: approximate number of rallies sampled from a log, the same number from each pairing.
         players: whose strokes they are.
         json: print JSON.
     """
@@ -109,15 +52,15 @@ def analysis(
         cli.check_apart(written, [path] if against is None else [path, against])
     tables = model.load_for(path).seats[0].average
     with hands_told(players.hand):
-        strokes = play.strokes_of(path, rallies=rallies.rallies)
-    valued = rallies.of(play.add_values_of_pairs(strokes, reference, tables))
+        strokes = play.strokes_of(path, rallies=rallies)
+    valued = play.add_values_of_pairs(strokes, reference, tables)
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
     if players.anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
     other = "others" if players.anonymous or against is None else against.resolve().name
     summaries = {name: play.summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
-        others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies.rallies), reference, tables)
+        others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies), reference, tables)
         summaries[other] = play.summarise(others)
     if out is not None:
         for kind, table in (("strokes", valued), ("rallies", play.rally_table(valued))):
@@ -186,6 +129,4 @@ def _row(name: str, summary: "play.Summary", rating: float | None) -> tuple[cli.
 
 
 COMMANDS: Final = analysis
-
-
 main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.analysis", __doc__ or "")

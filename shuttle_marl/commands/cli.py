@@ -12,7 +12,7 @@ import select
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import tyro
 from rich.console import Console
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.odds import Spread
     from shuttle_marl.game.tables import Game
 
+T = TypeVar("T")
 Command = Callable[..., object]
+Commands = Command | Mapping[str, Command]
 Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"]
 """Policy, its results in the game by name, and their spreads in the refits; None without refits."""
 Figure = object
@@ -38,17 +40,13 @@ Figure = object
 _NUMBERS: Final = ConstructorRegistry()
 _SCALES: Final = {"k": 10**3, "m": 10**6, "g": 10**9}
 _MOST_DIGITS: Final = 30
-_WIDTH: Final = 160
-"""Width of output that is not to a terminal."""
-_WRITTEN: Final = ("out", "pdf")
-"""Options that name what a command writes."""
+_WIDTH: Final = 160  # width of output that is not to a terminal
+_WRITTEN: Final = ("out", "pdf")  # options that name what a command writes
 _PAGES: Final = (".html", ".md", ".pdf")
-_SHOWN: Final = 4
-"""Number of the largest fractions that a cell of a table shows."""
+_SHOWN: Final = 4  # number of the largest fractions that a cell of a table shows
 _SHARES: Final = ("win", "won", "share", "thin", "rare", "against", "after", "runs")
 """Figures whose names have these words are fractions, which are shown in percent."""
-_BOUNDS: Final = ("bound", "residual")
-"""Figures whose names have these words are shown with their order of magnitude."""
+_BOUNDS: Final = ("bound", "residual")  # figures whose names have these words are shown with their order of magnitude
 _FIXABLE: Final = {
     errno.EACCES,
     errno.EEXIST,
@@ -83,37 +81,44 @@ def working(what: str) -> Status:
     return console(stderr=True).status(f"{what} …")
 
 
+def progress(things: Sequence[T] | Iterable[T], what: str, total: int | None = None) -> Iterable[T]:
+    """The things one by one, with a bar on a terminal that shows how many are done."""
+    from rich.progress import track  # noqa: PLC0415  keeps --help quick
+
+    return track(things, what, total, console=console(stderr=True), transient=True)
+
+
 def run(
-    commands: Command | dict[str, Command],
+    commands: Commands,
+    argv: Sequence[str] | None = None,
     *,
     prog: str,
     description: str,
-    argv: Sequence[str] | None = None,
     prepared: Callable[[list[str]], list[str]] = list,
 ) -> int:
     """Parse the command line, call the command, and return the exit status.
 
     Args:
         commands: a function, or subcommands by name. Options are generated from signatures, help from docstrings.
+        argv: arguments; None: ``sys.argv[1:]``.
         prog: name of the program in help texts.
         description: description in the help.
-        argv: arguments; None: ``sys.argv[1:]``.
         prepared: arguments from those that were given.
 
     Returns: 0; 1 after a :class:`ShuttleError` (with its message on standard error), if a required extra is not installed, or
         if a file or the output cannot be used; 130 after an interrupt; 141 if the output pipe is closed.
     """
     args = list(sys.argv[1:] if argv is None else argv)
-    commands = {name: _apart(each) for name, each in commands.items()} if isinstance(commands, dict) else _apart(commands)
     try:
         _check_encoding(args)
         args = prepared(args)
-        if isinstance(commands, dict) and args and args[0] in commands:  # alone, so that its errors point to its own help
-            tyro.cli(commands[args[0]], prog=f"{prog} {args[0]}", args=args[1:], registry=_NUMBERS)
-        elif isinstance(commands, dict):
-            tyro.extras.subcommand_cli_from_dict(commands, prog=prog, description=description, args=args, registry=_NUMBERS)
-        else:
-            tyro.cli(commands, prog=prog, description=description, args=args, registry=_NUMBERS)
+        if callable(commands):
+            tyro.cli(_apart(commands), prog=prog, description=description, args=args, registry=_NUMBERS)
+        elif args and args[0] in commands:  # alone, so that its errors point to its own help
+            tyro.cli(_apart(commands[args[0]]), prog=f"{prog} {args[0]}", args=args[1:], registry=_NUMBERS)
+        else:  # prints help
+            every = dict(commands)
+            tyro.extras.subcommand_cli_from_dict(every, prog=prog, description=description, args=args, registry=_NUMBERS)
         sys.stdout.flush()
     except ShuttleError as error:
         return _fail(prog, str(error))
@@ -146,15 +151,16 @@ def watching(log: Path, game: str, profile: str | None) -> str:
     return f"watch it: {command('watch', '--replay', str(log), *words)}"
 
 
+def by_name(*commands: Command) -> dict[str, Command]:
+    """Subcommands by the names of their functions, such as ``new-submission`` of ``new_submission``."""
+    return {command.__name__.rstrip("_").replace("_", "-"): command for command in commands}
+
+
 def entry_point(
-    commands: Command | dict[str, Command], prog: str, description: str, prepared: Callable[[list[str]], list[str]] = list
+    commands: Commands, prog: str, description: str, prepared: Callable[[list[str]], list[str]] = list
 ) -> Callable[..., int]:
-    """The function ``main(argv=None)`` of a command, which runs its command line and returns the exit status."""
-
-    def main(argv: Sequence[str] | None = None) -> int:
-        return run(commands, prog=prog, description=description, argv=argv, prepared=prepared)
-
-    return main
+    """The function ``main(argv=None)`` of a command, see :func:`run`."""
+    return functools.partial(run, commands, prog=prog, description=description, prepared=prepared)
 
 
 def whole_number(text: str) -> int:

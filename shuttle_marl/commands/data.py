@@ -66,7 +66,7 @@ def convert(root: Root, *, out: Path, hand: HandsTold = (), overwrite: bool = Fa
     cli.say(*_found(cleaned.provenance), f"{out}: {cleaned.strokes.num_rows} strokes", _NOTE)
 
 
-def import_own(
+def import_(
     file: File,
     *,
     columns: Path | None = None,
@@ -190,16 +190,7 @@ def _told(report: Report) -> Iterator[str]:
         yield "no problems"
 
 
-COMMANDS: Final[dict[str, cli.Command]] = {
-    "download": download,
-    "convert": convert,
-    "import": import_own,
-    "template": template,
-    "summary": summary,
-    "validate": validate,
-}
-
-
+COMMANDS: Final = cli.by_name(download, convert, import_, template, summary, validate)
 main: Final = cli.entry_point(
     COMMANDS,
     "python -m shuttle_marl.data",

@@ -10,7 +10,7 @@ import tyro
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import FileReadError, read_json
-from shuttle_marl.commands.cli import Command, check_free, console, entry_point, say, show, table
+from shuttle_marl.commands.cli import by_name, check_free, console, entry_point, say, show, table
 from shuttle_marl.commands.options import HandsTold, hands_told
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.game.shipped import model_folder, read_model_card
@@ -146,7 +146,5 @@ def card(
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
 
 
-COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}
-
-
+COMMANDS: Final = by_name(fit, evaluate, card)
 main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", __doc__ or "")

@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
 import tyro
-from rich.progress import track
 
 from shuttle_marl import exact
-from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, SampleOptions, tables_of
+from shuttle_marl.commands.options import MODEL, File, Json, Model, Policies, Policy, SampleOptions, tables_of
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.policy import reads_score
-from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, least_support, real_strokes, refits_of
+from shuttle_marl.game.shipped import Estimate, factor_of, least_support, refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import time_limit
@@ -30,24 +28,20 @@ if TYPE_CHECKING:
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
 
-Model = tyro.conf.OmitArgPrefixes[GameOptions]
 AtLeast = Annotated[int | None, tyro.conf.arg(metavar="INT")]
 _SCORES: Final = (
     *("policy", "rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin"),
 )
 _HOLES: Final = ("state", "plays, better", "in self-play", "against its best response", "lost a stroke", "lost a rally")
-_GAME: Final = GameOptions()
 _SAMPLES: Final = SampleOptions()
 
 
 def solve(
     *,
-    model: Model = _GAME,
+    model: Model = MODEL,
     away: bool = True,
-    tolerance: float = 1e-9,
     plot: File = None,
     incoming: str | None = None,
-    own: str | None = None,
     json_output: Json = False,
 ) -> None:
     """Solve the game: the value of a rally under perfect play, and statistics of perfect play.
@@ -55,19 +49,15 @@ def solve(
     Args:
         model: the game.
         away: also play the solution in the refits of the game.
-        tolerance: largest acceptable error bound of a value.
-        plot: draw the value of the replies to a stroke over the court into this file (PNG, SVG or PDF).
-        incoming: incoming stroke of the chart, as in smash:middle-left:above:forehand; default: the most frequent one in perfect
-            play.
-        own: the striker's own last stroke in the chart; default: the mean over all.
-        json_output: print JSON.
+        plot: draw the value of the replies to the stroke --incoming over the court into this file (PNG, SVG or PDF).
+        incoming: the stroke, as in smash:middle-left:above:forehand.
     """
     from shuttle_marl.exact.odds import of_solution  # noqa: PLC0415
     from shuttle_marl.exact.saddles import Saddle  # noqa: PLC0415
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
 
     tables = model.load()
-    strokes = _strokes_to_plot(tables, plot, incoming, own)
+    stroke = _stroke_to_plot(tables, plot, incoming)
     with cli.working("compiling"):
         warm_up(tables)
         if tables.recovery is not None:
@@ -75,10 +65,12 @@ def solve(
                 Saddle((seat,)).all_strategies(np.zeros(tables.n_states))
     begun = time.perf_counter()
     with cli.working("solving"):
-        solution = exact.solve(tables, tolerance=tolerance)
+        solution = exact.solve(tables)
     seconds = time.perf_counter() - begun
-    if plot is not None:
-        _plot(solution, plot, *strokes)
+    if plot is not None and stroke is not None:
+        from shuttle_marl.reports import charts  # noqa: PLC0415
+
+        charts.save(charts.best_replies(solution, stroke), plot)
     others, spreads = _in_refits(tables, away, functools.partial(of_solution, solution))
     seen = exact.visits(*solution.policy)
     serving = (1 + solution.value_at_serve) / 2
@@ -104,7 +96,7 @@ def solve(
 def evaluate(
     policies: Policies,
     *,
-    model: Model = _GAME,
+    model: Model = MODEL,
     away: bool = True,
     samples: tyro.conf.OmitArgPrefixes[SampleOptions] = _SAMPLES,
     json_output: Json = False,
@@ -118,7 +110,6 @@ def evaluate(
         model: the game.
         away: also play the policies in the refits of the game.
         samples: matches of policies that read the score.
-        json_output: print JSON.
     """
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
@@ -131,7 +122,7 @@ def evaluate(
     sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
     cards: list[Scorecard] = []
     with _recorded(sampled, scorer, samples) as watches:
-        for name, policy in _progress(found, "policies"):
+        for name, policy in cli.progress(found, "policies"):
             watch = watches.pop(name, None)  # a policy that is named twice plays the same matches again
             cards.append(scorer.score(policy, name, matches=samples.matches, seed=samples.seed, watch=watch))
     bounds = [card.error_bound for card in cards if card.error_bound is not None]
@@ -165,7 +156,7 @@ def _scores(card: "Scorecard") -> tuple[cli.Figure, ...]:
 def best_response(
     policy: Policy,
     *,
-    model: Model = _GAME,
+    model: Model = MODEL,
     at_least: AtLeast = None,
     away: bool = True,
     save: File = None,
@@ -179,7 +170,6 @@ def best_response(
         at_least: real strokes in the data behind every stroke of the response; default: 20 in models of own data, else 0.
         away: also play the response in the refits of the game.
         save: write the response as a table, which is named table:FILE.
-        json_output: print JSON.
     """
     from shuttle_marl.exact.odds import of_pair  # noqa: PLC0415
 
@@ -207,14 +197,12 @@ def best_response(
         "shot_mix": _mix(seen, 0),
         "shot_mix_of_policy": _mix(seen, 1),
         "at_least": least,
-        "support": _support(tables, seen.base_pairs(0).sum(axis=0)),
         "error_bound": max(answer.value.error_bound, seen.error_bound),
         "saved": None if save is None else str(save),
         **cli.home_and_away_json(home, spreads),
     }
     notes = (
-        f"player 0 is the response, player 1 {policy}. support: fractions of its strokes with so few real ones behind them "
-        "(--at-least N sets the number).",
+        f"player 0 is the response, player 1 {policy}.",
         "expected: the part of the edge over 50 % that unseen matches realise, docs/truth.md." if expected is not None else "",
         f"saved as table:{save}" if save is not None else "",
     )
@@ -224,7 +212,7 @@ def best_response(
 def holes(
     policy: Policy,
     *,
-    model: Model = _GAME,
+    model: Model = MODEL,
     top: int = 10,
     at_least: AtLeast = None,
     json_output: Json = False,
@@ -236,7 +224,6 @@ def holes(
         model: the game.
         top: number of states to list.
         at_least: real strokes in the data behind every better stroke; default: 20 in models of own data, else 0.
-        json_output: print JSON.
     """
     if top < 1:
         raise ExactError(f"--top {top}: expected 1 or more")
@@ -273,7 +260,7 @@ def _hole(hole: "Hole") -> tuple[cli.Figure, ...]:
 def crossplay(
     policies: Policies,
     *,
-    model: Model = _GAME,
+    model: Model = MODEL,
     away: bool = False,
     json_output: Json = False,
 ) -> None:
@@ -283,19 +270,14 @@ def crossplay(
         policies: names of policies (docs/league.md).
         model: the game.
         away: also play all pairs in the refits of the game, which takes nine times as long.
-        json_output: print JSON.
     """
     from shuttle_marl.exact.odds import of_all_pairs  # noqa: PLC0415
 
     _check_some(policies)
     tables = model.load()
-    entrants = tables_of(_progress(policies, "tables"), tables)
-    pairs = iter(_progress(range(len(policies) * (len(policies) + 1) // 2), "pairs"))
-    begun = time.perf_counter()
-    odds = exact.crossplay(entrants, progress=lambda: next(pairs))
-    seconds = time.perf_counter() - begun
-    for _ in pairs:
-        pass
+    entrants = tables_of(cli.progress(policies, "tables"), tables)
+    with cli.working("playing the pairs"):
+        odds = exact.crossplay(entrants)
     home = of_all_pairs(odds)
 
     def crossed(refit: Game) -> "Mapping[str, Values]":
@@ -309,7 +291,6 @@ def crossplay(
         "rally_win": odds.rally.tolist(),
         "match_win": odds.match().tolist(),
         "error_bound": odds.error_bound,
-        "seconds": seconds,
         **cli.home_and_away_json({name: np.asarray(figure).tolist() for name, figure in home.items()}, spreads),
     }
     shares = np.asarray(home["match_share"]).tolist()
@@ -345,29 +326,18 @@ def _recorded(
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
-def _strokes_to_plot(game: Game, plot: Path | None, incoming: str | None, own: str | None) -> tuple[int | None, int | None]:
-    """Catalogue indices of the incoming and the own stroke of a chart, checked before anything is computed."""
+def _stroke_to_plot(game: Game, plot: Path | None, incoming: str | None) -> int | None:
+    """Catalogue index of the incoming stroke of a chart, checked before anything is computed."""
     from shuttle_marl.reports import charts, rally  # noqa: PLC0415
 
-    if plot is None:
-        if incoming is not None or own is not None:
-            raise ExactError("--incoming and --own select the content of a chart; name its file with --plot FILE")
-        return None, None
+    if (plot is None) != (incoming is None):
+        raise ExactError("--plot and --incoming belong together: a file, and the stroke whose replies are drawn")
+    if plot is None or incoming is None:
+        return None
     charts.check_format(plot)
-    came, before = (None if name is None else rally.stroke_index(game, name) for name in (incoming, own))
-    if came is not None:
-        rally.edges_of(game, came, before)
-    return came, before
-
-
-def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:
-    from shuttle_marl.reports import charts  # noqa: PLC0415
-
-    if incoming is None:
-        tables = solution.games[0]
-        stroke = tables.incoming(np.arange(tables.n_states))
-        incoming = int(np.bincount(stroke, exact.visits(*solution.policy).states[0])[: tables.n_strokes].argmax())
-    charts.save(charts.best_replies(solution, incoming, own), path)
+    stroke = rally.stroke_index(game, incoming)
+    rally.edges_of(game, stroke, None)
+    return stroke
 
 
 def _least(game: Game, at_least: int | None) -> int:
@@ -388,17 +358,6 @@ def _in_refits(
         return refits, over(refits, figures, at_once=at_once) if refits else None
 
 
-def _support(game: Game, played: F64) -> dict[str, float] | None:
-    """Fractions of strokes with fewer than 5 and fewer than 20 real strokes behind them; None if that is not known."""
-    from shuttle_marl.policy.scorecard import FEW_STROKES  # noqa: PLC0415  numba
-
-    real = real_strokes(game)
-    if real is None:
-        return None
-    behind = real[game.base_pair_edge]
-    return {f"fewer_than_{n}": float(played[behind < n].sum() / played.sum()) for n in (FEW_STROKES, RELIABLE)}
-
-
 def _mix(seen: exact.Visits, player: int) -> dict[str, float]:
     return dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True))
 
@@ -408,14 +367,10 @@ def _check_some(policies: Sequence[str]) -> None:
         raise ExactError("no policy given; name one or more, for example: bc attacking minimax")
 
 
-def _progress(things: Any, what: str) -> Any:
-    return track(things, what, console=cli.console(stderr=True), transient=True)
-
-
 def depth(
     policies: Policies = (),
     *,
-    model: Model = _GAME,
+    model: Model = MODEL,
     json_output: Json = False,
 ) -> None:
     """Describe the play of policies beside that of people, and how far policies get that read little of the state.
@@ -424,7 +379,6 @@ def depth(
         policies: names of policies (docs/league.md); default: perfect play, the best response to bc, bc, the agents of the
             package, and human:0.05 and human:0.02.
         model: the game.
-        json_output: print JSON.
     """
     from shuttle_marl.policy.scorecard import POLICIES, depth  # noqa: PLC0415  numba
 
@@ -448,16 +402,7 @@ def depth(
     )
 
 
-COMMANDS: Final[dict[str, cli.Command]] = {
-    "solve": solve,
-    "evaluate": evaluate,
-    "best-response": best_response,
-    "holes": holes,
-    "crossplay": crossplay,
-    "depth": depth,
-}
-
-
+COMMANDS: Final = cli.by_name(solve, evaluate, best_response, holes, crossplay, depth)
 main: Final = cli.entry_point(
     COMMANDS,
     "python -m shuttle_marl.exact",

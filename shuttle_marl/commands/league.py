@@ -13,6 +13,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.runs import RALLIES, interrupts_held
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import Json
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.league.entrants import LeagueConfig, LeagueError
 from shuttle_marl.training.league.config import LeagueTrainingConfig
@@ -30,14 +31,11 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
         cli.say(cli.watching(log, config.game, None if config.players else config.profile))
 
 
-def train(
-    config: tyro.conf.OmitArgPrefixes[LeagueTrainingConfig], json_output: Annotated[bool, tyro.conf.arg(name="json")] = False
-) -> None:
+def train(config: tyro.conf.OmitArgPrefixes[LeagueTrainingConfig], json_output: Json = False) -> None:
     """Train main agents and exploiters against each other, their past and exact best responses.
 
     Args:
         config: what to train.
-        json_output: print the final figures as JSON.
     """
     with interrupts_held():
         from shuttle_marl.training.league.run import MAIN, train_league  # noqa: PLC0415  torch
@@ -70,7 +68,7 @@ def pairs(
     policy: str | None = None,
     data: Path | None = None,
     out: Path | None = None,
-    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_output: Json = False,
 ) -> None:
     """Predict the result of every pair of real players, each in the game of that pair, beside real results.
 
@@ -82,11 +80,8 @@ def pairs(
         policy: policy of all players; default: each imitated.
         data: annotated matches, for the real results: a stroke table, or a folder with the raw files.
         out: file for the predictions of all pairs, NAME.csv or NAME.parquet.
-        json_output: print the predictions as JSON.
     """
-    from rich.progress import track  # noqa: PLC0415  these keep --help quick
-
-    from shuttle_marl.data import read_matches  # noqa: PLC0415
+    from shuttle_marl.data import read_matches  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.league.pairs import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".csv", ".parquet"):
@@ -95,7 +90,7 @@ def pairs(
     names = players_of(pairs, game, players)
     found = predict_pairs(names, game=game, date=date, policy=policy)
     number = len(names) * (len(names) - 1) // 2
-    predictions = list(track(found, "pairs", number, console=cli.console(stderr=True), transient=True))
+    predictions = list(cli.progress(found, "pairs", number))
     if strokes is not None:
         predictions = with_results(predictions, strokes)
     rows = ranked(names, predictions, game, date)

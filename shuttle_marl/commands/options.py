@@ -6,7 +6,7 @@ import itertools
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 import tyro
@@ -23,7 +23,7 @@ from shuttle_marl.reports.languages import Language, speaking
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY ...]")]
 Policy = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
-Json = Annotated[bool, tyro.conf.arg(name="json")]
+Json = Annotated[bool, tyro.conf.arg(name="json", help="print JSON.")]
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
@@ -65,6 +65,10 @@ class GameOptions:
         return resolve_game(self.game, self.profile)
 
 
+Model = tyro.conf.OmitArgPrefixes[GameOptions]
+MODEL: Final = GameOptions()
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RallyGameOptions:
     """The game of recorded rallies."""
@@ -101,6 +105,10 @@ class RallyGameOptions:
         if game is None:
             raise RecordingError(f"{path}: played on game {played[:12]}, which is not shipped; name its model with --game")
         return game
+
+
+RallyModel = tyro.conf.OmitArgPrefixes[RallyGameOptions]
+RALLY_MODEL: Final = RallyGameOptions()
 
 
 def tables_of(names: Iterable[str], game: Game) -> list[TabulatedPolicy]:

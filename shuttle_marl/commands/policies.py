@@ -2,12 +2,9 @@
 
 from typing import Final
 
-import tyro
-
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import GameOptions
+from shuttle_marl.commands.options import MODEL, Model
 
-_DEFAULT: Final = GameOptions()
 _OWN: Final = {
     "MODULE:ATTRIBUTE": "policy of your own: an object, class or function in a module in this folder or installed",
     "NAME@TEMPERATURE": "any of them, sharper below 1 and flatter above, such as bc@0.5",
@@ -15,7 +12,7 @@ _OWN: Final = {
 }
 
 
-def policies(*, model: tyro.conf.OmitArgPrefixes[GameOptions] = _DEFAULT, json: bool = False) -> None:
+def policies(*, model: Model = MODEL, json: bool = False) -> None:
     """List all policies by name: those of a game, and how to name your own.
 
     Args:
@@ -31,6 +28,4 @@ def policies(*, model: tyro.conf.OmitArgPrefixes[GameOptions] = _DEFAULT, json: 
 
 
 COMMANDS: Final = policies
-
-
 main: Final = cli.entry_point(COMMANDS, "shuttle-marl policies", __doc__ or "")

@@ -9,7 +9,7 @@ import tyro
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import Appearance, RallyGameOptions
+from shuttle_marl.commands.options import RALLY_MODEL, Appearance, Json, RallyModel
 from shuttle_marl.court import scene as scenes
 from shuttle_marl.court.scene import SceneError
 from shuttle_marl.game.court import AREA_WORDS
@@ -22,7 +22,7 @@ from shuttle_marl.recording.header import RecordingError
 from shuttle_marl.recording.log_file import recover as recover_log
 from shuttle_marl.recording.log_file import recoverable_files, unfinished_files
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.recording.replay import check as check_log
+from shuttle_marl.recording.reader import check as check_log
 
 if TYPE_CHECKING:
     from shuttle_marl.reports.rally import Resolve
@@ -31,17 +31,15 @@ File = Annotated[Path, tyro.conf.Positional]
 Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
 Policies = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=POLICY")]
 
-_LOG_GAME: Final = RallyGameOptions()
 _APPEARANCE: Final = Appearance()
-_HINT: Final = "--policy NAME=POLICY gives the policy for a name in the log; --trust-policies runs the code that the log names"
+_HINT: Final = "--policy NAME=POLICY gives the policy for a name in the log"
 
 
-def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+def info(path: Log, *, json_output: Json = False) -> None:
     """Print the contents of a log.
 
     Args:
         path: a rally log, or a folder of them.
-        json_output: print JSON.
     """
     with RallyLog(path) as log:
         headers = [file.header for file in log.files]
@@ -67,7 +65,7 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
     cli.show(facts, json_output)
 
 
-def check(path: Log, *, model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LOG_GAME, replay: bool = True) -> None:
+def check(path: Log, *, model: RallyModel = RALLY_MODEL, replay: bool = True) -> None:
     """Check checksums, numbers and scores of a log and replay every stroke; exit status 1 on errors.
 
     Args:
@@ -153,9 +151,8 @@ def scene(
     best: int | None = None,
     fps: int = 50,
     policy: Policies = (),
-    trust_policies: bool = False,
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
-    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _LOG_GAME,
+    model: RallyModel = RALLY_MODEL,
 ) -> None:
     """Write rallies as a 3D scene for Foxglove or Lichtblick: one of --rally, --match and --best.
 
@@ -168,12 +165,9 @@ def scene(
         best: number of rallies: the longest of the log.
         fps: frames per second, 25 to 50.
         policy: policy for a name in the log; modules and files are allowed here.
-        trust_policies: load policies from the modules and files that the log names, which runs their code.
         appearance: appearance of the players.
         model: game of the log.
     """
-    from rich.progress import track  # noqa: PLC0415  keeps --help quick
-
     console = cli.console(stderr=True)
     with RallyLog(path) as log:
         numbers = scenes.select(log, rally=rally, match=match, pairing=pairing, best=best)
@@ -184,28 +178,19 @@ def scene(
             hands=appearance.hands,
             athletes=appearance.athletes,
             fps=fps,
-            resolve=_resolver(policy, trust_policies, [player.name for player in log.policies]),
-            progress=lambda numbers: track(numbers, "staging", console=console, transient=True),
+            resolve=_resolver(policy, [player.name for player in log.policies]),
+            progress=lambda numbers: cli.progress(numbers, "staging"),
         )
     for name, reason in unknown.items():
         console.print(f"without probabilities of {name}: {reason}", soft_wrap=True)
-    if unknown and not (trust_policies or policy):
+    if unknown and not policy:
         console.print(_HINT, soft_wrap=True)
     replace_file(out, content)
     size = f"{len(numbers):,} rallies, {len(content) / 1e6:.1f} MB"
     cli.say(f"{out}: {size}; open it in Foxglove or Lichtblick")
 
 
-COMMANDS: Final[dict[str, cli.Command]] = {
-    "info": info,
-    "check": check,
-    "recover": recover,
-    "export": export,
-    "show": show,
-    "scene": scene,
-}
-
-
+COMMANDS: Final = cli.by_name(info, check, recover, export, show, scene)
 main: Final = cli.entry_point(
     COMMANDS, "python -m shuttle_marl.recording", "Read, check, recover and export rally logs, and write 3D scenes."
 )
@@ -233,7 +218,7 @@ def _describe(log: RallyLog, number: int) -> str:
     return "\n".join(lines)
 
 
-def _resolver(policies: Sequence[str], trusted: bool, names: Sequence[str]) -> "Resolve":
+def _resolver(policies: Sequence[str], names: Sequence[str]) -> "Resolve":
     """Function that resolves the policies of a log: given by the user, else by their names in the log."""
     from shuttle_marl.policy.registry import resolve, resolve_recorded  # noqa: PLC0415
 
@@ -248,6 +233,6 @@ def _resolver(policies: Sequence[str], trusted: bool, names: Sequence[str]) -> "
     def resolved(name: str, game: Game) -> Policy:
         if name in given:
             return resolve(given[name], game)
-        return (resolve if trusted else resolve_recorded)(name, game)
+        return resolve_recorded(name, game)
 
     return resolved

@@ -7,10 +7,9 @@ from typing import Annotated, Final
 import tyro
 
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import RallyGameOptions, ReportOptions, hands_told
+from shuttle_marl.commands.options import RALLY_MODEL, RallyModel, ReportOptions, hands_told
 from shuttle_marl.reports.languages import speaking
 
-_MODEL: Final = RallyGameOptions()
 _OUTPUT: Final = ReportOptions()
 
 
@@ -20,7 +19,7 @@ def report(
     match: str | None = None,
     pairing: int = 0,
     columns: Path | None = None,
-    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
+    model: RallyModel = RALLY_MODEL,
     video: str | None = None,
     output: tyro.conf.OmitArgPrefixes[ReportOptions] = _OUTPUT,
 ) -> None:
@@ -51,6 +50,4 @@ def report(
 
 
 COMMANDS: Final = report
-
-
 main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl report", __doc__ or "")

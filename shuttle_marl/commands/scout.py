@@ -74,6 +74,4 @@ def scout(
 
 
 COMMANDS: Final = scout
-
-
 main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl scout", __doc__ or "")

@@ -1,12 +1,11 @@
 """The benchmark suite: tasks with exact scores, runs of methods, and the leaderboard (docs/suite)."""
 
 import dataclasses
-from collections.abc import Sequence
+import functools
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import tyro
-from rich.progress import track
 
 from shuttle_marl import suite
 from shuttle_marl.base.errors import printable
@@ -17,15 +16,14 @@ from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.suite.options import SPLITS, Split, SuiteError, SuiteRun
 
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
-_SHOWN: Final = 20
-"""Refused units that are printed."""
+_cases: Final = functools.partial(cli.progress, what="cases")
+_SHOWN: Final = 20  # refused units that are printed
 
 
-def list_tasks(*, json_output: Json = False) -> None:
+def list_(*, json_output: Json = False) -> None:
     """List the tasks, and the baselines of each.
 
     Args:
-        json_output: print JSON.
     """
     from shuttle_marl.suite.method import BASELINES, kind_of  # noqa: PLC0415  numba
     from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
@@ -66,7 +64,6 @@ def show(
         quick: the cases of a quick run.
         game: model of the game.
         seed: seed of the split round.
-        json_output: print JSON.
     """
     from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415  numba
 
@@ -81,7 +78,6 @@ def run(config: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fals
 
     Args:
         config: settings of the run.
-        json_output: print JSON.
     """
     folder = suite.run_method(config, cli.console(stderr=True))
     found = suite.summarise(folder, config.game, config.seed)
@@ -101,11 +97,10 @@ def verify(
         folder: folder of the run.
         game: model of the game; default: the shipped one that the run names. Folders that a run names are not opened.
         seed: seed of the split round.
-        json_output: print JSON.
     """
     from shuttle_marl.suite.results import NOT_VERIFIED  # noqa: PLC0415  numba
 
-    found = suite.verify_run(folder, game, seed, progress=_progress)
+    found = suite.verify_run(folder, game, seed, progress=_cases)
     figures = {
         "folder": str(folder),
         "units": found.units,
@@ -146,7 +141,7 @@ def board(
     if not folders and results is None:
         raise SuiteError("nothing to show: name run folders, or a file of results with --results")
     left: list[str] = []
-    rows = rows_of(folders, results, game=game, seed=seed, check=check, progress=_progress, failed=left.append)
+    rows = rows_of(folders, results, game=game, seed=seed, check=check, progress=_cases, failed=left.append)
     text = render(rows)
     if out is None:
         print(text, end="")  # noqa: T201
@@ -163,7 +158,6 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
         task: exploit-v0 or exploit-entrance-v0.
         opponent: name of a policy, such as bc.
         game: model of the game.
-        json_output: print JSON.
     """
     from shuttle_marl.suite.exploit import Exploit  # noqa: PLC0415  numba
     from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
@@ -212,27 +206,11 @@ def data(
         quick: the smallest cases only.
         minari: write Minari data sets of the learner's strokes instead; the version of a data set is the seed.
         game: model of the game.
-        json_output: print the hashes of the logs as JSON.
     """
     from shuttle_marl.suite.registry import write_data  # noqa: PLC0415  numba
 
     cli.show(write_data(task, out, split, game, seeds, quick=quick, minari=minari), json_output)
 
 
-def _progress(units: Sequence[Any]) -> Any:
-    return track(units, "cases", console=cli.console(stderr=True), transient=True)
-
-
-COMMANDS: Final[dict[str, cli.Command]] = {
-    "list": list_tasks,
-    "show": show,
-    "run": run,
-    "verify": verify,
-    "board": board,
-    "frontier": frontier,
-    "new-submission": new_submission,
-    "data": data,
-}
-
-
+COMMANDS: Final = cli.by_name(list_, show, run, verify, board, frontier, new_submission, data)
 main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.suite", __doc__ or "")

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.runs import PAGE, RALLIES, interrupts_held
-from shuttle_marl.commands.cli import Command, entry_point, named, say, tell, watching, words
+from shuttle_marl.commands.cli import by_name, entry_point, named, say, tell, watching, words
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.config import CONFIGS, A2CConfig, PPOConfig, SACConfig, TrainingConfig
@@ -83,7 +83,7 @@ def sac(config: tyro.conf.OmitArgPrefixes[SACConfig], seeds: Seeds = 1, jobs: Jo
     _train(config, seeds, jobs)
 
 
-COMMANDS: Final[dict[str, Command]] = {"ppo": ppo, "a2c": a2c, "sac": sac}
+COMMANDS: Final = by_name(ppo, a2c, sac)
 
 
 def _with_settings(words: list[str]) -> list[str]:
@@ -106,4 +106,4 @@ def _with_settings(words: list[str]) -> list[str]:
     return [words[0], *flags, *words[1:at], *words[at + 2 :]]
 
 
-main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", __doc__ or "", prepared=_with_settings)
+main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", __doc__ or "", _with_settings)

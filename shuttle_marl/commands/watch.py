@@ -12,7 +12,7 @@ import tyro
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import Appearance, RallyGameOptions
+from shuttle_marl.commands.options import RALLY_MODEL, Appearance, RallyGameOptions, RallyModel
 from shuttle_marl.court import WatchError, building
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import load_game, origin_of
@@ -91,9 +91,6 @@ class RallyOptions:
     rally: int | None = None
 
 
-_GAME: Final = RallyGameOptions()
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TagOptions:
     """A video whose strokes are entered, instead of a match.
@@ -154,7 +151,7 @@ def watch(
     tagging: tyro.conf.OmitArgPrefixes[TagOptions] = TagOptions(),
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     output: tyro.conf.OmitArgPrefixes[OutputOptions] = OutputOptions(),
-    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _GAME,
+    model: RallyModel = RALLY_MODEL,
     server: tyro.conf.OmitArgPrefixes[ServerOptions] = ServerOptions(),
 ) -> None:
     """Watch matches in 3D, analyse them, or play: opens a page in the browser, served by this machine.
@@ -307,6 +304,4 @@ def _save_site(folder: Path, page: Path, answers: "Answers", language: Language)
 
 
 COMMANDS: Final = watch
-
-
 main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.watch", (watch.__doc__ or "").partition("\n")[0])

@@ -107,11 +107,7 @@ class Answers:
         self._shown = threading.Event()
 
     def __call__(self, request: messages.Request) -> bytes:
-        """The encoded reply to a request.
-
-        Raises:
-            ShuttleError: it cannot be answered.
-        """
+        """The encoded reply to a request. Raises ShuttleError: it cannot be answered."""
         if isinstance(request, messages.Query) and request.friend is not None:
             if isinstance(request, messages.OptionsRequest):
                 raise WatchError("there are no hints in a game with a friend")
@@ -259,7 +255,6 @@ class Answers:
         )
 
     def _rallies_of(self, query: messages.MatchRequest) -> Iterator[CourtRally]:
-        """Finished rallies of a match in their order."""
         ends = query.partial or query.person is not None
         number = 0 if self._recorded is None or query.plan is not None else _first_of(self._recorded, query.rally)
         before: CourtRally | None = None
@@ -363,7 +358,6 @@ def _continues(before: CourtRally, rally: CourtRally) -> bool:
 
 
 def _first_of(recorded: Recorded, number: int) -> int:
-    """Number of the first rally of the match of a rally."""
     while number > 0 and _continues(recorded.rally(number - 1), recorded.rally(number)):
         number -= 1
     return number

@@ -100,7 +100,6 @@ def _build(digest: str, say: Callable[[str], object]) -> None:
 
 
 def _digest() -> str:
-    """SHA-256 of the names and contents of the source files, and of the texts."""
     digest = hashlib.sha256()
     for path in sorted(_LANGUAGES.glob("*.json")):
         digest.update(f"{path.name}\n".encode() + path.read_bytes())

@@ -61,11 +61,7 @@ def _packed(content: bytes) -> str:
 
 
 def viewer() -> Viewer:
-    """The program of the live court, for pages that contain rallies.
-
-    Raises:
-        BuildError: it is not built, and cannot be.
-    """
+    """The program of the live court, for pages that contain rallies. Raises BuildError: it is not built, and cannot be."""
     folder = build()
     script, style = ((folder / name).read_text(encoding="utf-8") for name in ("watch.js", "watch.css"))
     return Viewer(script=script.replace("</script", "<\\/script").replace("<!--", "<\\!--"), style=style.replace("</", "<\\/"))
@@ -151,11 +147,7 @@ def scout_clips(report: ScoutingReport) -> Clips:
 
 
 def match_clips(report: MatchReport, source: Source) -> Clips:
-    """The key moments of a match, and where its rallies are on the live court.
-
-    Raises:
-        WatchError: the file has no whole rally.
-    """
+    """The key moments of a match, and where its rallies are on the live court. Raises WatchError: the file has no whole rally."""
     found: Recorded
     if source.strokes is None:
         found, numbers = LogRallies(source.path, source.game), dict(enumerate(source.numbers))

@@ -49,11 +49,7 @@ class Friends:
         self._lock = threading.Lock()
 
     def answer(self, asked: FriendRequest) -> FriendReply:
-        """Open a game, take a seat, choose, or ask how a game stands.
-
-        Raises:
-            WatchError: the choice is not legal.
-        """
+        """Open a game, take a seat, choose, or ask how a game stands. Raises WatchError: the choice is not legal."""
         with self._lock:
             now = time.monotonic()
             token = asked.token or self._open(now)
@@ -146,5 +142,4 @@ def _person(seat: int) -> Person:
 
 
 def _seat(game: _Game, key: str) -> int | None:
-    """The seat of a key; None: it has none."""
     return next((seat for seat, known in enumerate(game.keys) if hmac.compare_digest(known, key)), None)

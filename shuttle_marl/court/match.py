@@ -9,6 +9,7 @@ import dataclasses
 import itertools
 import threading
 import time
+import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Hashable, Mapping
 from pathlib import Path
@@ -111,6 +112,12 @@ class PolicyTables:
     def visits(self, sides: tuple[Side, Side]) -> Visits:
         """Expected visits of seat 0 against seat 1 in a rally, both serving equally often."""
         return self._visits.get(sides, lambda: visits(self.table(sides[0], 0), self.table(sides[1], 1)))
+
+
+def staging_key(header: LogHeader, rally: Rallies) -> int:
+    """Random seed of the staging of a rally: a function of its content, independent of its position in a log."""
+    strokes = zlib.crc32(rally.stroke.astype("<u2").tobytes())
+    return int(stream(header.seed, int(rally.match[0]), int(rally.rally[0]), strokes)[0] >> np.uint64(1))
 
 
 PERSON, FRIEND = "you", "friend"  # names of a person, and of another person at the other seat
@@ -296,11 +303,7 @@ class MatchLog:
         self._started, self._count = time.strftime("%Y%m%d-%H%M%S"), 0
 
     def add(self, plan: Plan, rally: CourtRally) -> None:
-        """Record a rally if it is finished and not recorded yet.
-
-        Raises:
-            RecordingError: the log cannot be written.
-        """
+        """Record a rally if it is finished and not recorded yet. Raises RecordingError: the log cannot be written."""
         winner = rally.winner
         if winner is None:
             return

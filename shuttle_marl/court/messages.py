@@ -587,11 +587,7 @@ def request_id(text: str) -> int | None:
 
 
 def decode_request(text: str) -> Request:
-    """Decode and validate a request.
-
-    Raises:
-        WatchError: it is not a request.
-    """
+    """Decode and validate a request. Raises WatchError: it is not a request."""
     try:
         return _requests.decode(text)
     except RecursionError as error:

@@ -75,11 +75,7 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @classmethod
     def parse(cls, raw: Any) -> "Plan":
-        """From the decoded JSON of a page.
-
-        Raises:
-            WatchError: it is not a plan.
-        """
+        """From the decoded JSON of a page. Raises WatchError: it is not a plan."""
         try:
             return msgspec.json.decode(msgspec.json.encode(raw), type=cls)
         except (msgspec.MsgspecError, TypeError) as error:

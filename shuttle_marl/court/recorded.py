@@ -12,9 +12,8 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court import WatchError
-from shuttle_marl.court.match import CourtRally, OnceCache
+from shuttle_marl.court.match import CourtRally, OnceCache, staging_key
 from shuttle_marl.court.messages import RecordedMatch
-from shuttle_marl.court.scene.rally_report import staging_key
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.matches import WholeRally, event, nearest_stroke, whole_rallies
 from shuttle_marl.data.schema import Outcome

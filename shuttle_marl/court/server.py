@@ -351,11 +351,7 @@ _FLAGS: Final = (
 
 
 def browser_program() -> str:
-    """Path of Chromium or a related browser; ``$CHROMIUM`` takes precedence.
-
-    Raises:
-        WatchError: none is installed.
-    """
+    """Path of Chromium or a related browser; ``$CHROMIUM`` takes precedence. Raises WatchError: none is installed."""
     for name in (os.environ.get("CHROMIUM", ""), *_BROWSERS):
         if name and (found := shutil.which(name)):
             return found

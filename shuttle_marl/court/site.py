@@ -80,7 +80,6 @@ def save_site(
 
 
 def _check(folder: Path) -> None:
-    """Refuse a folder with files that are not those of a site."""
     if folder.is_file():
         raise WatchError(f"--save-site {folder}: a file has this name; give a folder")
     if not folder.is_dir() or not any(folder.iterdir()):

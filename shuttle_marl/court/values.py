@@ -175,11 +175,7 @@ class StrokeValues:
         self._factor = factor_of(policies.game.seats[0])
 
     def players(self, sides: tuple[Side, Side]) -> Players:
-        """Two policies and their values against each other.
-
-        Raises:
-            PolicyError: a policy cannot be loaded.
-        """
+        """Two policies and their values against each other. Raises PolicyError: a policy cannot be loaded."""
         first, second = (self.policies.table(side, seat) for seat, side in enumerate(sides))
         return Players(tables=(first, second), value=self.policies.values(sides))
 
@@ -323,5 +319,4 @@ def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, l
 
 
 def _least(support: F64) -> int | None:
-    """The smaller number of real strokes; None if one is unknown."""
     return None if np.isnan(support).any() else round(float(support.min()))

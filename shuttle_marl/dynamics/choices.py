@@ -31,8 +31,7 @@ from shuttle_marl.game.stroke import N_SHOTS
 
 MIN_STROKES: Final = 1000
 CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
-_TYPICAL_PRECISION: Final = {"style": 30.0, "area": 3.0}
-"""Precisions that were chosen for the shipped model."""
+_TYPICAL_PRECISION: Final = {"style": 30.0, "area": 3.0}  # precisions that were chosen for the shipped model
 Arrays = dict[str, npt.NDArray[np.float16]]
 _NONE: Final = {name: SLOTS[f"own_{name}"] - 2 for name in ("shot", "area", "technique")}
 """Code of the attributes where there was no stroke."""
@@ -96,14 +95,10 @@ def fit_shifts(base: F64, label: Ints, rows: Sequence[Ints], sizes: Sequence[int
 class Choices(NamedTuple):
     """Observed choices among C, with what decides the shift."""
 
-    average: F64
-    """``[N, C]`` probabilities of the average player."""
-    cell: I64
-    """``[N]`` context in which a shift applies."""
-    player: I64
-    """``[N]`` player."""
-    label: I64
-    """``[N]`` observed choice."""
+    average: F64  # ``[N, C]`` probabilities of the average player
+    cell: I64  # ``[N]`` context in which a shift applies
+    player: I64  # ``[N]`` player
+    label: I64  # ``[N]`` observed choice
 
     def cross_entropy(self, shift: F64 | None = None) -> float:
         """Mean cross-entropy of the average player, or with shifts ``[players, cells, C]``, in nats."""

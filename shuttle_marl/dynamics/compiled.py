@@ -54,16 +54,14 @@ from shuttle_marl.game.rally import Stepper
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
 from shuttle_marl.game.tables import Game, hurry_units, thresholds
 
-THREADS: Final = 1
-"""Threads of PyTorch; fixed, because another order of summation gives other numbers. More would not be faster."""
+THREADS: Final = 1  # threads of PyTorch; fixed, because another order of summation gives other numbers. More would not be faster
 AREA_SHARE: Final = 0.03
 SHOT_SHARE: Final = 0.02
 """Minimum share of a legal shot type in the choices of the fitted average player, of those to supported targets. Chosen with the
 other numbers of the rule by the health of the solved game and the illegal strokes of people (``docs/truth_record.md``)."""
 TECHNIQUE_SHARE: Final = 0.01
 _FALLBACK_SHARE: Final = 0.05
-CONTEXT_STROKES: Final = 20.0
-"""Weight of the contexts of a shot type in those of an incoming stroke, in strokes."""
+CONTEXT_STROKES: Final = 20.0  # weight of the contexts of a shot type in those of an incoming stroke, in strokes
 MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 2
 SMALL_CELL: Final = 50
@@ -71,8 +69,7 @@ SMALL_CELL: Final = 50
 MIN_STYLE: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90
-_HURRIED: Final = 2
-"""Difference of the number of a base state of a hurried striker."""
+_HURRIED: Final = 2  # difference of the number of a base state of a hurried striker
 
 
 def _supported(rows: Rows) -> Bools:
@@ -267,8 +264,7 @@ def _cell_sums(keys: I64, weights: F64, wanted: I64) -> F64:
     return np.where(unique[position] == wanted, total[position], 0.0)
 
 
-MIN_END: Final = 0.003
-"""Minimum probability that a stroke other than a serve ends the rally, so that the game is a contraction."""
+MIN_END: Final = 0.003  # minimum probability that a stroke other than a serve ends the rally, so that the game is a contraction
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -39,10 +39,8 @@ from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, 
 from shuttle_marl.game.tables import Game
 
 DISCIPLINES: Final = ("MS", "WS")
-_RATES: Final = (10.0, 130.0)
-"""Frames per second of a video."""
-_SHORTEST: Final = 0.2
-"""Minimum time between two strokes in a speed [s]."""
+_RATES: Final = (10.0, 130.0)  # frames per second of a video
+_SHORTEST: Final = 0.2  # minimum time between two strokes in a speed [s]
 
 
 # Two more codes of a previous stroke: "none" (before the serve) and "unknown" (the row was dropped).
@@ -76,8 +74,7 @@ Where they meet the shuttle and where they stand, distance of the two, how far t
 forwards, and to the right) and how fast, time since that hit, time between it and the one before it (0 without one), and where
 striker and opponent were at it.
 """
-MAX_DEPTH_QUANTILE: Final = 0.9
-"""Quantile of the depth of returned strokes that bounds the target of an out stroke."""
+MAX_DEPTH_QUANTILE: Final = 0.9  # quantile of the depth of returned strokes that bounds the target of an out stroke
 _ACROSS: Final = [MOVEMENT.index(name) for name in MOVEMENT if name.endswith("_x") or name == "sideways"]
 
 

@@ -57,17 +57,13 @@ from shuttle_marl.game.pairs import COMPONENTS
 from shuttle_marl.game.shipped import MOST_STEPS, STEP, moved, steps_between
 from shuttle_marl.game.tables import Game
 
-Report = Callable[[str], None]
-"""Called with a line before each stage."""
+Report = Callable[[str], None]  # called with a line before each stage
 _FOLDS: Final = 5
-_SUCCESS_EPOCHS: Final = 2 / 3
-"""Fraction of the epochs of the success networks, which overfit with all of them."""
+_SUCCESS_EPOCHS: Final = 2 / 3  # fraction of the epochs of the success networks, which overfit with all of them
 _CORRECTION_ROUNDS: Final = 75
 _CORRECTION_RATE: Final = 0.03
-_HURRIED_ROUNDS: Final = 300
-"""Chosen in four cross fits over the training matches: 50 to 800 rounds."""
-_LEAST_HURRIED: Final = 50
-"""Minimum number of hurried receivers in a fit."""
+_HURRIED_ROUNDS: Final = 300  # chosen in four cross fits over the training matches: 50 to 800 rounds
+_LEAST_HURRIED: Final = 50  # minimum number of hurried receivers in a fit
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -279,8 +275,7 @@ def _calibrate(logit: F64, label: Bools) -> F64:
     return np.asarray(minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead", options={"xatol": 1e-4}).x)
 
 
-PRECISION: Final = 4.0
-"""Precision of the normal prior of a shift of log-odds; its standard deviation is 0.5."""
+PRECISION: Final = 4.0  # precision of the normal prior of a shift of log-odds; its standard deviation is 0.5
 _MAX_SHIFT: Final = 4.0
 _SMALL: Final = 0.01
 

@@ -30,8 +30,7 @@ from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.shipped import HABITS, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS
 
-NONE: Final = N_SHOTS
-"""Code of a previous stroke that does not exist; larger codes are unknown."""
+NONE: Final = N_SHOTS  # code of a previous stroke that does not exist; larger codes are unknown
 DIRECTIONS: Final = ("straight", "middle", "cross")
 DIRECTED: Final = ("smash", "half-smash", "drop", "clear", "lift", "drive", "push")
 """Shot types that are called straight or cross-court."""
@@ -152,8 +151,7 @@ def questions(plays: Plays) -> Iterator[tuple[Question, I64]]:
 
 
 _NOTHING: Final[dict[str, Any]] = {field.name: np.zeros(0, np.int64) for field in dataclasses.fields(Plays)}
-QUESTIONS: Final = tuple(question for question, _ in questions(Plays(**_NOTHING)))
-"""All questions, in the order of a tally."""
+QUESTIONS: Final = tuple(question for question, _ in questions(Plays(**_NOTHING)))  # all questions, in the order of a tally
 _STARTS: Final = np.cumsum([0, *(len(question.answers) for question in QUESTIONS)])
 
 

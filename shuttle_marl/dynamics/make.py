@@ -56,14 +56,10 @@ from shuttle_marl.game.shipped import packed
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 
-MIN_MATCHES_FOR_REFITS: Final = 6
-"""Training matches of refits: most resamples of fewer contain only half of them."""
-MIN_STROKES: Final = 1000
-"""Training strokes of a fit without prior: some nine for each shot type and area."""
-MIN_STROKES_WITH_PRIOR: Final = 300
-"""Training strokes of a fit with prior: some twenty faults."""
-MIN_MATCHES: Final = 2
-"""Training matches: members of an ensemble leave one out."""
+MIN_MATCHES_FOR_REFITS: Final = 6  # training matches of refits: most resamples of fewer contain only half of them
+MIN_STROKES: Final = 1000  # training strokes of a fit without prior: some nine for each shot type and area
+MIN_STROKES_WITH_PRIOR: Final = 300  # training strokes of a fit with prior: some twenty faults
+MIN_MATCHES: Final = 2  # training matches: members of an ensemble leave one out
 
 
 def rows_of(rows: Rows, split: Split) -> Rows:

@@ -390,8 +390,7 @@ def fit_trees(
 
 
 _PRIOR_STROKES: Final = 20.0
-_PRECISION: Final = 4.0
-"""Precision of the normal prior of an offset of the log-odds; its standard deviation is 0.5."""
+_PRECISION: Final = 4.0  # precision of the normal prior of an offset of the log-odds; its standard deviation is 0.5
 
 
 def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) -> tuple[F64, Situations]:

@@ -30,14 +30,12 @@ from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, STATE, Rows, check_n
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
-_CHUNK: Final = 1024
-"""Strokes of an evaluation: few enough that their hidden layers stay in the cache."""
+_CHUNK: Final = 1024  # strokes of an evaluation: few enough that their hidden layers stay in the cache
 _LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))])
 """``[256]`` position of the lowest bit."""
 INPUTS: Final = tuple(SLOTS)
 LEVELS: Final = 2
-LONG_DUEL: Final = 3
-"""Minimum number of consecutive net shots before a stroke in a long duel."""
+LONG_DUEL: Final = 3  # minimum number of consecutive net shots before a stroke in a long duel
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -83,8 +81,7 @@ SPECS: Final = {
     "return": NetworkSpec(inputs=_STROKE, crosses=_FLIGHT, outputs=1),
     "contact": NetworkSpec(inputs=_STROKE, crosses=_FLIGHT, outputs=1),
 }
-HURRIED: Final = ("hurried_below", "hurried_above")
-"""Trees of hurried receivers, by the height at which they meet the shuttle."""
+HURRIED: Final = ("hurried_below", "hurried_above")  # trees of hurried receivers, by the height at which they meet the shuttle
 _PAIRS: Final = tuple(itertools.combinations(SLOTS, 2))
 _TRIPLES: Final = _products(
     "incoming_shot shot area, contact shot area, own_area incoming_area area, shot area technique, own_area shot area,"
@@ -234,8 +231,7 @@ class Trees(nn.Module):
 
     masks: Tensor
     """``[attributes, codes, T]`` uint8 leaves that a tree can still reach, one bit each, by the code of one attribute."""
-    leaves: Tensor
-    """``[T * 256]`` leaf of each tree by the bits of those that are left."""
+    leaves: Tensor  # ``[T * 256]`` leaf of each tree by the bits of those that are left
 
     def __init__(self, *, attribute: I32, left: I32, child: I32, value: F64) -> None:
         super().__init__()

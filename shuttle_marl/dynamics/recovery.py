@@ -40,33 +40,25 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
 """Shot types with the same coefficients; those of serves are 0."""
 FEATURES: Final = ("lateral", "deeper", "in front")
 """How far a position lies to a side of the place where a stroke is met, behind it, and in front of it [m]."""
-MIN_ROWS: Final = 5000
-"""Strokes with a known position of the receiver of a fit; fewer have some hundred winners."""
-LEAST_SHARE: Final = 0.04
-"""Least share of a feasible position after an incoming shot type and own area."""
-_PEOPLE: Final = 25.0
-"""Weight of the share in the cell around a cell, in strokes."""
-_MEETING: Final = 20.0
-"""Weight of the mean meeting point of an area in that of a shot type and area, in strokes."""
+MIN_ROWS: Final = 5000  # strokes with a known position of the receiver of a fit; fewer have some hundred winners
+LEAST_SHARE: Final = 0.04  # least share of a feasible position after an incoming shot type and own area
+_PEOPLE: Final = 25.0  # weight of the share in the cell around a cell, in strokes
+_MEETING: Final = 20.0  # weight of the mean meeting point of an area in that of a shot type and area, in strokes
 _USUAL: Final = 10.0
 """Weight of the mean features of a shot type and area in those after an own area and incoming shot type, in strokes."""
 _PENALTY: Final = 20.0
 _ROUNDS: Final = 30
 _LIMIT: Final = 4.0
 _GROUP: Final = np.array([next((g for g, shots in enumerate(GROUPS.values()) if shot in shots), -1) for shot in SHOTS])
-_SIZES: Final = tuple(PARTS.values())
-"""Cells of people's positions hold the first 1, 2, 3 and 5 of the parts."""
-_COMPONENTS: Final = ("return", "contact", "hurried")
-"""Models whose outcomes the effects change; a winner is no return."""
+_SIZES: Final = tuple(PARTS.values())  # cells of people's positions hold the first 1, 2, 3 and 5 of the parts
+_COMPONENTS: Final = ("return", "contact", "hurried")  # models whose outcomes the effects change; a winner is no return
 
 
 class Court(NamedTuple):
     """Where receivers wait, and where they meet the shuttle [m]."""
 
-    mean: F64
-    """``[9, 2]`` mean place of each position."""
-    meeting: F64
-    """``[13, 9, 2]`` mean place in which returned strokes of a shot type and area are met."""
+    mean: F64  # ``[9, 2]`` mean place of each position
+    meeting: F64  # ``[13, 9, 2]`` mean place in which returned strokes of a shot type and area are met
 
     @classmethod
     def of(cls, rows: Rows) -> "Court":
@@ -90,8 +82,7 @@ class FittedRecovery(NamedTuple):
     """Result of a fit."""
 
     recovery: Recovery
-    coefficients: F64
-    """``[3, 4, 3]`` log-odds per metre by :data:`~shuttle_marl.game.recovery.EFFECTS`, group and feature."""
+    coefficients: F64  # ``[3, 4, 3]`` log-odds per metre by `EFFECTS`, group and feature
     court: Court
 
     def shift(self, shot: Ints, area: Ints, place: F64) -> F64:

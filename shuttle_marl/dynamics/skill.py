@@ -48,10 +48,8 @@ from shuttle_marl.game.pairs import AVERAGE, COMPONENTS, GROUPS, ROLES, Skill
 from shuttle_marl.game.shipped import SKILL
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 
-BOUNDS: Final = (0.005, 2.0)
-"""Range of a standard deviation; the lower bound stands for no variance."""
-_TOLERANCE: Final = 1e-9
-"""Squared Newton decrement at convergence, in nats."""
+BOUNDS: Final = (0.005, 2.0)  # range of a standard deviation; the lower bound stands for no variance
+_TOLERANCE: Final = 1e-9  # squared Newton decrement at convergence, in nats
 _STEPS: Final = 50
 _YEAR: Final = 365.25
 _DAYS: Final = 1 << 32
@@ -230,8 +228,7 @@ SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
 GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS].index(True) for shot in SHOTS], dtype=np.int8)
 VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
 """Variance components: general and group offsets of each role, change of the general ones in a year, nuisance effects."""
-YEAR: Final = 0.05
-"""Standard deviation of the change of a general offset in a year."""
+YEAR: Final = 0.05  # standard deviation of the change of a general offset in a year
 _FIXED: Final = np.where(np.array(VARIANCES) == "year", YEAR, np.nan)
 _FOLDS: Final = 5
 _EPOCH: Final = datetime.date(1970, 1, 1)

@@ -43,20 +43,14 @@ _LISTED: Final = 20
 
 
 class PlayedRally(NamedTuple):
-    """A rally that has ended.
-
-    Attributes:
-        rally: number of the rally in its episode.
-        score: before the rally, as :meth:`ShuttleEnv.score_of` player 0.
-        positions: where the receiver of each stroke waited; None where a fork does not know it.
-    """
+    """A rally that has ended."""
 
     seed: int
     episode: int
-    rally: int
-    score: tuple[int, int, int, int] | None
+    rally: int  # number of the rally in its episode
+    score: tuple[int, int, int, int] | None  # before the rally, as `ShuttleEnv.score_of` player 0
     strokes: tuple[Stroke, ...]
-    positions: tuple[int | None, ...]
+    positions: tuple[int | None, ...]  # where the receiver of each stroke waited; None where a fork does not know it
 
 
 class Recorder(Protocol):
@@ -354,7 +348,6 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
     @property
     def _number(self) -> int:
-        """Number of the rally in its episode."""
         return 0
 
     def close(self) -> None:
@@ -476,7 +469,6 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         raise self._refusal(action, stroke)
 
     def _mask(self) -> I8:
-        """``[n_actions]`` legal actions of the agent to move."""
         return self._stepper.position_mask(self._state) if self._choosing else self._stepper.legal_action_mask(self._state)
 
     def _refusal(self, action: Any, stroke: int) -> ActionError:

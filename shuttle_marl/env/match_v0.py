@@ -108,7 +108,6 @@ class raw_env(ShuttleEnv):
         super()._end_episode(winner)
 
     def _set_score(self, score: Score) -> None:
-        """Set the score and what each player sees of it."""
         self._score, server = score, score.server
         first = [*score_fractions(score.by_game[-1], score.games, self.rules), server == 0, server == 1]
         self._scores = np.array(first, np.float32)[[[0, 1, 2, 3, 4, 5], [1, 0, 3, 2, 5, 4]]]

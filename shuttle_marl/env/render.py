@@ -65,15 +65,10 @@ class Snapshot:
     """The rally so far, or the last rally until the next serve is struck.
 
     Attributes:
-        striker: player to hit next; None if the rally is over.
-        winner: winner of the rally; None while it continues or if it was truncated.
-        reason: reason of the end: ``fault``, ``winner``, ``illegal stroke``, ``illegal position`` or ``too many strokes``; None
-            before.
-        by_game: points of players 0 and 1 in each game so far; empty without a match.
-        match_winner: winner of the match; None while it continues.
-        hands: ``right`` or ``left``, of players 0 and 1.
-        positions: where the receiver of each stroke waited, None if that is not known; empty before the rally is over, because it
-            is hidden from the opponent, and in games without recovery.
+        reason: reason of the end: ``fault``, ``winner``, ``illegal stroke``, ``illegal position`` or ``too many
+            strokes``; None before.
+        positions: where the receiver of each stroke waited, None if that is not known; empty before the rally is over,
+            because it is hidden from the opponent, and in games without recovery.
     """
 
     game: Layout
@@ -81,12 +76,12 @@ class Snapshot:
     title: str
     strokes: tuple[Stroke, ...]
     server: int
-    striker: int | None
-    winner: int | None
+    striker: int | None  # player to hit next; None if the rally is over
+    winner: int | None  # winner of the rally; None while it continues or if it was truncated
     reason: str | None
-    by_game: tuple[tuple[int, int], ...] = ()
-    match_winner: int | None = None
-    hands: Hands = ("right", "right")
+    by_game: tuple[tuple[int, int], ...] = ()  # points of players 0 and 1 in each game so far; empty without a match
+    match_winner: int | None = None  # winner of the match; None while it continues
+    hands: Hands = ("right", "right")  # ``right`` or ``left``, of players 0 and 1
     positions: tuple[int | None, ...] = ()
 
     def target(self, played: Stroke) -> int:
@@ -200,7 +195,6 @@ def plan_of(snapshot: Snapshot) -> Plan:
 
 
 def _landing(player: int, area: int, number: int, stroke: int) -> Point:
-    """Point in the area, varied by the number of the stroke, so that paths do not overlap."""
     x, y = area_centre(np.array(area))
     dx, dy = np.random.default_rng([number, stroke]).uniform(-1, 1, 2)
     return to_plan(player, float(x + dx * _SPREAD[0]), float(y + dy * _SPREAD[1]))
@@ -256,7 +250,6 @@ def _write(surface: Any, text: str, at: tuple[float, float], size: int, colour: 
 
 
 def _paint_court(surface: Any) -> None:
-    """Mat and lines, in the proportions of the Laws."""
     length, half = HALF_LENGTH, WIDTH / 2
     _rect(surface, (-length - 0.9, -half - 0.5), (length + 0.9, half + 0.5), AROUND)
     _rect(surface, (-length, -half), (length, half), MAT)
@@ -304,7 +297,6 @@ def _paint_shuttle(surface: Any, plan: Plan) -> None:
 
 
 def _paint_words(surface: Any, snapshot: Snapshot) -> None:
-    """The score above the court, the last stroke below it."""
     serving = snapshot.winner if snapshot.winner is not None else snapshot.server
     for player, name in enumerate(snapshot.names):
         y = 40 + 52 * player

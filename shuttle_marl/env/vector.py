@@ -177,7 +177,6 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         return ({"observation": vectors, "action_mask": mask} if self._mask == "observation" else vectors), infos
 
     def _final(self, rows: Intp, over: Bools, before: I32, illegal: Bools, rewards: F32) -> dict[str, Any]:
-        """Gymnasium's ``final_obs`` and ``final_info`` of finished episodes."""
         kernel, lost = self.versus, illegal[rows]
         # The learner is the receiver of the final state if the last stroke was theirs.
         own = np.where(lost, ~self._waited[rows], kernel.rows.striker[rows] == kernel.opponents.seat[rows])

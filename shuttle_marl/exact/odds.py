@@ -62,14 +62,11 @@ class Crossplay:
         return match_win_probability(self.serving, self.receiving, rules=rules)
 
 
-def pair_odds(
-    pairs: Sequence[Pair], *, tolerance: float = TOLERANCE, progress: Callable[[], object] = lambda: None
-) -> list[Odds]:
+def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Odds]:
     """Odds of the first policy of each pair against the second; unknown pairs are solved on all cores.
 
     Args:
         pairs: each of one game, or of both tables of the game of a pair.
-        progress: called when a pair is solved.
 
     Raises:
         ExactError: play may never end.
@@ -87,9 +84,7 @@ def pair_odds(
                 return evaluate(*pair, tolerance=tolerance).odds()
             return evaluate_chains(*(chains[id(policy)] for policy in pair), tolerance=tolerance).odds()
 
-        for found in in_threads(odds, missing):
-            progress()
-            yield found
+        return in_threads(odds, missing)
 
     found = zip(pairs, ordered, _cached(keys, ordered, solve), strict=True)
     return [odds if pair[0] is first else _swapped(odds) for pair, (first, _), odds in found]
@@ -105,14 +100,12 @@ def crossplay(
     opponents: Sequence[TabulatedPolicy] | None = None,
     *,
     tolerance: float = TOLERANCE,
-    progress: Callable[[], object] = lambda: None,
 ) -> Crossplay:
     """Exact odds of every pair of policies, including each against itself; see :func:`pair_odds`.
 
     Args:
         policies: N policies of games with the same layout.
         opponents: M policies of the opponent, such as those of the other player of a pair; None: the same N.
-        progress: called when one of the ``N (N + 1) / 2`` or ``N M`` pairs is solved.
 
     Raises:
         ExactError: there is no policy, two games have different layouts, policies of a pair do not meet those of the other
@@ -127,7 +120,7 @@ def crossplay(
         pairs = list(itertools.product(range(n), range(n, len(everyone))))
     for i, j in pairs:
         check_opponents(everyone[i].game, everyone[j].game)
-    found = pair_odds([(everyone[i], everyone[j]) for i, j in pairs], tolerance=tolerance, progress=progress)
+    found = pair_odds([(everyone[i], everyone[j]) for i, j in pairs], tolerance=tolerance)
     serving, receiving = np.full((2, len(everyone), len(everyone)), np.nan)
     for (i, j), odds in zip(pairs, found, strict=True):
         serving[j, i] = 1 - odds.receiving

@@ -23,8 +23,7 @@ from shuttle_marl.policy.computed import cached_table
 NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"
 ALGORITHMS: Final = ("ppo", "a2c", "sac")
-AGENTS: Final = "agents"
-"""Subfolder of a model with its agents."""
+AGENTS: Final = "agents"  # subfolder of a model with its agents
 
 
 def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -> None:

@@ -47,10 +47,8 @@ from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.plain_network import legal_softmax
 
-REMEMBERING: Final = "bc:history"
-"""Name of the average player who remembers the rally."""
-N_STYLES: Final = N_SHOTS * N_TECHNIQUES
-"""Pairs of shot type and technique."""
+REMEMBERING: Final = "bc:history"  # name of the average player who remembers the rally
+N_STYLES: Final = N_SHOTS * N_TECHNIQUES  # pairs of shot type and technique
 ATTRIBUTES: Final = {"shot": N_SHOTS, "area": N_AREAS, "technique": N_TECHNIQUES}
 """Attributes of a remembered stroke, and their numbers of values; one more value stands for no stroke."""
 _WIDTH: Final = N_STYLES + N_AREAS

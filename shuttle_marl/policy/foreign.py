@@ -124,8 +124,7 @@ def from_module(name: str, game: Game) -> Policy:
     )
 
 
-POLICY_TIMEOUT: Final = 10.0
-"""Default time limit of the command lines [s]."""
+POLICY_TIMEOUT: Final = 10.0  # default time limit of the command lines [s]
 
 _seconds: Final = contextvars.ContextVar("seconds", default=0.0)
 

@@ -32,8 +32,7 @@ from shuttle_marl.policy.plain_network import from_sb3, load_weights
 
 Load = Callable[[str | None, Game], Policy]
 Names = Callable[[Game], Iterable[str]]
-Opponents = str | Policy | Sequence[str | Policy]
-"""Name of a policy, a policy, or several of either."""
+Opponents = str | Policy | Sequence[str | Policy]  # name of a policy, a policy, or several of either
 
 ENTRY_POINTS: Final = "shuttle_marl.policies"
 _MOST_NESTED: Final = 8  # largest nesting depth of names, as in best-response:best-response:bc; each level solves a game

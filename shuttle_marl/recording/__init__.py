@@ -8,9 +8,8 @@ the format.
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
 from shuttle_marl.recording.log_file import recover
-from shuttle_marl.recording.reader import RallyLog, export
+from shuttle_marl.recording.reader import RallyLog, Replay, export, replay
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder, RecordRallies
-from shuttle_marl.recording.replay import Replay, replay
 
 __all__ = [
     "SINGLE_RALLY",

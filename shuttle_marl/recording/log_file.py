@@ -225,7 +225,6 @@ def _records(data: bytes | mmap.mmap, at: int = 0) -> Iterator[tuple[int, bytes]
 
 
 def _record(data: bytes | mmap.mmap, at: int, kind: Opcode) -> bytes:
-    """Body of the record at a position."""
     opcode, body = next(_records(data, at), (0, b""))
     if opcode != kind:
         raise DamagedLogError(f"no {kind.name} record at byte {at}")
@@ -445,16 +444,12 @@ def _whole_batches(found: Iterator[tuple[int, bytes]], header: LogHeader) -> Ite
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Recovery:
-    """Result of :func:`recover`.
-
-    Attributes:
-        lost: number of rallies known to be lost between those recovered; the number lost after the last one is unknown.
-    """
+    """Result of :func:`recover`."""
 
     path: Path
     rallies: int
     strokes: int
-    lost: int
+    lost: int  # number of rallies known to be lost between those recovered; the number lost after the last one is unknown
 
 
 def recover(source: Path, target: Path | None = None) -> Recovery:

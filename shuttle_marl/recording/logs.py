@@ -34,29 +34,17 @@ _STROKES: Final = 2.0  # initial guess of the strokes of one player in a rally
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Log:
-    """Strokes of both players, rally after rally; the learner's seat is 0.
+    """Strokes of both players, rally after rally; the learner's seat is 0."""
 
-    Attributes:
-        game: the rules, with the probabilities of :func:`blank`.
-        state: ``[N]`` state in which each stroke was struck.
-        pair: ``[N]`` legal pair of the state and the stroke.
-        stroke: ``[N]`` catalogue index.
-        own: ``[N]`` whether the behaviour policy struck; else the opponent.
-        outcome: ``[N]`` index into :data:`shuttle_marl.game.rules.OUTCOMES`.
-        probability: ``[N]`` of the stroke under the behaviour policy; NaN for strokes of the opponent.
-        rally: ``[N]`` number of the rally, from 0.
-        won: ``[R]`` whether the behaviour policy won the rally.
-    """
-
-    game: Game
-    state: I32
-    pair: I64
-    stroke: I32
-    own: Bools
-    outcome: I8
-    probability: F32
-    rally: I32
-    won: Bools
+    game: Game  # the rules, with the probabilities of `blank`
+    state: I32  # [N] state in which each stroke was struck
+    pair: I64  # [N] legal pair of the state and the stroke
+    stroke: I32  # [N] catalogue index
+    own: Bools  # [N] whether the behaviour policy struck; else the opponent
+    outcome: I8  # [N] index into `OUTCOMES`
+    probability: F32  # [N] of the stroke under the behaviour policy; NaN for strokes of the opponent
+    rally: I32  # [N] number of the rally, from 0
+    won: Bools  # [R] whether the behaviour policy won the rally
 
     def __len__(self) -> int:
         return len(self.state)
@@ -113,27 +101,20 @@ class Transitions:
     """Strokes of the behaviour policy alone: (state, stroke, reward, next own state).
 
     Attributes:
-        game: the rules, with the probabilities of :func:`blank`.
         state, pair, stroke, probability: ``[M]`` as in :class:`Log`.
-        reward: ``[M]`` 1 if the rally was won and this was its last own stroke, else 0.
-        following: ``[M]`` next own state in the rally; -1: none.
-        rally: ``[M]`` number of the rally.
-        won: ``[M]`` whether the rally was won.
-        n_rallies: number of rallies, including those that ended before the first own stroke.
-        idle_wins: how many of those were won.
     """
 
-    game: Game
+    game: Game  # the rules, with the probabilities of `blank`
     state: I32
     pair: I64
     stroke: I32
     probability: F32
-    reward: F32
-    following: I32
-    rally: I32
-    won: Bools
-    n_rallies: int
-    idle_wins: int
+    reward: F32  # [M] 1 if the rally was won and this was its last own stroke, else 0
+    following: I32  # [M] next own state in the rally; -1: none
+    rally: I32  # [M] number of the rally
+    won: Bools  # [M] whether the rally was won
+    n_rallies: int  # number of rallies, including those that ended before the first own stroke
+    idle_wins: int  # how many of those were won
 
     def __len__(self) -> int:
         return len(self.state)

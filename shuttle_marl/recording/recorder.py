@@ -282,7 +282,6 @@ def _file_of(part: Path) -> Path:
 
 
 def _last_part(path: Path, rallies: int) -> int:
-    """Number of the part with the last rally to keep."""
     last = None
     for number in existing_parts(path):
         # A file without a header, of a process that was killed as it started the file, has no rallies.

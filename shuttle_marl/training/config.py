@@ -7,7 +7,6 @@ import dataclasses
 import functools
 import json
 import math
-import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
@@ -37,37 +36,10 @@ SHARP: Final = 0.1
 """Softmax temperature of an agent that is to play the best stroke it knows."""
 AUTO: Final = "auto"
 _NO_EFFECT: Final = ("out", "resume", "overwrite")
-_SECONDS: Final = {"s": 1, "m": 60, "h": 3600}
-_LONGEST: Final = 1e6
-_TOLERATED: Final = 1.2
-_FASTEST: Final = 10**7
-"""Upper bound of the strokes per second of training, for runs with a time budget."""
 
 
 class TrainingError(ShuttleError):
     """A run that cannot be started, continued, or finished."""
-
-
-def seconds_of(budget: str) -> float:
-    """Seconds of a time budget such as ``90s``, ``5m`` or ``1h``.
-
-    Raises:
-        TrainingError: it is not a time above 0.
-    """
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", budget)
-    if found is None or not 0 < float(found[1]) < _LONGEST:
-        raise TrainingError(f"--budget {budget}: expected a time, as in 90s, 5m or 1h")
-    return float(found[1]) * _SECONDS[found[2]]
-
-
-def missed(seconds: float, budget: float) -> str:
-    """A warning that a time budget was missed by more than 20 %; empty if it was not."""
-    if seconds <= _TOLERATED * budget:
-        return ""
-    return (
-        f"took {seconds:.0f} s, more than the --budget of {budget:.0f} s: the machine was busy, or functions were compiled for "
-        "the first time; train again for a run that fits its budget"
-    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -80,8 +52,6 @@ class TrainingConfig:
     """Names of one or more opponents (see `docs/league.md`), or `self` for self-play."""
     strokes: Count = 2_000_000
     """Strokes of the learner in the whole run; in the game with recovery its positions count too."""
-    budget: str | None = None
-    """Time limit of the run, as in 90s, 5m or 1h, instead of the default --strokes; the result then depends on the machine."""
     seed: Seed = 0
     """Random seed."""
     out: Path | None = None
@@ -148,8 +118,6 @@ class TrainingConfig:
                 raise TrainingError(f"--opponent {name}: no such policy{hint}")
         if SELF in self.opponent and len(self.opponent) > 1:
             raise TrainingError(f"--opponent {' '.join(self.opponent)}: {SELF} cannot be combined with other opponents")
-        if self.seconds is not None and self.strokes == type(self).strokes:
-            object.__setattr__(self, "strokes", math.ceil(self.seconds * _FASTEST))
         self.bonuses()
         if self.self_play and (self.bonus or self.fault_cost):
             raise TrainingError("--bonus and --fault-cost: not available in self-play, which is a zero-sum game")
@@ -158,11 +126,6 @@ class TrainingConfig:
     def temperature(self) -> float:
         """Softmax temperature of the trained agent."""
         return SHARP if self.eval_temperature is None else self.eval_temperature
-
-    @property
-    def seconds(self) -> float | None:
-        """Time limit of the run [s]; None: limited by strokes alone."""
-        return None if self.budget is None else seconds_of(self.budget)
 
     @property
     def self_play(self) -> bool:

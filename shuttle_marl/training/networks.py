@@ -26,10 +26,8 @@ from shuttle_marl.policy.agents import read_card, read_weights
 from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
 from shuttle_marl.training.config import TrainingError
 
-ILLEGAL: Final = -1e9
-"""Logit of an illegal stroke; finite, because a loss multiplies it by its probability 0."""
-MIN_LOG: Final = -87.0
-"""Approximate logarithm of the smallest normal float32; exponentials below it are ten times slower."""
+ILLEGAL: Final = -1e9  # logit of an illegal stroke; finite, because a loss multiplies it by its probability 0
+MIN_LOG: Final = -87.0  # approximate logarithm of the smallest normal float32; exponentials below it are ten times slower
 
 _LAST_LAYER: Final = ("1.weight", "1.bias")
 

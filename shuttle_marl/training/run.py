@@ -35,7 +35,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.agents import read_card, save_agent
 from shuttle_marl.policy.registry import tabulated as tables_of
 from shuttle_marl.policy.scorecard import REFERENCE
-from shuttle_marl.training.config import PPOConfig, TrainingConfig, TrainingError, missed
+from shuttle_marl.training.config import PPOConfig, TrainingConfig, TrainingError
 from shuttle_marl.training.learner import SEEDS, STATE, Callback, Learner, stored
 from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
 from shuttle_marl.training.ppo import A2C, PPO
@@ -48,10 +48,8 @@ BEST: Final = "best"
 """Folder of the best agent: the least exploitable in self-play, else that with the highest probability of winning rallies."""
 PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 LEARNERS: Final[dict[str, Callable[..., Learner]]] = {"ppo": PPO, "a2c": A2C, "sac": SAC}
-_WEIGHTS, _SEGMENT = 0, 1
-"""Streams of random numbers: initial weights, and segments between checkpoints."""
-_TOLERANCE: Final = 1e-5
-"""Error bound of evaluations, far below the resolution of a learning curve."""
+_WEIGHTS, _SEGMENT = 0, 1  # streams of random numbers: initial weights, and segments between checkpoints
+_TOLERANCE: Final = 1e-5  # error bound of evaluations, far below the resolution of a learning curve
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -226,8 +224,6 @@ class _Training(Callback):
     at: Checkpoint = dataclasses.field(default_factory=Checkpoint)
     evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
     """The latest evaluation, and its policy; a run ends with an evaluation."""
-    evaluating: float = 0.0
-    """Duration of the latest evaluation [s]."""
 
     def __post_init__(self) -> None:
         config, game, self.folder = self.config, self.game, self.run.folder
@@ -251,12 +247,9 @@ class _Training(Callback):
         self.log = open_log(self.folder, config, self.game, self.opponents, seeds, self.at.rallies, record=record)
         purge = learner.strokes + 1 if learner.iteration else None
         with SummaryWriter(str(self.folder / "tensorboard"), purge_step=purge) as self.board, _bar(self.console) as self.bar:
-            total = config.iterations if config.seconds is None else round(config.seconds)
-            self.bar.add_task(config.algorithm, total=total, completed=round(self._fraction() * total), status="")
+            self.bar.add_task(config.algorithm, total=config.iterations, completed=learner.iteration, status="")
             with self.log:
                 self._iterate()
-        if config.seconds is not None and (warning := missed(time.monotonic() - self.begun, config.seconds)):
-            self.say(warning)
         policy, evaluation = self.evaluation or self._evaluated()  # None if the resumed run had ended before
         self._save_agent(AGENT, evaluation)
         run.finish(seconds=round(self.at.seconds, 1))
@@ -271,10 +264,6 @@ class _Training(Callback):
     def _over(self) -> bool:
         return self.at.stopped or self.learner.iteration >= self.config.iterations
 
-    def _fraction(self) -> float:
-        part, limit = self.learner.iteration / self.config.iterations, self.config.seconds
-        return part if limit is None else min(1.0, max(part, self.at.seconds / limit))
-
     def _iterate(self) -> None:
         """Iterate to the end of the run.
 
@@ -287,7 +276,7 @@ class _Training(Callback):
                 self.segment, done = divmod(learner.iteration, self.config.checkpoint_every)
                 if not done:
                     self.self_play.set_seed(learner.collector.set_seed(self._seed(_SEGMENT, self.segment) % SEEDS))
-                learner.iterate(1 - self._fraction(), self)
+                learner.iterate(1 - learner.iteration / self.config.iterations, self)
         except DivergedError as error:
             saved = f"the weights of iteration {self.at.iteration} are kept" if self.at.iteration else "no weights were saved yet"
             raise DivergedError(
@@ -313,12 +302,9 @@ class _Training(Callback):
         self.log.settle()
         config, at, (task,) = self.config, self.at, self.bar.tasks
         at.seconds = time.monotonic() - self.begun
-        self.bar.update(task.id, completed=round(self._fraction() * (task.total or 0)))
-        # The last evaluation is part of the budget; it takes as long as the one before.
-        at.stopped = config.seconds is not None and at.seconds + self.evaluating > config.seconds
+        self.bar.update(task.id, completed=learner.iteration)
         if learner.iteration % config.evaluate_every == 0 or self._over:
             evaluation = self._evaluate(losses)
-            self.evaluating = time.monotonic() - self.begun - at.seconds
             speed = f"{learner.strokes / max(at.seconds, 1e-9) / 1e3:.0f} k strokes/s"
             won = f"wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of matches"
             self.bar.update(task.id, status=f"{won} · {evaluation.text} · {speed}")

@@ -34,8 +34,7 @@ from shuttle_marl.training.networks import ILLEGAL, tabulated, weights_of
 
 _HUNDRED: Final = 100
 _RESTARTS: Final = 1 << 15
-_TOLERANCE: Final = 1e-4
-"""Error bound of the values of best responses."""
+_TOLERANCE: Final = 1e-4  # error bound of the values of best responses
 
 
 class SelfPlayOpponents:

@@ -26,7 +26,7 @@ from shuttle_marl.game.stroke import N_SERVES, SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.header import LogHeader, Player
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from shuttle_marl.reports import strokes_of_log
 from tests import golden
 from tests.reduced import reduced_game

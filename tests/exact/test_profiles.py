@@ -163,10 +163,8 @@ def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
     policies = [random_policy(game, seed + i) for i in range(3)]
     with pytest.raises(ExactError, match="crossplay of no policies"):
         crossplay([])
-    solved: list[None] = []
     with forgotten():
-        table = crossplay(policies, progress=lambda: solved.append(None))
-    assert len(solved) == 6
+        table = crossplay(policies)
     for i, j in itertools.product(range(3), repeat=2):
         odds = evaluate(policies[i], policies[j]).odds()
         assert table.serving[i, j] == pytest.approx(odds.serving, abs=2e-9)

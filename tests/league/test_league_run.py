@@ -28,7 +28,7 @@ from shuttle_marl.league.ranking import exact_odds, rank, ranking_table, ratings
 from shuttle_marl.league.tournament import forfeited, round_robin
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog, RecordingError
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.stops import Killed, stop

@@ -1,4 +1,4 @@
-"""Turns of the rounds of a league, worked out by hand: opponents, shares of rallies, strokes, seconds and learning rates."""
+"""Turns of the rounds of a league, worked out by hand: opponents, shares of rallies, strokes and learning rates."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ import pytest
 from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 from shuttle_marl.training.league.population import TOLERANCE, Frozen, LeagueState, Member, Payoffs, Turn
-from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, meta_strategy, order, prioritised
+from shuttle_marl.training.league.schedule import FLOOR, Schedule, chosen, meta_strategy, order, prioritised
 from tests.exact.exact_games import tiring_game
 
 NAMES = ["main-agent-0", "main-agent-1", "main-exploiter-0", "league-exploiter-0"]
@@ -25,12 +25,11 @@ def schedule(
     given: str = "ab",
     members: dict[str, Member] | None = None,
     won: dict[str, float] | None = None,
-    overhead: float = 0.0,
     **flags: Any,
 ) -> Schedule:
     """Of a league with a population of one letter each; the first letter of a pair wins this share of its rallies."""
     population = [Frozen(name=letter, role="given", round=0, hash=hash_of(letter)) for letter in given]
-    state = LeagueState(population=population, members=members or {}, overhead=overhead)
+    state = LeagueState(population=population, members=members or {})
     solved = {" ".join(map(hash_of, pair)): (share, 1 - share) for pair, share in (won or {}).items()}
     return Schedule(LeagueTrainingConfig(**flags), state, payoffs_of(solved))
 
@@ -45,21 +44,20 @@ def by_name(turns: Sequence[Turn]) -> dict[str, Turn]:
 
 def test_strokes_are_divided_among_the_rounds_and_a_quarter_is_an_exploiters() -> None:
     plan = schedule(strokes=1000, rounds=3, main_agents=2)
-    rounds = [by_name(plan.turns(number, 0.0)) for number in (1, 2, 3)]
+    rounds = [by_name(plan.turns(number)) for number in (1, 2, 3)]
     assert [list(turns) for turns in rounds] == [NAMES] * 3
     # 1000 strokes end at 333, 666 and 1000.
     assert [turns["main-agent-1"].strokes for turns in rounds] == [333, 333, 334]
     assert [turns["league-exploiter-0"].strokes for turns in rounds] == [83, 83, 84]
-    assert {turn.seconds for turns in rounds for turn in turns.values()} == {None}
     main = [turns["main-agent-0"].remaining for turns in rounds]
     assert np.allclose(main, [(1, 2 / 3), (2 / 3, 1 / 3), (1 / 3, 0)])
     assert rounds[0]["main-exploiter-0"].remaining == (1.0, 0.75)
-    assert [turn.strokes for turn in schedule(strokes=2, rounds=3).turns(1, 0.0)] == [1, 1, 1], "one at least"
-    assert [turn.round for turn in plan.turns(2, 0.0)] == [2] * 4
+    assert [turn.strokes for turn in schedule(strokes=2, rounds=3).turns(1)] == [1, 1, 1], "one at least"
+    assert [turn.round for turn in plan.turns(2)] == [2] * 4
 
 
 def test_shares_of_rallies_in_the_first_round() -> None:
-    turns = by_name(schedule(strokes=1000, rounds=3, response_fraction=0.25, past_fraction=0.5).turns(1, 0.0))
+    turns = by_name(schedule(strokes=1000, rounds=3, response_fraction=0.25, past_fraction=0.5).turns(1))
     assert list(turns) == ["main-agent-0", "main-exploiter-0", "league-exploiter-0"]
     for name, responses, share in (
         ("main-agent-0", 0.25, 0.25),
@@ -74,7 +72,7 @@ def test_shares_of_rallies_in_the_first_round() -> None:
 def test_prioritised_opponents_are_those_who_win() -> None:
     members = {name: Member(turns=2, hash=hash_of(letter)) for name, letter in zip(NAMES, "mnxy", strict=True)}
     won = {"am": 1.0, "bm": 0.5, "an": 1.0, "bn": 0.5, "mn": 0.5, "ay": 1.0, "by": 0.5, "my": 0.0}
-    turns = by_name(schedule("abm", members, won, strokes=900, rounds=3, main_agents=2).turns(2, 0.0))
+    turns = by_name(schedule("abm", members, won, strokes=900, rounds=3, main_agents=2).turns(2))
     # (1 - p)^2 of 0, 1/2 and 1 are 1, 1/4 and 0; main-agent-0 is even with its own past.
     for name, expected in (("main-agent-0", [4 / 6, 1 / 6, 1 / 6]), ("league-exploiter-0", [0.8, 0.2, 0])):
         share = (1 - FLOOR) * np.array(expected) + FLOOR / 3
@@ -87,7 +85,7 @@ def test_prioritised_opponents_are_those_who_win() -> None:
 
 def test_fictitious_play_meets_all_alike() -> None:
     members = {"main-agent-0": Member(turns=1, hash=hash_of("m"))}
-    turns = by_name(schedule("abcd", members, variant="fictitious", strokes=900, rounds=3).turns(2, 0.0))
+    turns = by_name(schedule("abcd", members, variant="fictitious", strokes=900, rounds=3).turns(2))
     assert np.allclose(turns["main-agent-0"].fractions, [0.05] * 4)
     assert np.allclose(turns["league-exploiter-0"].fractions, [0.25] * 4)
 
@@ -95,7 +93,7 @@ def test_fictitious_play_meets_all_alike() -> None:
 def test_of_a_large_population_the_newest_and_some_others_are_considered() -> None:
     letters, members = "abcdefghijklmnopqrst", {"main-agent-0": Member(hash=hash_of("z"))}
     plan = schedule(letters, members, {f"{letter}z": 0.5 for letter in letters}, max_opponents=4, rounds=99, strokes=9900)
-    drawn = [plan.turns(number, 0.0)[0].opponents for number in range(1, 99)]
+    drawn = [plan.turns(number)[0].opponents for number in range(1, 99)]
     met = Counter(other[0] for others in drawn for other in others)
     assert {len(others) for others in drawn} == {4}
     assert set(met) == set(letters)
@@ -103,55 +101,28 @@ def test_of_a_large_population_the_newest_and_some_others_are_considered() -> No
     assert min(met[letter] for letter in "rst") > 2 * max(met[letter] for letter in letters[:-3])
 
 
-@pytest.mark.parametrize(
-    ("number", "elapsed", "overhead", "seconds", "ends"),
-    [
-        (1, 0.0, 0.0, 60 / 6 / 3 / 1.5, 1 - 10 / 3 / 60),  # a third of a sixth, for 1 + 1/4 + 1/4 turns
-        (2, 0.0, 0.0, 60 / 5 / 1.5, 1 - 12 / 60),
-        (4, 30.0, 2.0, (30 / 3 - 2) / 1.5, 1 - 40 / 60),
-        (4, 30.0, 8.0, (2 * 8 - 8) / 1.5, 1 - 46 / 60),  # learning is half of a round, or more
-        (4, 37.0, 8.0, (23 - 8) / 1.5, 0.0),  # no time for another round
-        (6, 50.0, 2.0, (10 - 2) / 1.5, 0.0),
-        (7, 50.0, 2.0, (10 - 2) / 1.5, 0.0),
-        (6, 59.9, 2.0, MIN_SECONDS, 0.0),
-        (6, 61.0, 0.0, MIN_SECONDS, 0.0),
-    ],
-)
-def test_turns_end_within_a_time_budget(number: int, elapsed: float, overhead: float, seconds: float, ends: float) -> None:
-    plan = schedule(budget="60s", rounds=6, workers=1, overhead=overhead)
-    assert plan.load == 1.5
-    turns = by_name(plan.turns(number, elapsed))
-    main = turns["main-agent-0"]
-    assert main.seconds == pytest.approx(seconds, abs=1e-3)
-    assert turns["main-exploiter-0"].seconds == pytest.approx(seconds / 4, abs=1e-3)
-    assert main.remaining == pytest.approx((max(0, 1 - elapsed / 60), ends), abs=1e-9)
-    assert main.strokes is None
-    assert main.seconds is not None
-    assert main.seconds == round(main.seconds, 3)
-
-
 def test_a_learner_with_one_sign_of_gamma_plays_its_last_policy_instead_of_itself() -> None:
     flags: dict[str, Any] = {"learner": "sac", "strokes": 900, "rounds": 3, "variant": "fictitious"}
-    fresh = by_name(schedule(**flags, past_fraction=0.25, response_fraction=0.25).turns(1, 0.0))
+    fresh = by_name(schedule(**flags, past_fraction=0.25, response_fraction=0.25).turns(1))
     # Without a last policy the rest of a half goes to the others.
     assert fresh["main-agent-0"].fractions == (0.375, 0.375)
     assert fresh["main-exploiter-0"].fractions == (0.5, 0.5)
     members = {"main-agent-0": Member(turns=1, hash=hash_of("m"))}
-    later = by_name(schedule(members=members, **flags, past_fraction=0.25, response_fraction=0.25).turns(2, 0.0))["main-agent-0"]
+    later = by_name(schedule(members=members, **flags, past_fraction=0.25, response_fraction=0.25).turns(2))["main-agent-0"]
     assert later.opponents == (hash_of("a"), hash_of("b"), hash_of("m"))
     assert (later.fractions, later.response_fraction) == ((0.125, 0.125, 0.5), 0.25)
-    full = by_name(schedule(members=members, **flags, past_fraction=0.75, response_fraction=0.25).turns(2, 0.0))["main-agent-0"]
+    full = by_name(schedule(members=members, **flags, past_fraction=0.75, response_fraction=0.25).turns(2))["main-agent-0"]
     assert (full.opponents, full.fractions) == ((hash_of("a"), hash_of("b")), (0.375, 0.375))
 
 
 def test_an_oracle_meets_the_meta_strategy() -> None:
     flags: dict[str, Any] = {"variant": "psro", "oracle": "ppo", "strokes": 900, "rounds": 3}
-    (turn,) = schedule("abc", meta_solver="linear", **flags).turns(1, 0.0)
+    (turn,) = schedule("abc", meta_solver="linear", **flags).turns(1)
     assert (turn.member, turn.strokes, turn.response_fraction) == ("oracle", 300, 0.0)
     assert turn.opponents == tuple(map(hash_of, "abc"))
     assert np.allclose(turn.fractions, [1 / 6, 2 / 6, 3 / 6])
     # The second beats the others.
-    (turn,) = schedule("abc", won={"ab": 0.25, "ac": 0.55, "bc": 0.6}, meta_solver="nash", **flags).turns(1, 0.0)
+    (turn,) = schedule("abc", won={"ab": 0.25, "ac": 0.55, "bc": 0.6}, meta_solver="nash", **flags).turns(1)
     assert (turn.opponents, turn.fractions) == ((hash_of("b"),), (1.0,))
 
 

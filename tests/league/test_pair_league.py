@@ -21,7 +21,7 @@ from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.header import Pair
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from shuttle_marl.reports import AnalysisError
 from tests import golden
 from tests.reduced import reduced_game, reduced_model

@@ -22,7 +22,7 @@ from shuttle_marl.league.tournament import (
     stages,
     tally,
 )
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from tests.reduced import reduced_model
 from tests.stops import Killed, stop
 from tests.tournaments import play_league

@@ -12,7 +12,7 @@ from shuttle_marl import RallyLog, RecordRallies, load_game, match_v0, rally_v0
 from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.recording import RecordingError
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from tests.recording.conftest import read_rallies
 
 

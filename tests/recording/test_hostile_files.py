@@ -22,7 +22,7 @@ from shuttle_marl.commands import analysis, recording
 from shuttle_marl.recording import LogHeader, Player, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import FRAME, message_of_chunk, unfinished
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from tests.recording.conftest import chunks_of, read_all, read_rallies
 from tests.recording.mutate import Mutator
 

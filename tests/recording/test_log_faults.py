@@ -19,7 +19,7 @@ from mcap.writer import Writer
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import decode, encode, from_arrow, salvage, to_arrow, unfinished
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from tests.recording.conftest import chunks_of, read_all
 
 

@@ -12,8 +12,8 @@ from mcap.writer import Writer
 from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import part_path, unfinished
+from shuttle_marl.recording.reader import check
 from shuttle_marl.recording.recorder import resume
-from shuttle_marl.recording.replay import check
 from tests.recording.conftest import read_rallies, same
 
 

@@ -26,8 +26,8 @@ from shuttle_marl.recording import (
 )
 from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.log_file import unfinished
+from shuttle_marl.recording.reader import check
 from shuttle_marl.recording.recorder import free_name
-from shuttle_marl.recording.replay import check
 from tests.recording.conftest import read_rallies
 from tests.tournaments import play_league
 

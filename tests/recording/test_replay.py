@@ -21,7 +21,7 @@ from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import parse
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
-from shuttle_marl.recording.replay import Replay, check
+from shuttle_marl.recording.reader import Replay, check
 from tests.recording.conftest import read_rallies
 from tests.reduced import reduced_model
 

@@ -10,7 +10,6 @@ import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.base.errors import OptionError, ShuttleError
-from shuttle_marl.commands.analysis import RallyFilter
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
@@ -164,25 +163,6 @@ def test_best_replies_are_drawn_where_players_of_the_hands_see_them(people: tupl
             x, y = court.area_centre(np.array(area))
             assert (x * side[hands[1]], y) in {tuple(text.get_position()) for text in shown}
     assert f"the opponent's {'forehand' if hands[1] == 'right' else 'backhand'} side is on the left" in drawn.get_supxlabel()
-
-
-def test_rallies_are_chosen_by_game_score_server_and_length() -> None:
-    strokes = strokes_of(SAMPLE)
-    rallies = rally_table(strokes).to_pylist()
-    server = rallies[0]["server"]
-    for chosen, wanted in (
-        (RallyFilter(games=(2,)), [r for r in rallies if r["game"] == 2]),
-        (RallyFilter(server=server, length=(4, 7)), [r for r in rallies if r["server"] == server and 4 <= r["length"] <= 7]),
-    ):
-        found = rally_table(chosen.of(strokes)).to_pylist()
-        assert [{**r, "first": 0} for r in found] == [{**r, "first": 0} for r in wanted]
-    first = rally_table(RallyFilter(leading=(0, 0)).of(strokes))
-    games = {(r["match"], r["game"]) for r in rallies}
-    assert {(r["match"], r["game"]) for r in first.to_pylist()} == games
-    assert len(first) == len(games)
-    assert set(first["rally"].to_pylist()) == {1}
-    with pytest.raises(AnalysisError, match="no rally of"):
-        RallyFilter(games=(4,)).of(strokes)
 
 
 @pytest.mark.slow

@@ -14,8 +14,7 @@ from mcap.reader import make_reader
 
 from shuttle_marl.commands.recording import main
 from shuttle_marl.court.scene import SceneError, select, topics
-from shuttle_marl.court.scene.rally_report import report_rally
-from shuttle_marl.court.scene.write import write_scene
+from shuttle_marl.court.scene.write import report_rally, write_scene
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
@@ -157,17 +156,17 @@ def test_a_log_never_runs_code(
     assert "/rally/value" not in found
     said = capsys.readouterr().err
     assert f"without probabilities of {name}: " in said
-    assert "--trust-policies" in said
+    assert "--policy" in said
 
 
-@pytest.mark.parametrize("flags", [("--trust-policies",), ("--policy", "trap_of_a_log:Policy=random")], ids=["trusted", "named"])
-def test_flags_select_the_policy_of_a_name(
-    flags: tuple[str, ...], log_of: Callable[..., Path], trap: Path, bc_hash: str, capsys: pytest.CaptureFixture[str]
+def test_a_flag_gives_the_policy_of_a_name(
+    log_of: Callable[..., Path], trap: Path, bc_hash: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     game = default_game()
     table = tabulate(resolve("random", game), game)
-    found = shown(log_of(Player(name="trap_of_a_log:Policy", hash=table.hash), Player(name="bc", hash=bc_hash)), *flags)
-    assert trap.exists() == (flags == ("--trust-policies",))
+    log, named = log_of(Player(name="trap_of_a_log:Policy", hash=table.hash), Player(name="bc", hash=bc_hash)), "--policy"
+    found = shown(log, named, "trap_of_a_log:Policy=random")
+    assert not trap.exists()
     assert "without probabilities" not in capsys.readouterr().err
     assert all("probability" in stroke for stroke in found["/rally/stroke"])
     assert found["/rally/value"]

@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.court.scene.motion import frames_of
 from shuttle_marl.court.scene.topics import court, name_lines
-from shuttle_marl.court.scene.write import percent
+from shuttle_marl.court.scene.write import frames_of, percent
 from shuttle_marl.court.staging import stage
 from shuttle_marl.court.staging.skeleton import CORK, FEATHER, RACKET_BUTT, RACKET_HEAD, RACKET_LENGTH
 from tests.staging.played import self_play_rallies

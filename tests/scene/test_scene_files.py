@@ -12,9 +12,8 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.court.scene import topics
-from shuttle_marl.court.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.court.scene.topics import WORLD, bone_frame
-from shuttle_marl.court.scene.write import CUT, EPOCH, LAYOUTS, write_scene
+from shuttle_marl.court.scene.write import CUT, EPOCH, LAYOUTS, StagedRally, report_rally, write_scene
 from shuttle_marl.court.staging import BONES, stage
 from shuttle_marl.court.staging.skeleton import SWEET_SPOT, load_skeleton
 from shuttle_marl.exact import evaluate
@@ -93,7 +92,7 @@ def test_interpolated_transforms_follow_the_motion(reel: Any, log_path: Path) ->
                     turn, place = at[bone_frame(seat, "Racket")]
                     strings = place + SWEET_SPOT * turn @ motion.racket(seat)[0]
                     tip_off.append(np.linalg.norm(strings - motion.sweet_spot[frame, seat]))
-            start = staged.end + CUT
+            start = staged.at(float(staged.motion.time[-1])) + CUT
     assert np.median(off) < 0.003
     assert np.max([*off, *shuttle_off]) < 0.025
     assert np.max(tip_off) < 0.045

@@ -1,25 +1,13 @@
 """Settings of training: what is accepted and refused, sizes of a run, and what is written of them."""
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from shuttle_marl.training import A2CConfig, PPOConfig, TrainingError
-from shuttle_marl.training.config import seconds_of
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
-
-
-@pytest.mark.parametrize(
-    ("budget", "seconds"), [("90s", 90), ("5m", 300), ("1h", 3600), ("0.5m", 30), ("1.25h", 4500), ("999999s", 999_999)]
-)
-def test_times_of_budgets(budget: str, seconds: float) -> None:
-    assert seconds_of(budget) == seconds
-    assert PPOConfig(budget=budget).seconds == seconds
-    assert PPOConfig(budget=budget).strokes == math.ceil(seconds * 10_000_000)
-    assert PPOConfig(budget=budget, strokes=7).strokes == 7
 
 
 @pytest.mark.parametrize(
@@ -59,11 +47,8 @@ def test_what_cannot_be_meant_together() -> None:
 
 
 def test_what_cannot_be_meant_together_in_a_league() -> None:
-    psro: dict[str, Any] = {"variant": "psro"}
     for flags, says in (
-        ({"budget": "1m", "strokes": 9}, "give one of them"),
         ({"response_fraction": 0.5, "past_fraction": 0.51}, "add up to 1 or less"),
-        ({**psro, "strokes": 9}, "nothing learns in psro"),
         ({"pool": ()}, "expected one or more policies"),
     ):
         with pytest.raises(LeagueTrainingError, match=says):
@@ -71,25 +56,20 @@ def test_what_cannot_be_meant_together_in_a_league() -> None:
 
 
 @pytest.mark.parametrize(
-    ("flags", "seconds", "rounds"),
+    ("flags", "rounds"),
     [
-        ({}, 300, 10),
-        ({"budget": "1h"}, 3600, 60),
-        ({"budget": "30s"}, 30, 6),
-        ({"budget": "240s"}, 240, 8),
-        ({"budget": "1h", "rounds": 99}, 3600, 99),
-        ({"strokes": 240_000_000}, None, 8),
-        ({"strokes": 10**10}, None, 60),
-        ({"strokes": 10}, None, 6),
-        ({"variant": "psro", "rounds": 4}, None, 4),
-        ({"variant": "psro", "rounds": 4, "budget": "1m"}, 60, 4),
-        ({"variant": "psro"}, 300, None),
-        ({"variant": "psro", "oracle": "a2c"}, 300, 10),
+        ({}, 10),
+        ({"strokes": 240_000_000}, 8),
+        ({"strokes": 240_000_000, "rounds": 99}, 99),
+        ({"strokes": 10**10}, 60),
+        ({"strokes": 10}, 6),
+        ({"variant": "psro", "rounds": 4}, 4),
+        ({"variant": "psro"}, 60),
+        ({"variant": "psro", "oracle": "a2c"}, 10),
     ],
 )
-def test_time_and_rounds_of_a_league(flags: dict[str, Any], seconds: float | None, rounds: int | None) -> None:
-    config = LeagueTrainingConfig(**flags)
-    assert (config.seconds, config.n_rounds) == (seconds, rounds)
+def test_rounds_of_a_league(flags: dict[str, Any], rounds: int) -> None:
+    assert LeagueTrainingConfig(**flags).n_rounds == rounds
 
 
 def test_settings_that_change_nothing_are_not_written() -> None:
@@ -110,7 +90,6 @@ GOOD: list[dict[str, Any]] = [
     {"exploitability": False},
     {"target": 0.5},
     {"target": None},
-    {"budget": "5m"},
 ]
 BAD: list[tuple[object, str]] = [
     ([], "no settings"),

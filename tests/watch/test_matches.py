@@ -28,7 +28,7 @@ from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from shuttle_marl.reports.rating import Rating, rater_of
 from tests import golden
 from tests.reduced import reduced_game, reduced_model

@@ -18,7 +18,7 @@ from shuttle_marl.court.plan import DUEL, LADDER
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from shuttle_marl.reports.languages import LANGUAGES, Language, Texts
 from tests.watch.conftest import Viewer, serving
 

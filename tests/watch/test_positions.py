@@ -20,7 +20,7 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording.reader import check
 from shuttle_marl.reports.rally import decision, legal_states
 from tests.watch.conftest import replied
 

@@ -14,13 +14,14 @@ from foxglove import Channel, Context, channels
 from foxglove import messages as fox
 
 from shuttle_marl.base.arrays import F64, Floats
-from shuttle_marl.court.scene.rally_report import SECOND, RallyReport
 from shuttle_marl.court.staging import Motion
 from shuttle_marl.court.staging import skeleton as body
 from shuttle_marl.court.staging.flight import net_height
 from shuttle_marl.court.staging.geometry import frame, quaternion
 from shuttle_marl.game import court as laws
 from shuttle_marl.game.stroke import SHOTS
+
+SECOND: Final = 1_000_000_000  # [ns]
 
 COURT: Final = "/scene/court"
 PLAYERS: Final = "/scene/players"
@@ -193,38 +194,9 @@ def log_line(time: int, text: str, name: str) -> Timed:
     return time, LOG, fox.Log(timestamp=stamp(time), level=fox.LogLevel.Info, message=text, name=name)
 
 
-_COLUMNS, _LEAST_ROWS = 28, 7  # characters in a line of the board, and its rows, so that its height is the same at every stroke
-
-
 def name_lines(name: str, width: int = 22) -> list[str]:
     """A name in at most three lines; longer ones are truncated."""
     return textwrap.wrap(name, width, max_lines=3, placeholder="…") or [""]
-
-
-def boards(report: RallyReport, time: int, text: str, *, after: bool = False, marked: int | None = None) -> list[Timed]:
-    """Scoreboards of all cameras: names with games and points, seat 0 first, and text below them, which is wrapped.
-
-    ``after``: the points are those after the rally; ``marked``: seat that serves or strikes.
-    """
-    points = report.points_after if after else report.played.points
-    rows = []
-    for seat in (0, 1):
-        games = f"{report.played.games[seat]:>2}" if report.in_match else "  "
-        first, *others = name_lines(report.names[seat], _COLUMNS - 8)
-        rows += [
-            f"{'>' if seat == marked else ' '} {first:<{_COLUMNS - 8}}{games} {points[seat]:>3}",
-            *(f"  {line}" for line in others),
-        ]
-    rows.append("")
-    for line in text.split("\n"):
-        rows += textwrap.wrap(line, _COLUMNS)
-    rows += [""] * (_LEAST_ROWS - len(rows))
-    block = "\n".join(row.ljust(_COLUMNS) for row in rows)
-    shade = colour(0.97, 0.97, 0.97)
-    return [
-        entities_on(topic, time, [entity("board", time, where, fixed=True, texts=[label(block, place, 16, shade)])])
-        for topic, (where, place) in BOARDS.items()
-    ]
 
 
 _WHITE: Final = colour(0.96, 0.96, 0.94)
@@ -268,7 +240,6 @@ _NAME_HEIGHT: Final = 2.3
 
 
 def _rod(a: F64, b: F64, radius: float, until: float, shade: fox.Color) -> fox.CylinderPrimitive:
-    """A cone along the line from a to b, with a radius at each end [m]."""
     along, wide = b - a, max(radius, until)
     turn = frame(along, np.array([1.0, 0.2, 0.1]))[:, [1, 2, 0]]  # whose third column is the line
     return fox.CylinderPrimitive(
@@ -313,7 +284,6 @@ DRAWN: Final = (
 
 
 def _body(motion: Motion, seat: int, kit: dict[str, fox.Color]) -> dict[str, dict[str, list[Any]]]:
-    """Limbs, joints, trunk and head by bone."""
     out: dict[str, dict[str, list[Any]]] = {bone: {"cylinders": [], "spheres": []} for bone in DRAWN[:-1]}
     scale, rest = motion.skeletons[seat].scale, motion.rest(seat)
 

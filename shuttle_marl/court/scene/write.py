@@ -1,7 +1,9 @@
 """Scene files: MCAP with the messages that Foxglove and Lichtblick show, and the comments on the strokes."""
 
+import dataclasses
 import io
 import json
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -9,29 +11,264 @@ from typing import Any, Final
 import numpy as np
 from foxglove import Context, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
-from foxglove.messages import SceneEntity
+from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, SceneEntity
 
 from shuttle_marl import __version__
+from shuttle_marl.base.arrays import F64, I64, Floats, Intp
 from shuttle_marl.base.errors import printable
+from shuttle_marl.court.match import staging_key
 from shuttle_marl.court.scene import SceneError, topics
-from shuttle_marl.court.scene.motion import motion_messages
-from shuttle_marl.court.scene.rally_report import SECOND, RallyReport, StagedRally, report_rally
-from shuttle_marl.court.scene.topics import Timed, at, boards, colour, disc, entities_on, entity, log_line, numbers_on
-from shuttle_marl.court.staging import ENDS, stage
+from shuttle_marl.court.scene.topics import SECOND, Timed, at, bone_frame, colour, disc, entities_on, entity, log_line, numbers_on
+from shuttle_marl.court.staging import ENDS, Motion, stage
+from shuttle_marl.court.staging.geometry import cross, quaternion, unit
+from shuttle_marl.court.staging.skeleton import BONE
 from shuttle_marl.game.court import AREA_WORDS, Hands
 from shuttle_marl.game.layout import LONGEST_DUEL
+from shuttle_marl.game.pairs import looks_of, seat_names
+from shuttle_marl.game.rally import Rally, waited_at
 from shuttle_marl.game.recovery import POSITIONS
+from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
+from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.reports import LogPlayers
+from shuttle_marl.reports import LogPlayers, RallyAnalysis, analyse_rally
 from shuttle_marl.reports.rally import Resolve
 
+EPOCH: Final = 1_735_689_600 * SECOND  # start of every scene, 2025-01-01: recorded rallies have no date, and viewers need one
+MOST_FPS: Final = 50
+LAYOUTS: Final = tuple(
+    Path(__file__).parent / "layouts" / f"{scope}.{viewer}.json"
+    for scope in ("layout", "match")
+    for viewer in ("lichtblick", "foxglove")
+)
+"""Layouts of the viewers' panels, for a rally (``layout``) and for a match; attached to every scene."""
+CUT: Final = SECOND // 1000  # time between two rallies [ns]: too short for a visible interpolation
+_COLUMNS, _LEAST_ROWS = 28, 7  # characters in a line of the board, and its rows, so that its height is the same at every stroke
+_GRID: Final = 2.0**13  # numbers are rounded to 1/8192: 0.12 mm and 0.014 degrees, and compress to a third
+_TOLERANCE: Final = 0.006
+"""Largest distance from a transform that viewers interpolate to one that is left out [m or half radians]."""
+_PACKET: Final = 1.0  # time covered by one message of transforms [s]
+_TRAIL, _TRAIL_STEP = 0.48, 0.08  # length of the trail of the shuttle, and time between its points [s]
 _TOP: Final = 5  # number of strokes of a policy that are listed
 _PATH, _TARGET = colour(1.0, 1.0, 1.0, 0.35), colour(1.0, 0.80, 0.10, 0.30)
 _WAITED: Final = colour(1.0, 1.0, 1.0, 0.45)
 _FAULT, _WON = colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class RallyReport:
+    """A rally of a log."""
+
+    number: int
+    names: tuple[str, str]  # printable, of seats 0 and 1
+    game: Game
+    played: Rally
+    winner: int
+    reason: str  # outcome of the last stroke, in words
+    before: str  # interval or change of ends before the rally, in words; empty: neither
+    analysis: RallyAnalysis  # values of the strokes; NaN where a policy is not known
+    key: int  # random seed of the staging
+    athletes: tuple[str, str]
+    logged: F64  # [2, T] in a log of training, else NaN: probability of each stroke, and estimate of the state, -1 to 1
+
+    @property
+    def points_after(self) -> tuple[int, int]:
+        """Points of seats 0 and 1 after the rally, before a new game begins."""
+        return self.played.points[0] + (self.winner == 0), self.played.points[1] + (self.winner == 1)
+
+    @property
+    def in_match(self) -> bool:
+        """Whether the rally belongs to a match, as far as its score tells."""
+        return bool(self.played.match or any(self.played.games) or any(self.played.points))
+
+    def wins(self, stroke: int) -> dict[str, float]:
+        """Probabilities that seat 0 wins rally and match before a stroke; -1: after the rally."""
+        return {"rally_win_0": float(self.analysis.rally_win[stroke]), "match_win_0": float(self.analysis.match_win[stroke])}
+
+    def waited(self, stroke: int) -> int | None:
+        """Position that the receiver of a stroke chose; None: they had no choice, or the log has none."""
+        return waited_at(self.played, self.game, stroke, self.analysis.decisions[stroke].state)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class StagedRally:
+    """A staged rally at its time in the scene."""
+
+    report: RallyReport
+    motion: Motion
+    start: int  # time of the first frame [ns]
+
+    def at(self, seconds: float) -> int:
+        """Time in the scene [ns] of a time in the rally [s]."""
+        return self.start + round(seconds * SECOND)
+
+
+def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers, hands: Hands | None = None) -> RallyReport:
+    """Report of one rally; ``hands``: None: those of the players.
+
+    Raises:
+        RecordingError: the log has no such rally, or is damaged.
+        RallyError: the strokes do not form a rally.
+        SceneError: a stroke is not legal in this game.
+    """
+    row = log.rally(number)
+    header = log.files[log.file_of(number)].header
+    first, second = (log.policies[int(policy)].name for policy in row.policy[0])
+    looks = looks_of(game, (first, second))
+    played = row.row(0, log.catalogue, header.rules, hands or looks.hands).checked()
+    try:
+        analysis = analyse_rally(played, game, players.of_rally(number), rules=header.rules)
+    except IllegalStrokeError as error:
+        raise SceneError(f"rally {number}: {error}") from error
+    chosen = None if row.log_probability is None else np.exp(row.log_probability.astype(np.float64))
+    return RallyReport(
+        number=number,
+        names=seat_names(game, (printable(first), printable(second))),
+        game=game,
+        played=played,
+        winner=int(row.winner[0]),
+        reason=OUTCOMES[played.ending],
+        before=Score(points=played.points, games=played.games, server=played.server, rules=header.rules).break_before,
+        analysis=analysis,
+        key=staging_key(header, row),
+        athletes=looks.athletes,
+        logged=np.stack([np.full(len(played), np.nan) if part is None else part for part in (chosen, row.value)]),
+    )
+
+
+def boards(report: RallyReport, time: int, text: str, *, after: bool = False, marked: int | None = None) -> list[Timed]:
+    """Scoreboards of all cameras: names with games and points, seat 0 first, and text below them, which is wrapped.
+
+    ``after``: the points are those after the rally; ``marked``: seat that serves or strikes.
+    """
+    points = report.points_after if after else report.played.points
+    rows = []
+    for seat in (0, 1):
+        games = f"{report.played.games[seat]:>2}" if report.in_match else "  "
+        first, *others = topics.name_lines(report.names[seat], _COLUMNS - 8)
+        rows += [
+            f"{'>' if seat == marked else ' '} {first:<{_COLUMNS - 8}}{games} {points[seat]:>3}",
+            *(f"  {line}" for line in others),
+        ]
+    rows.append("")
+    for line in text.split("\n"):
+        rows += textwrap.wrap(line, _COLUMNS)
+    rows += [""] * (_LEAST_ROWS - len(rows))
+    block = "\n".join(row.ljust(_COLUMNS) for row in rows)
+    shade = colour(0.97, 0.97, 0.97)
+    return [
+        entities_on(topic, time, [entity("board", time, where, fixed=True, texts=[topics.label(block, place, 16, shade)])])
+        for topic, (where, place) in topics.BOARDS.items()
+    ]
+
+
+def _transforms(staged: StagedRally) -> Iterator[Timed]:
+    """Transforms of all frames of reference, one message for each :data:`_PACKET`: one message is enough after a seek."""
+    motion = staged.motion
+    last, length = len(motion.time) - 1, round(_PACKET * motion.fps)
+    when = [topics.stamp(staged.at(seconds)) for seconds in motion.time.tolist()]
+    frames = {name: (values, _needed(values, motion.contact_frame, length)) for name, values in frames_of(motion).items()}
+    for first in range(0, last, length):
+        until, transforms = min(first + length, last), []
+        for name, (values, needed) in frames.items():
+            chosen = needed[(needed >= first) & (needed <= until)]
+            if until < last and (values[chosen] == values[first]).all():
+                chosen = chosen[:1]  # enough for a frame at rest, unless the rally ends here
+            for i, (x, y, z, *q) in zip(chosen.tolist(), values[chosen].tolist(), strict=True):
+                about: dict[str, Any] = {"timestamp": when[i], "parent_frame_id": topics.WORLD, "child_frame_id": name}
+                turn = Quaternion(x=q[0], y=q[1], z=q[2], w=q[3])
+                transforms.append(FrameTransform(**about, translation=topics.vector((x, y, z)), rotation=turn))
+        yield staged.at(float(motion.time[first])), topics.TF, FrameTransforms(transforms=transforms)
+
+
+def _needed(values: F64, exact: I64, packet: int) -> Intp:
+    """Instants that are written: viewers interpolate between them. Halves of eighths of the frames, where they are needed."""
+    chosen = np.zeros(len(values), dtype=np.bool_)
+    chosen[::8] = chosen[::packet] = chosen[exact] = chosen[-1] = True
+    for half in (4, 2, 1):
+        between = np.arange(half, len(values) - half, 2 * half)
+        off = np.abs(values[between] - (values[between - half] + values[between + half]) / 2).max(axis=1)
+        chosen[between] |= off > _TOLERANCE
+    return np.flatnonzero(chosen)
+
+
+def frames_of(motion: Motion) -> dict[str, F64]:
+    """Frames of reference on the court by name: ``[F, 7]`` place [m] and quaternion (x, y, z, w) at each instant."""
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    half_turn = np.array([0.0, 0.0, 1.0, 0.0]) if motion.trajectory.rally.ends_changed else upright
+    out = {topics.SHUTTLE_FRAME: _joined(motion.shuttle, _heading(motion))}
+    out[topics.SHUTTLE_FLOOR] = _joined(motion.shuttle * [1, 1, 0], upright)
+    for seat in (0, 1):
+        out[topics.place_frame(seat)] = _joined(motion.position[:, seat, 0] * [1, 1, 0], half_turn)
+        for bone in topics.DRAWN:
+            out[bone_frame(seat, bone)] = _joined(*(part[:, seat, BONE[bone]] for part in (motion.position, motion.rotation)))
+    return out
+
+
+def _joined(place: Floats, turn: Floats) -> F64:
+    joined = np.concatenate([place, np.broadcast_to(turn, (len(place), 4))], axis=1, dtype=np.float64)
+    return np.rint(joined * _GRID) / _GRID
+
+
+def _heading(motion: Motion) -> F64:
+    """``[F, 4]`` rotation of the shuttle: the cork points forward, in the hand down; on the floor it lies."""
+    velocity = motion.shuttle_velocity.astype(np.float64)
+    flies = np.linalg.norm(velocity, axis=1) > 0.3
+    flies[: motion.contact_frame[0]] = False
+    # A shuttle that stops keeps its last direction.
+    last = np.maximum.accumulate(np.where(flies, np.arange(len(flies)), -1))
+    heading = np.where(last[:, None] < 0, np.array([0.0, 0.0, -1.0]), unit(velocity[last]))
+    ended = round(float(motion.trajectory.end_time[-1]) * motion.fps)
+    heading[ended:] = unit(heading[ended:] * [1, 1, 0] + [1e-6, 0, 0])
+    up = np.where(np.abs(heading[:, 2:]) < 0.95, np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 1.0, 0.0]]))
+    x = unit(cross(up, heading))
+    return quaternion(np.stack([x, cross(heading, x), heading], axis=-1))
+
+
+def _trail(staged: StagedRally) -> Iterator[Timed]:
+    motion, contacts = staged.motion, staged.motion.contact_frame
+    step, length = max(1, round(_TRAIL_STEP * motion.fps)), round(_TRAIL * motion.fps)
+    was_visible = True
+    for frame in range(len(motion.time)):
+        time = staged.at(float(motion.time[frame]))
+        first = max(frame - length, int(contacts[0]))
+        rows = np.union1d(np.arange(frame, first - 1, -step), contacts[(contacts >= first) & (contacts <= frame)])
+        path = motion.shuttle[rows].astype(np.float64)
+        # A shuttle at rest has no trail.
+        visible = len(path) > 1 and float(np.ptp(path, axis=0).max()) > 0.05
+        if visible:
+            fade = np.round(0.95 * np.clip(1 - (frame - rows) / length, 0, 1), 2)
+            line = topics.strip(path, [topics.colour(1.0, 0.85, 0.25, alpha) for alpha in fade.tolist()], 3.0)
+            yield entities_on(topics.SHUTTLE, time, [topics.entity("trail", time, lines=[line])])
+        elif was_visible:
+            yield entities_on(topics.SHUTTLE, time, [])
+        was_visible = visible
+
+
+def _states(staged: StagedRally) -> Iterator[Timed]:
+    report, motion, trajectory = staged.report, staged.motion, staged.motion.trajectory
+    hips = motion.position[:, :, 0, :2].astype(np.float64)
+    speed = np.linalg.norm(np.gradient(hips, 1 / motion.fps, axis=0), axis=2)
+    shuttle_speed = np.linalg.norm(motion.shuttle_velocity, axis=1)
+    last_stroke = np.searchsorted(motion.contact_frame, np.arange(len(motion.time)), side="right") - 1
+    # Every second frame, and the last one, so that the recording is as long as the motion.
+    for frame in [*range(0, len(motion.time) - 1, 2), len(motion.time) - 1]:
+        seconds, stroke = float(motion.time[frame]), int(last_stroke[frame])
+        if stroke < 0:
+            phase = "before the serve"
+        elif seconds > float(trajectory.end_time[-1]):
+            phase = "over"
+        else:
+            phase = f"{report.names[report.played.striker[stroke]]} struck"
+        x, y, z = (round(float(v), 3) for v in motion.shuttle[frame])
+        shuttle_state = {"x": x, "y": y, "z": z, "speed": round(float(shuttle_speed[frame]), 2)}
+        content: dict[str, Any] = {"phase": phase, "shuttle": shuttle_state}
+        for seat in (0, 1):
+            px, py = (round(float(v), 3) for v in hips[frame, seat])
+            content[f"player_{seat}"] = {"x": px, "y": py, "speed": round(float(speed[frame, seat]), 2)}
+        yield numbers_on(topics.STATE, staged.at(seconds), content)
 
 
 def commentary(staged: StagedRally) -> Iterator[Timed]:
@@ -65,7 +302,6 @@ def commentary(staged: StagedRally) -> Iterator[Timed]:
 
 
 def _probabilities(report: RallyReport, i: int, time: int) -> Iterator[Timed]:
-    """Values and the policy's probabilities at a stroke, as far as they are known."""
     decision, rank = report.analysis.decisions[i], report.analysis.rank[i]
     values_known = bool(np.isfinite(decision.value))
     if values_known:
@@ -193,17 +429,6 @@ def _flight(staged: StagedRally, i: int, time: int) -> list[SceneEntity]:
     return marks
 
 
-EPOCH: Final = 1_735_689_600 * SECOND  # start of every scene, 2025-01-01: recorded rallies have no date, and viewers need one
-MOST_FPS: Final = 50
-LAYOUTS: Final = tuple(
-    Path(__file__).parent / "layouts" / f"{scope}.{viewer}.json"
-    for scope in ("layout", "match")
-    for viewer in ("lichtblick", "foxglove")
-)
-"""Layouts of the viewers' panels, for a rally (``layout``) and for a match; attached to every scene."""
-CUT: Final = SECOND // 1000  # time between two rallies [ns]: too short for a visible interpolation
-
-
 def select(
     log: RallyLog, *, rally: int | None = None, match: int | None = None, pairing: int = 0, best: int | None = None
 ) -> list[int]:
@@ -279,7 +504,7 @@ def write_scene(
         report = report_rally(log, int(number), game, policies, hands)
         motion = stage(report.played, seed=report.key, athletes=athletes or report.athletes, fps=fps)
         staged = StagedRally(report=report, motion=motion, start=start)
-        messages = [*motion_messages(staged), *commentary(staged)]
+        messages = [*_transforms(staged), *_trail(staged), *_states(staged), *commentary(staged)]
         looks = report.names, motion.hands, motion.skeletons
         if shown != looks:
             shown = looks
@@ -288,7 +513,7 @@ def write_scene(
             messages.insert(0, entities_on(topics.COURT, start, topics.court(start)))
         for time, topic, message in sorted(messages, key=lambda timed: timed[0]):
             channels[topic].log(message, log_time=time)
-        start = staged.end + CUT
+        start = staged.at(float(motion.time[-1])) + CUT
     for path in LAYOUTS:
         writer.attach(log_time=EPOCH, create_time=EPOCH, name=path.name, media_type="application/json", data=path.read_bytes())
     # Origin of the rallies: log, seeds, game and policies.

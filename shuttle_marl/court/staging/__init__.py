@@ -6,8 +6,7 @@ the players have changed ends. The same arguments give the same motion. ``docs/s
 ``athletes/`` holds the skinned models, and ``load_skeleton`` gives their rest pose, bone by bone.
 """
 
-from shuttle_marl.court.staging.assemble import continue_motion, stage
-from shuttle_marl.court.staging.motion import Motion
+from shuttle_marl.court.staging.motion import Motion, continue_motion, stage
 from shuttle_marl.court.staging.skeleton import BONES, StagingError, load_skeleton, model_file
 from shuttle_marl.court.staging.trajectory import ENDS
 

@@ -348,7 +348,6 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
 
 
 def _struck(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, fps: int) -> Keys:
-    """Key poses with the speed of the arm at the contacts, and matching loads and follow-throughs."""
     arm, frame = arm_of(skeleton), timeline.frame
     rows = np.searchsorted(frame, [hit.frame for hit in timeline.hits])
     before, after = (np.abs(frame[rows + side] - frame[rows]) / fps for side in (-1, 1))
@@ -382,7 +381,6 @@ def _carried(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, slo
 
 
 def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F64, fps: int) -> None:
-    """Bring the free hand of the server to the shuttle in the key poses before the contact."""
     keys = np.arange(len(timeline.known.frame), np.searchsorted(timeline.frame, hit.frame))
     if not len(keys):
         return

@@ -11,14 +11,13 @@ import dataclasses
 import functools
 import json
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.court.staging import poses
 from shuttle_marl.court.staging.flight import BOUNDS, Flights, fall, net_height, shoot
-from shuttle_marl.court.staging.motion import Branch
 from shuttle_marl.court.staging.poses import Athlete, Stance
 from shuttle_marl.court.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind
 from shuttle_marl.game import draws
@@ -27,6 +26,9 @@ from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
+
+if TYPE_CHECKING:
+    from shuttle_marl.court.staging.motion import Branch
 
 _QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 _TRIES, _AS_DRAWN = 10, 5
@@ -112,8 +114,6 @@ class _Choice:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Try:
-    """A random point and time of a stroke, in the striker's frame."""
-
     point: F64
     ticks: int  # drawn time of flight [frames]
     least: int  # shortest time of flight in the matches [frames]
@@ -150,7 +150,7 @@ class TrajectoryBuilder:
             self.drawn[stroke] = ((bits >> np.uint64(11)) * 2.0**-53).tolist()
         return float(self.drawn[stroke][number])
 
-    def build(self, lead_in: float, branch: Branch | None) -> Trajectory:
+    def build(self, lead_in: float, branch: "Branch | None") -> Trajectory:
         """Draw the trajectory; of a branch, the strokes stay, and the flight of the last one is drawn again."""
         rally, n = self.rally, len(self.rally)
         struck = branch.strokes if branch else 0
@@ -350,7 +350,6 @@ class TrajectoryBuilder:
         return float(np.copysign(HALF_WIDTH + max(by_side, 0.05), -1.0 if side == 0 else 1.0)), y
 
     def _net_point(self, i: int, contact: F64, point: F64, share: float, k: int) -> F64:
-        """Point where try ``k`` hits the net on the way to ``point``."""
         x = contact[0] + share * (point[0] - contact[0])
         # Most balls into the net are just too low.
         z = float(net_height(x)) - 0.03 - min(0.9, contact[2]) * 0.6 * self.uniform(i, _SLOT * (k + 1) + 5) ** 2

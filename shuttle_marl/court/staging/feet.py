@@ -165,7 +165,6 @@ def _between(here: Stand, there: Stand, feet: Plants, hips: F64, yaw: F64, fps: 
 
 
 def _swings(begin: int, end: int, n: int, hips: F64, fps: int) -> list[tuple[int, int]]:
-    """Frames of lift-off and landing of n steps between two frames, spread by the progress of the hips."""
     gap = end - begin
     path = np.r_[0, np.cumsum(np.hypot(*np.diff(hips[begin : end + 1], axis=0).T))]
     progress = 0.8 * path / max(path[-1], 1e-6) + 0.2 * np.linspace(0, 1, gap + 1)

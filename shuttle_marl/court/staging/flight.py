@@ -189,7 +189,6 @@ def _outside(value: F64, limits: tuple[float, float]) -> F64:
 
 
 def _flown(start: F64, heading: F64, vx: F64, vy: F64, t: F64, steps: int) -> Flights:
-    """Flights with a launch ``[N]``, for times ``[N]``, both in scaled units."""
     nodes, px, py, ux, uy = _integrate(vx, vy, t, steps)
     return Flights(start, heading, nodes * _TIME, px * LENGTH, py * LENGTH, ux * TERMINAL, uy * TERMINAL)
 

@@ -141,7 +141,6 @@ class Goal(NamedTuple):
 
 @compiled
 def _hinged(chain: Mat, axis: F64, angle: float, out: F64) -> Mat:
-    """A rotation followed by one about a hinge, whose axis is written to ``out``."""
     put_vec(mat_vec(chain, axis), out)
     return mat_mul(chain, rotation_about(axis, angle))
 
@@ -186,7 +185,6 @@ def _pose(q: F64, arm: Arm, axes: F64, pivots: F64) -> tuple[Mat, Mat, Mat, Mat,
 
 @compiled
 def _cholesky_solve(square: F64, right: F64) -> F64:
-    """Solve ``square @ x = right``, symmetric positive definite."""
     factor, x = square.copy(), right.copy()
     for j in range(_N):
         for k in range(j):
@@ -261,7 +259,6 @@ def _normal_equations(q: F64, jacobian: F64, residual: F64, square: F64, slope: 
 
 @compiled
 def _step(q: F64, square: F64, slope: F64, damping: float) -> F64:
-    """``[10]`` angles after a damped step from ``q``, within the limits."""
     damped, right = square.copy(), slope.copy()
     for i in range(_N):
         damped[i, i] += damping
@@ -279,7 +276,6 @@ def _step(q: F64, square: F64, slope: F64, damping: float) -> F64:
 
 @compiled
 def _solve(angles: F64, target: F64, weight: F64, reach: F64, arm: Arm, rounds: int) -> None:
-    """The Levenberg-Marquardt method of :func:`solve` for each row of ``angles``, in place."""
     axes, pivots = np.empty((_N, 3)), np.empty((_N, 3))
     jacobian, residual = np.empty((_ROWS, _N)), np.empty(_ROWS)
     square, slope = np.empty((_N, _N)), np.empty(_N)
@@ -370,8 +366,6 @@ _TURN: Final = np.radians(48)
 
 
 class _Leg(NamedTuple):
-    """Geometry of one leg."""
-
     rest: F64  # [3, 3] from hip to knee, to ankle, to toes at rest [m]
     aligned: F64  # [2, 3, 3] frames of thigh and shank at rest
     thigh: float
@@ -578,7 +572,6 @@ def strays(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> F64:
 
 
 def _toe_height(skeleton: Skeleton) -> float:
-    """Height of the joint of the toes above the floor, the pivot of the heel [m]."""
     return float(skeleton.at("RightToeBase")[2])
 
 

@@ -72,20 +72,17 @@ class Skeleton:
     """One athlete.
 
     Attributes:
-        height: from the floor to the top of the head [m].
-        parent: ``[23]`` index of the parent, -1 for the hips. The racket hangs on the right hand; see :meth:`parents`.
-        rest: ``[23, 3]`` start of each bone at rest [m].
-        grip_axis, grip_normal: ``[3]`` of the racket at rest in the right hand: shaft, and side of the strings of a forehand.
-        fingers: ``[2, 3]`` along the fingers of the right hand, and the axis about which they bend.
+        grip_axis, grip_normal: ``[3]`` of the racket at rest in the right hand: shaft, and side of the strings of a
+            forehand.
     """
 
     name: str
-    height: float
-    parent: I64
-    rest: F64
+    height: float  # from the floor to the top of the head [m]
+    parent: I64  # [23] index of the parent, -1 for the hips. The racket hangs on the right hand; see `parents`
+    rest: F64  # [23, 3] start of each bone at rest [m]
     grip_axis: F64
     grip_normal: F64
-    fingers: F64
+    fingers: F64  # [2, 3] along the fingers of the right hand, and the axis about which they bend
 
     @property
     def scale(self) -> float:
@@ -125,11 +122,7 @@ class Skeleton:
 
 @functools.cache
 def load_skeleton(name: str) -> Skeleton:
-    """The skeleton of a shipped athlete.
-
-    Raises:
-        StagingError: there is no athlete of this name.
-    """
+    """The skeleton of a shipped athlete. Raises StagingError: there is no athlete of this name."""
     if name not in ATHLETES:
         raise StagingError(f"athlete {name!r}: expected one of {', '.join(ATHLETES)}")
     raw = json.loads((_FOLDER / "skeletons.json").read_text(encoding="utf-8"))[name]
@@ -187,7 +180,6 @@ def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
 
 @compiled
 def _bent(hips: F64, angles: F64, above: F64) -> tuple[F64, F64]:
-    """:func:`trunk` of a spine ``[3, 3]``."""
     rotation, position = np.empty((4, len(angles), 3, 3)), np.empty((4, len(angles), 3))
     for n in range(len(angles)):
         a = angles[n]

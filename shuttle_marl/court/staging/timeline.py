@@ -288,7 +288,6 @@ class TimelineBuilder:
         self._serve_stand(0, first)
 
     def _serve_stand(self, begin: int, first: int) -> None:
-        """Stand before a serve in frame ``first``, from frame ``begin``."""
         hips = self.hips[begin]
         if self.trajectory.rally.server != self.seat:
             self._stand(begin, first - round(0.08 * self.fps), placed(WAIT, hips, 0.0))
@@ -402,7 +401,6 @@ class TimelineBuilder:
         self._stand(down, down + round(0.08 * fps), placed(LANDING, after, 0.5 * stance.heading), hop=True)
 
     def _finish(self, over: int) -> None:
-        """Reactions of winner and loser after the rally, then both lower the racket."""
         fps, rally = self.fps, self.trajectory.rally
         last = max(over, int(self.clock[-1]) + round(0.4 * fps))
         turn = self._facing(last)

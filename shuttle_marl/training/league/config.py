@@ -10,7 +10,7 @@ import msgspec
 
 from shuttle_marl.base.files import Count, CountOrZero, FractionOrZero, Positive, Seed, Weight, check_bounds
 from shuttle_marl.game.shipped import Profile
-from shuttle_marl.training.config import TrainingError, seconds_of
+from shuttle_marl.training.config import TrainingError
 
 Variant = Literal["plain", "fictitious", "prioritised", "psro"]
 Algorithm = Literal["ppo", "a2c", "sac"]
@@ -20,6 +20,7 @@ MetaSolver = Literal["nash", "linear", "alpha-rank"]
 VARIANTS: Final[tuple[Variant, ...]] = get_args(Variant)
 POOL: Final = ("bc", "attacking", "defensive", "safe")
 MOST_WORKERS: Final = 1024
+_MOST_ROUNDS: Final = 60
 _NO_EFFECT: Final = ("out", "resume", "overwrite", "workers", "ray")
 
 
@@ -34,13 +35,11 @@ class LeagueTrainingConfig:
     variant: Variant = "prioritised"
     """Opponents of the main agents: plain (themselves), fictitious (also all earlier policies, uniformly), prioritised (also
     earlier policies that they lose to), or psro (policy space response oracles)."""
-    budget: str | None = None
-    """Time budget of the run, as in 90s, 5m or 1h; default 5m if --strokes is not given."""
-    strokes: Count | None = None
-    """Strokes of each main agent, instead of a time budget; the result then depends on the seed alone."""
+    strokes: Count = 300_000_000
+    """Strokes of each main agent."""
     rounds: Count | None = None
-    """Rounds of the run; policies are frozen and saved after each. Default: one per 30 seconds or 30 million strokes, from 6 to
-    60 (psro with an exact oracle: until time is up). With a time budget, there are fewer if the time between turns is long."""
+    """Rounds of the run; policies are frozen and saved after each. Default: one per 30 million strokes, from 6 to 60; 60 of psro
+    with an exact oracle, where nothing learns."""
     learner: Algorithm = "ppo"
     """Algorithm of the learners."""
     oracle: Oracle = "exact"
@@ -55,7 +54,7 @@ class LeagueTrainingConfig:
     league_exploiters: Annotated[int, msgspec.Meta(ge=0, le=16)] = 1
     """Number of learners that train against the whole population (fictitious and prioritised)."""
     exploiter_fraction: FractionOrZero = 0.25
-    """Time or strokes of an exploiter, as a fraction of those of a main agent."""
+    """Strokes of an exploiter, as a fraction of those of a main agent."""
     patience: Count = 4
     """Turns after which an exploiter is reset to new weights; it is reset earlier if it succeeds."""
     response_fraction: FractionOrZero = 0.2
@@ -79,10 +78,10 @@ class LeagueTrainingConfig:
     batch: CountOrZero = 0
     """Strokes in the first iteration; 0: the default of the algorithm."""
     workers: Annotated[int, msgspec.Meta(ge=1, le=MOST_WORKERS)] = min(2, os.cpu_count() or 1)
-    """Number of worker processes; with --strokes, it does not change the result."""
+    """Number of worker processes; it does not change the result."""
     ray: str | None = None
     """Ray cluster that replaces the workers: local (Ray on this machine), auto (the cluster of this machine), HOST:PORT of its
-    head, or ray://HOST:PORT; with --strokes, it does not change the result."""
+    head, or ray://HOST:PORT; it does not change the result."""
     record: str = "all"
     """Rallies of the learners in rally logs: all (some 1.8 bytes a stroke), none, or sample:N for one in N."""
     game: str = "default"
@@ -101,27 +100,11 @@ class LeagueTrainingConfig:
 
         Sampling.parse(self.record)
         check_bounds(self, LeagueTrainingError)
-        if self.budget is not None and self.strokes is not None:
-            raise LeagueTrainingError("--budget and --strokes: give one of them")
         if self.response_fraction + self.past_fraction > 1:
             flags = f"--response-fraction {self.response_fraction} --past-fraction {self.past_fraction}"
             raise LeagueTrainingError(f"{flags}: expected fractions that add up to 1 or less")
-        if self.exact_oracle and self.strokes is not None and self.rounds is None:
-            raise LeagueTrainingError("--strokes: nothing learns in psro with an exact oracle; give --budget or --rounds")
         if self.pool is not None and not self.pool:
             raise LeagueTrainingError("--pool: expected one or more policies")
-        _ = self.seconds
-
-    @property
-    def seconds(self) -> float | None:
-        """Time budget; None if the run is limited by strokes, or by rounds of an exact oracle.
-
-        Raises:
-            TrainingError: ``budget`` is not a time.
-        """
-        if self.strokes is not None or (self.exact_oracle and self.budget is None and self.rounds is not None):
-            return None
-        return seconds_of(self.budget or "5m")
 
     @property
     def exact_oracle(self) -> bool:
@@ -134,14 +117,9 @@ class LeagueTrainingConfig:
         return self.learner if self.variant != "psro" or self.oracle == "exact" else self.oracle
 
     @property
-    def n_rounds(self) -> int | None:
-        """Number of rounds; None: limited by time."""
-        if self.rounds is not None:
-            return self.rounds
-        if self.exact_oracle:
-            return None
-        size = self.strokes / 3e7 if self.strokes is not None else (self.seconds or 0) / 30
-        return min(60, max(6, round(size)))
+    def n_rounds(self) -> int:
+        """Number of rounds."""
+        return self.rounds or (_MOST_ROUNDS if self.exact_oracle else min(_MOST_ROUNDS, max(6, round(self.strokes / 3e7))))
 
     def fixed(self) -> dict[str, Any]:
         """Settings that determine the result, as JSON."""

@@ -19,8 +19,7 @@ from shuttle_marl.training.league.config import LeagueTrainingError
 
 TABLES: Final = "tables"
 LEAGUE: Final = "league.json"
-TOLERANCE: Final = 1e-5
-"""Error bound of payoffs and exploitability, far below the noise of training."""
+TOLERANCE: Final = 1e-5  # error bound of payoffs and exploitability, far below the noise of training
 _CHAIN_BYTES: Final = 2 << 30
 
 
@@ -122,8 +121,7 @@ class Turn:
         round: number of the round, counted from 1.
         fractions: fraction of its rallies against each opponent; the rest, without ``response_fraction``, is self-play.
         response_fraction: fraction of its rallies against the exact best response to it.
-        strokes: minimum number of its strokes; None: limited by ``seconds``.
-        seconds: time for learning; preparation and saving are not included.
+        strokes: minimum number of its strokes.
         remaining: fraction of the learner's schedule that remains at the start and at the end of the turn.
     """
 
@@ -133,8 +131,7 @@ class Turn:
     opponents: tuple[str, ...] = ()
     fractions: tuple[float, ...] = ()
     response_fraction: float = 0.0
-    strokes: int | None = None
-    seconds: float | None = None
+    strokes: int
     remaining: tuple[float, float] = (1.0, 1.0)
     seed: int = 0
 
@@ -146,7 +143,6 @@ class TurnResult:
     member: str
     hash: Sha256
     strokes: StoredCount
-    seconds: float
     iterations: StoredCount
 
 
@@ -188,7 +184,6 @@ class LeagueState:
         cells: solved payoffs, see :class:`Payoffs`.
         best: least exploitable main agent; None before the first round.
         exhausted: whether the last best response of psro was in the population already, so that nothing changes any more.
-        overhead: seconds of the last round in which its main agent did not learn.
     """
 
     round: StoredCount = 0
@@ -198,7 +193,6 @@ class LeagueState:
     best: Best | None = None
     exhausted: bool = False
     seconds: float = 0.0
-    overhead: float = 0.0
     metrics: StoredCount = 0
 
     def save(self, folder: Path) -> None:

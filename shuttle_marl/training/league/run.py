@@ -21,21 +21,18 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.computed import StoredPolicies, mixture, sharpened
-from shuttle_marl.training.config import missed
-from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
+from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig
 from shuttle_marl.training.league.population import TABLES, TOLERANCE, Best, Frozen, LeagueState, Member, Payoffs, TurnResult
-from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
+from shuttle_marl.training.league.schedule import Schedule
 from shuttle_marl.training.league.turns import NETWORK, Workers, prune_states, turn_file
 from shuttle_marl.training.run import AGENT, PACKAGES, game_of
 
 MAIN: Final = "main.safetensors"
 _EVALUATION: Final = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
-_ENOUGH: Final = 0.5
-"""A main exploiter succeeds if it reaches this fraction of the gain of the exact best response."""
+_ENOUGH: Final = 0.5  # A main exploiter succeeds if it reaches this fraction of the gain of the exact best response
 _BEATEN: Final = 0.7
 """A league exploiter succeeds if its mean probability of winning a match reaches this (Vinyals et al., Nature 2019)."""
-_SHARPER: Final = 0.1
-"""Second softmax temperature at which a main agent is evaluated, to remove the effect of the entropy bonus."""
+_SHARPER: Final = 0.1  # second softmax temperature at which a main agent is evaluated, to remove the effect of the entropy bonus
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -93,8 +90,6 @@ class _League:
     run: runs.Run
     console: Console
     begun: float
-    longest: float = 0.0
-    """Seconds of the longest round in this process."""
 
     def __post_init__(self) -> None:
         config, self.folder = self.config, self.run.folder
@@ -113,15 +108,10 @@ class _League:
 
     def go(self, cluster: Cluster | None) -> LeagueTraining:
         with Workers(self.config.workers, self.game, cluster) as workers:
-            if self.config.seconds is not None and not self.config.exact_oracle and not self._over():
-                with self.console.status("compiling"):
-                    workers.warm_up(self.config)
-            while not self._over():
+            while not self.state.exhausted and self.state.round < self.config.n_rounds:
                 check_interrupt()
-                started = time.monotonic()
                 with self.console.status(f"round {self.state.round + 1}"):
                     self._oracle_round() if self.config.exact_oracle else self._learning_round(workers)
-                self.longest = max(self.longest, time.monotonic() - started)
         return self._finish()
 
     def _say(self, text: str) -> None:
@@ -129,18 +119,6 @@ class _League:
 
     def _elapsed(self) -> float:
         return time.monotonic() - self.begun
-
-    def _over(self) -> bool:
-        config, state = self.config, self.state
-        if state.exhausted:
-            return True
-        if config.seconds is None:
-            assert config.n_rounds is not None
-            return state.round >= config.n_rounds
-        if not state.round:
-            return False
-        # A round only starts if it can end in time; turns are limited to the remaining time.
-        return self._elapsed() + (self.longest if config.exact_oracle else state.overhead + MIN_SECONDS) > config.seconds
 
     def _oracle_round(self) -> None:
         number = self.state.round + 1
@@ -152,9 +130,7 @@ class _League:
 
     def _learning_round(self, workers: Workers) -> None:
         state, number = self.state, self.state.round + 1
-        began = self._elapsed()
-        turns = self.schedule.turns(number, began)
-        results = workers.take(self.folder, self.config, turns)
+        results = workers.take(self.folder, self.config, self.schedule.turns(number))
         for result in results:
             member = state.members.setdefault(result.member, Member())
             member.turns += 1
@@ -166,7 +142,6 @@ class _League:
         else:
             self._join_mains([each for each in results if each.member.startswith("main-agent")], number)
             self._join_exploiters([each for each in results if not each.member.startswith("main-agent")], number)
-        state.overhead = round(max(0.0, self._elapsed() - began - results[0].seconds * self.schedule.load), 2)
         self._commit()
         prune_states(self.folder, before=number)
 
@@ -265,10 +240,7 @@ class _League:
 
     def _finish(self) -> LeagueTraining:
         state = self.state
-        if state.best is None:
-            raise LeagueTrainingError(
-                f"{self.folder}: no round was completed; train again with a longer --budget and --overwrite"
-            )
+        assert state.best is not None  # of the first round
         curve = self.metrics.read()
         policy = self.tables.read(state.best.hash)
         policy.save(self.folder / MAIN, {"policy": state.best.name})
@@ -295,8 +267,6 @@ class _League:
             evaluation = {name: line[name] for name in _EVALUATION}
             card = {"algorithm": self.config.algorithm, "config": self.config.fixed(), "evaluation": evaluation}
             save_agent(self.folder / AGENT, self.game, network.read_bytes(), card)
-        if self.config.seconds is not None and (warning := missed(state.seconds, self.config.seconds)):
-            self._say(f"{self.folder}: {warning}")
         replace_file(self.folder / runs.RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
         self.run.finish(seconds=state.seconds)
         return LeagueTraining(folder=self.folder, figures=figures, policy=policy)

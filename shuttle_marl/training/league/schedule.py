@@ -20,13 +20,9 @@ from shuttle_marl.game import draws
 from shuttle_marl.training.league.config import LeagueTrainingConfig, MetaSolver
 from shuttle_marl.training.league.population import LeagueState, Member, Payoffs, Turn
 
-MIN_SECONDS: Final = 0.5
 _DRAW_OPPONENTS: Final = 1 << 16
-FLOOR: Final = 0.02
-"""Fraction of the weight that is distributed uniformly, so that every opponent is played."""
-_FIRST: Final = 3
-_HARD: Final = 2.0
-"""Exponent: an opponent that is beaten with probability p has the weight (1 - p)^2."""
+FLOOR: Final = 0.02  # fraction of the weight that is distributed uniformly, so that every opponent is played
+_HARD: Final = 2.0  # exponent: an opponent that is beaten with probability p has the weight (1 - p)^2
 _MIN_PROBABILITY: Final = 1e-3
 """Smaller probabilities are removed from a meta-strategy: their policies cost time and change little."""
 _SOLVERS: Final[dict[MetaSolver, Callable[[F64], F64]]] = {
@@ -115,17 +111,10 @@ class Schedule:
 
     def __init__(self, config: LeagueTrainingConfig, state: LeagueState, payoffs: Payoffs) -> None:
         self.config, self.state, self.payoffs = config, state, payoffs
-        self._elapsed = 0.0
 
-    def turns(self, number: int, elapsed: float) -> list[Turn]:
-        """The turns of a round.
-
-        Args:
-            number: number of the round, counted from 1.
-        """
-        self._elapsed = elapsed
-        seconds = self._turn_seconds(number)
-        return [self._turn(name, number, seconds, *fractions) for name, *fractions in self._learners()]
+    def turns(self, number: int) -> list[Turn]:
+        """The turns of a round, counted from 1."""
+        return [self._turn(name, number, *fractions) for name, *fractions in self._learners()]
 
     def _learners(self) -> list[tuple[str, float, float, float]]:
         """Each learner with its fractions of rallies against best responses and the population, and its relative duration."""
@@ -141,27 +130,7 @@ class Schedule:
         duration = config.exploiter_fraction
         return learners + [(name, 0.0, 1.0, duration) for name in exploiters if duration]
 
-    def _turn_seconds(self, number: int) -> float | None:
-        """Duration of the turn of a main agent, such that all remaining rounds end in time."""
-        config = self.config
-        if config.seconds is None:
-            return None
-        assert config.n_rounds is not None
-        left = config.seconds - self._elapsed
-        # Rounds are at least half learning, so they may be longer than planned; the last one takes the remaining time.
-        whole = max(left / max(1, config.n_rounds - number + 1), 2 * self.state.overhead)
-        if number == 1 and config.n_rounds > 1:
-            whole /= _FIRST  # the time that evaluations take is not known yet
-        elif left < 1.5 * whole:
-            whole = left
-        return max(MIN_SECONDS, (whole - self.state.overhead) / self.load)
-
-    @property
-    def load(self) -> float:
-        """Duration of all turns of a round, as a multiple of that of a main agent's turn."""
-        return max(1.0, sum(duration for *_, duration in self._learners()) / self.config.workers)
-
-    def _turn(self, name: str, number: int, seconds: float | None, responses: float, past: float, duration: float) -> Turn:
+    def _turn(self, name: str, number: int, responses: float, past: float, duration: float) -> Turn:
         config, member = self.config, self.state.members.get(name, Member())
         weights = self.meta_strategy() if config.variant == "psro" else self._weights(name, number)
         rng = np.random.default_rng((config.seed, number, _number(name), _DRAW_OPPONENTS))
@@ -171,19 +140,8 @@ class Schedule:
         if config.algorithm == "sac" and config.variant != "plain":
             # SAC has one sign of gamma, so it plays against its last policy instead of itself.
             opponents, fractions = self._without_self_play(name, opponents, fractions, 1 - past - responses)
-        strokes = None
-        if config.strokes is not None:
-            assert config.n_rounds is not None
-            target = config.strokes * number // config.n_rounds - config.strokes * (number - 1) // config.n_rounds
-            strokes = max(1, round(target * duration))
-        if duration < 1:
-            remaining = 1 - member.turns / config.patience, 1 - (member.turns + 1) / config.patience
-        elif config.seconds is None or seconds is None:
-            remaining = 1 - (number - 1) / (config.n_rounds or 1), 1 - number / (config.n_rounds or 1)
-        else:
-            now = self._elapsed
-            ends = now + seconds * self.load + self.state.overhead
-            remaining = max(0.0, 1 - now / config.seconds), max(0.0, 1 - ends / config.seconds)
+        target = config.strokes * number // config.n_rounds - config.strokes * (number - 1) // config.n_rounds
+        done, turns = (member.turns, config.patience) if duration < 1 else (number - 1, config.n_rounds)
         return Turn(
             member=name,
             round=number,
@@ -191,9 +149,8 @@ class Schedule:
             opponents=tuple(opponents),
             fractions=tuple(float(each) for each in fractions),
             response_fraction=responses,
-            strokes=strokes,
-            seconds=None if seconds is None else round(seconds * duration, 3),
-            remaining=remaining,
+            strokes=max(1, round(target * duration)),
+            remaining=(1 - done / turns, 1 - (done + 1) / turns),
             seed=int(draws.stream(config.seed, number, _number(name))[0] >> np.uint64(33)),
         )
 

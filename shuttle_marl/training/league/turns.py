@@ -5,11 +5,9 @@ its output files, the description last; completed turns are skipped on resume. O
 sent with a turn, and output files are sent back.
 """
 
-import contextlib
 import dataclasses
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -66,14 +64,6 @@ def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game
         return result
     with interrupts_held(), own_settings(1):
         return _Turn(folder, config, turn, resolve_game(config.game, config.profile) if game is None else game).take()
-
-
-def warm_up(config: LeagueTrainingConfig) -> None:
-    """Take a turn of one iteration in a temporary folder."""
-    member = "oracle" if config.variant == "psro" else "main-agent-0"
-    with tempfile.TemporaryDirectory(prefix="shuttle-marl-") as folder:
-        turn = Turn(member=member, round=1, response_fraction=config.response_fraction, strokes=1)
-        take_turn(Path(folder), config, turn)
 
 
 def turn_file(folder: Path, member: str, number: int, kind: str) -> Path:
@@ -145,28 +135,17 @@ class _Turn(Callback):
         path, players = self.folder / RALLIES / f"{turn.member}-{turn.round}.mcap", (Player(name=turn.member), *others)
         seeds, record = [turn.seed % SEEDS], self.config.record
         self.log = RunLog(path, self.game, players, seeds, seed=turn.seed, record=record)
-        started = time.monotonic()
+        first, last = turn.remaining
         with self.log, ThreadPoolExecutor(1) as self.solver:
             try:
-                for remaining in self._schedule(started):
-                    self.learner.iterate(remaining, self)
+                while (progress := self.learner.strokes / turn.strokes) < 1:
+                    check_interrupt()
+                    self.learner.iterate(first + (last - first) * progress, self)
             except DivergedError as error:
                 raise DivergedError(
                     f"{turn.member} in round {turn.round}: learning diverged ({error}); train again with a lower --learning-rate"
                 ) from error
-            seconds = round(time.monotonic() - started, 2)
-        return self._save(seconds)
-
-    def _schedule(self, started: float) -> Iterator[float]:
-        turn, progress = self.turn, 0.0
-        first, last = turn.remaining
-        while progress < 1:
-            check_interrupt()
-            yield first + (last - first) * progress
-            if turn.strokes is not None:
-                progress = self.learner.strokes / turn.strokes
-            else:
-                progress = (time.monotonic() - started) / max(turn.seconds or 0.0, 1e-9)
+        return self._save()
 
     def begin(self, learner: Learner) -> None:
         """Replace the last opponent by a best response; it is solved in parallel, and used one interval later."""
@@ -196,7 +175,7 @@ class _Turn(Callback):
         except (OSError, FileReadError, SafetensorError, KeyError, ValueError, RuntimeError) as error:
             raise LeagueTrainingError(f"{path}: cannot be used ({error}); train again with --overwrite") from error
 
-    def _save(self, seconds: float) -> TurnResult:
+    def _save(self) -> TurnResult:
         turn, learner, policy = self.turn, self.learner, self.learner.eval_actor
         state = learner.state_dict()
         state_path, about_path, network_path = (
@@ -204,7 +183,7 @@ class _Turn(Callback):
         )
         name = self.tables.save(tabulated(policy, self.game))
         replace_file(network_path, save(weights_of(policy)))
-        result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes, seconds=seconds, iterations=learner.iteration)
+        result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes, iterations=learner.iteration)
         about = {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)}
         replace_with_card(about_path, about, {state_path.name: stored(state)})
         return result
@@ -262,15 +241,6 @@ class Workers:
             f"{folder}: workers died {_ATTEMPTS} times in one round, perhaps for lack of memory; continue with --resume and "
             "fewer --workers"
         )
-
-    def warm_up(self, config: LeagueTrainingConfig) -> None:
-        """Start the processes, and compile and load what a turn needs, so that turns with a time budget end in time."""
-        if self._cluster is None and self._count > 1:
-            with contextlib.suppress(BrokenProcessPool):  # a turn reports it
-                for each in [self._submit(warm_up, config) for _ in range(self._count)]:
-                    _result(each)
-        elif self._cluster is None:
-            warm_up(config)
 
     def _take_on(self, cluster: Cluster, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
         tasks: list[Callable[[], dict[Path, bytes]]] = []
