@@ -31,7 +31,7 @@ from shuttle_marl.data.schema import violations
 from shuttle_marl.game import default_game
 
 CASES: Final = Path(__file__).parent / "cases"
-PATIENCE: Final = 60
+PATIENCE: Final = 30
 """Time of the processor after which a command hangs [s]."""
 
 

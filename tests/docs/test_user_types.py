@@ -1,6 +1,7 @@
 """Checkers of types accept the code of the tutorials, as they do that of a user."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -38,7 +39,7 @@ def test_tutorials_are_typed(tmp_path: Path) -> None:
     (tmp_path / "mypy.ini").write_text(STRICT)
     (tmp_path / "pyrightconfig.json").write_text(json.dumps({"include": ["code"]}))
     for command in (
-        [sys.executable, "-m", "mypy", "--config-file", "mypy.ini", "code"],
+        [sys.executable, "-m", "mypy", "--config-file", "mypy.ini", "--cache-dir", os.devnull, "code"],
         [program, "node_modules/pyright/index.js", "--pythonpath", sys.executable],
     ):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=400)

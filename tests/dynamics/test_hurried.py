@@ -62,16 +62,16 @@ def fitted() -> tuple[Rows, Bools, Hurry]:
 def test_late_strikers_are_found_in_matches_of_the_fit_and_in_others(fitted: tuple[Rows, Bools, Hurry]) -> None:
     rows, late, hurry = fitted
     elsewhere = dataclasses.replace(rows, matches=tuple(f"other {name}" for name in rows.matches))
-    for part in (rows, elsewhere):
-        bits = hurry.bits(part)
+    own = hurry.bits(rows)
+    for part, bits in ((rows, own), (elsewhere, hurry.bits(elsewhere))):
         known = bits >= 0
         assert (known == np.isfinite(rows.movement).all(axis=1)).all()
         assert (bits[known] == 1).mean() == pytest.approx(SHARE, abs=0.02)
         assert ((bits[known] == 1) == late[known]).mean() > 0.93
-    golden.check("dynamics", {"hurried": golden.weighted_sum(hurry.bits(rows))})
+    golden.check("dynamics", {"hurried": golden.weighted_sum(own)})
     some = rows.match == 3
     assert hurry.fold[3] == 3
-    assert np.array_equal(hurry.bits(rows.take(some)), hurry.bits(rows)[some])
+    assert np.array_equal(hurry.bits(rows.take(some)), own[some])
 
 
 def test_a_table_without_positions_knows_no_hurried_striker() -> None:

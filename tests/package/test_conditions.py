@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from numba.core import caching
@@ -158,10 +158,20 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def machine_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What earlier runs have compiled, which is no part of a condition, in a folder of its own."""
+    folder, locator = tmp_path_factory.mktemp("machine-code"), cast(Any, caching.UserProvidedCacheLocator)
+    for kept in (ROOT / "shuttle_marl").rglob("__pycache__"):
+        place = folder / locator.get_suitable_cache_subpath(str(kept.parent / "__init__.py"))
+        shutil.copytree(kept, place, ignore=shutil.ignore_patterns("*.pyc", "*.tmp.*"))
+    return folder
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs bash")
 @pytest.mark.parametrize("condition", CONDITIONS)
-def test_every_command_works_or_says_why_not(condition: str, inputs: Path, tmp_path: Path) -> None:
+def test_every_command_works_or_says_why_not(condition: str, inputs: Path, machine_code: Path, tmp_path: Path) -> None:
     shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
     commands = [[*name.split(), *run.format(model=reduced_model()).split()] for name, runs in CHEAP.items() for run in runs]
     if condition == "no semaphores":
@@ -169,10 +179,7 @@ def test_every_command_works_or_says_why_not(condition: str, inputs: Path, tmp_p
     commands += [[*name.split(), "--help"] for name in CHEAP if name]
     (tmp_path / "commands.json").write_text(json.dumps(commands))
     redirection, changed = CONDITIONS[condition]
-    # The machine code of the tests is used, which is no part of a condition.
-    locator: Any = caching.UserWideCacheLocator
-    cache = Path(locator.from_function(subprocess.run, __file__).get_cache_path()).parent
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(cache), **changed}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(machine_code), **changed}
     (tmp_path / "home").mkdir(mode=0)
     powerless = POWERLESS if os.geteuid() == 0 and shutil.which("setpriv") else []
     shell = [*powerless, "bash", "-c", f'exec "$0" "$@" {redirection}', sys.executable, "-c", DRIVER, condition]

@@ -212,14 +212,14 @@ def test_a_player_with_a_memory_is_recovered_from_matches() -> None:
         truth["shot"][1, shot, :N_STYLES][styles == shot] = -1.5
     truth["area"][0, :9, N_STYLES:] += np.eye(9)
     remembering = HistoryPolicy.of(UNIFORM, truth)
-    matches = simulate(GAME, dict.fromkeys(NAMES, remembering), matches=40, seed=0)
+    matches = simulate(GAME, dict.fromkeys(NAMES, remembering), matches=24, seed=0)
     rows = rows_from_strokes(matches)
-    half = [rows.matches[i] for i in range(0, 40, 2)]
+    half = [rows.matches[i] for i in range(0, 24, 2)]
     others = rows.in_matches([name for name in rows.matches if name not in half])
     networks: dict[str, Any] = {name: Known(name) for name in ("choice", "target")}
     found, scores = fit_history(networks, rows.in_matches(half), others, folds=2)
     assert all(score["cross_entropy"] < score["of_average"] - 0.01 for score in scores.values())
-    rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, remembering), matches=20, seed=1)
+    rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, remembering), matches=10, seed=1)
     strokes = rallies.stroke.astype(int)
     shown = shown_in(part.tolist() for part in np.split(strokes, rallies.first_stroke[1:-1]))
     states = States(game=GAME, state=rallies.states(GAME), history=np.array(shown, np.int32)[:, :4])
