@@ -16,7 +16,7 @@ from shuttle_marl.court.match import CourtRally, OnceCache
 from shuttle_marl.court.messages import RecordedMatch
 from shuttle_marl.court.scene.rally_report import staging_key
 from shuttle_marl.data import read_matches
-from shuttle_marl.data.matches import WholeRally, event, nearest_stroke, whole_rallies
+from shuttle_marl.data.matches import RealRally, event, nearest_stroke, real_rallies
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import hurry_of, marked_rows
@@ -114,7 +114,7 @@ class RealRallies:
 
     def __init__(self, path: Path, game: Game, strokes: pa.Table | None = None) -> None:
         table = read_matches(path) if strokes is None else strokes
-        self._game, self._rallies = game, list(whole_rallies(table))
+        self._game, self._rallies = game, [found for found in real_rallies(table) if found.whole]
         if not self._rallies:
             raise WatchError(f"{printable(str(path))}: holds no whole rally")
         rows = marked_rows(table, hurry_of(game.seats[0]))
@@ -145,7 +145,7 @@ class RealRallies:
         """
         return self._at(number).match
 
-    def _at(self, number: int) -> WholeRally:
+    def _at(self, number: int) -> RealRally:
         if not 0 <= number < self.count:
             raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
         return self._rallies[number]
@@ -191,7 +191,7 @@ Recorded = LogRallies | RealRallies
 """Recorded rallies by number, from 0; ``matches``: the annotated ones."""
 
 
-def _described(rallies: list[tuple[int, WholeRally]]) -> RecordedMatch:
+def _described(rallies: list[tuple[int, RealRally]]) -> RecordedMatch:
     """A match, of its numbered rallies."""
     (first, _), (_, last) = rallies[0], rallies[-1]
     date = date_of(last.match)
