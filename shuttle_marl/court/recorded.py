@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import isolated, printable
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.match import CourtRally, OnceCache
 from shuttle_marl.court.messages import RecordedMatch
@@ -180,7 +180,7 @@ class RealRallies:
             waited=None if game.recovery is None or (waited < 0).any() else waited,
             ending=FAULT if found.ended == Outcome.FAULT else WINNER,
             number=number,
-            names=(printable(found.players[0]), printable(found.players[1])),
+            names=(_name(found.players[0]), _name(found.players[1])),
             hands=(first, second),
             athletes=(athlete, athlete),
             key=int(stream(0, number)[0] >> np.uint64(1)),
@@ -189,6 +189,10 @@ class RealRallies:
 
 Recorded = LogRallies | RealRallies
 """Recorded rallies by number, from 0; ``matches``: the annotated ones."""
+
+
+def _name(player: str) -> str:
+    return isolated(printable(player))
 
 
 def _described(rallies: list[tuple[int, RealRally]]) -> RecordedMatch:
@@ -200,7 +204,7 @@ def _described(rallies: list[tuple[int, RealRally]]) -> RecordedMatch:
     return RecordedMatch(
         first=first,
         title=printable(event(last.match, last.players)),
-        names=(printable(last.players[0]), printable(last.players[1])),
+        names=(_name(last.players[0]), _name(last.players[1])),
         date=None if date is None else date.isoformat(),
         missing=max(0, played - len(rallies)),
     )
