@@ -259,6 +259,7 @@ class TaggedStrokes:
 
     Args:
         out: the table, a CSV file; continued if its journal exists.
+        film: whose strokes they are; None: not known.
 
     Attributes:
         inputs: that hold; an input of None takes the last one back.
@@ -266,11 +267,11 @@ class TaggedStrokes:
         last: input, and the hash of the inputs before it.
 
     Raises:
-        TaggingError: the table exists without a journal, or is no longer the one that was saved.
+        TaggingError: the table exists without a journal, is no longer the one that was saved, or is of another film.
         RunError: the journal is damaged, or another process writes the table.
     """
 
-    def __init__(self, out: Path, columns: Sequence[str]) -> None:
+    def __init__(self, out: Path, columns: Sequence[str], film: Path | None = None) -> None:
         if out.suffix.lower() != ".csv":
             raise TaggingError(f"--out {out}: expected a name that ends in .csv")
         journal = out.with_suffix(".inputs.jsonl")
@@ -286,10 +287,17 @@ class TaggedStrokes:
         self._journal.keep(len(lines))  # without the half line of a process that was killed
         self.inputs: list[str] = []
         self.last: tuple[str | None, str] = "", ""
+        self._film = {} if film is None else {"film": film.name, "bytes": film.stat().st_size}
+        if self._film and lines and "bytes" in lines[0] and lines[0]["bytes"] != self._film["bytes"]:
+            told = f"{lines[0].get('film')!r:.100} of {lines[0]['bytes']!r:.20} bytes, not of {film} of {self._film['bytes']:,}"
+            raise TaggingError(f"--out {out}: holds the strokes of the film {told}; choose another --out for it")
         for line in lines:
-            if not isinstance(entered := line.get("input"), str | None):
+            if "bytes" in line:
+                self._film = {}
+            elif not isinstance(entered := line.get("input"), str | None):
                 raise TaggingError(f"{journal}: {entered!r:.50} is no input; move it away, and {out.name} too, and begin again")
-            self._enter(entered)
+            else:
+                self._enter(entered)
         self.rows = self._saved() if out.exists() else []
 
     def close(self) -> None:
@@ -298,7 +306,8 @@ class TaggedStrokes:
 
     def enter(self, entered: str | None) -> None:
         """Keep an input; a RunError if the journal cannot be written."""
-        self._journal.append([{"input": entered}])
+        self._journal.append([*([self._film] if self._film else []), {"input": entered}])
+        self._film = {}
         self._enter(entered)
 
     def replace(self, first: int, rows: Sequence[Mapping[str, Any]]) -> None:
