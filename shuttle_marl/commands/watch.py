@@ -86,8 +86,7 @@ class RallyOptions:
         replay: rally log to show.
         real: annotated matches to show: a stroke table, or a folder with the raw files.
         rally: number of the rally to show first, from 0.
-        rules: of the annotated matches, or of the tagged one, such as 15, 11 or 21x1; default: those of the table, or of its
-            scores; of a tagged one 21.
+        rules: of the annotated matches, such as 15, 11 or 21x1; default: those of the table, or of its scores.
     """
 
     replay: Path | None = None
@@ -184,6 +183,8 @@ def watch(
         raise WatchError("--video and --save-site: give one of them")
     if video is not None:
         check_video(video)
+    if rallies.rules is not None and rallies.real is None:
+        raise WatchError(f"--rules {rallies.rules}: are of annotated matches, --real; a tagged match is counted to 21")
     tags = tagging.open()
     game = _game(match, rallies, model)
     plan, policies = match.plan(game), PolicyTables(game, match.policies(game))

@@ -22,8 +22,8 @@ from shuttle_marl.data.inference import disciplines, end_of, hands_given, names_
 from shuttle_marl.data.matches import copies, with_rules
 from shuttle_marl.data.schema import RANGES, REASONS, Account, Cleaned, DataError, Outcome, Problem, shown
 from shuttle_marl.data.sheet import Sheet, listed
-from shuttle_marl.data.upstream import player_id
-from shuttle_marl.data.words import COLUMNS, FAULTS, WINNERS, WORDS, ColumnMap, Words
+from shuttle_marl.data.upstream import date_of, player_id
+from shuttle_marl.data.words import COLUMNS, FAULTS, STOPS, WINNERS, WORDS, ColumnMap, Words
 from shuttle_marl.game import court
 from shuttle_marl.game.scoring import RULES, RulesName, Score
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
@@ -69,6 +69,10 @@ class Rallies:
         self.inferred_serve = shot == _BARE_SERVE
         self.shot = np.where(self.inferred_serve, np.isin(self.following(shot), inference.LONG_REPLIES), shot)
         self.ending = sheet.words("ending", 0)
+        for row in np.flatnonzero(np.isin(self.ending, [_ENDINGS.index(word) for word in STOPS])).tolist():
+            told = f"match {str(self.match[row])!r} was not finished: {_ENDINGS[self.ending[row]]}"
+            sheet.notes += [told] if told not in sheet.notes else []
+            self.ending[row] = _ENDINGS.index("unknown")
         self.player, self.opponent = players_of(sheet, self.match, self.game)
 
     def __len__(self) -> int:
@@ -354,6 +358,10 @@ def clean(sheet: Sheet, given: ColumnMap, rules: RulesName | None = None) -> Cle
     unknown = int((strokes["area"].is_null().to_numpy() & (strokes["outcome"].to_numpy() != Outcome.FAULT)).sum())
     if unknown:
         lost.append(f"areas of strokes without a known reply: {unknown:,} of {strokes.num_rows:,}")
+    names = strokes["match"].unique().to_pylist()
+    undated = [name for name in names if date_of(name) is None]
+    if undated and len(names) > 1:
+        lost.append(f"a date in the names of {len(undated)} of {len(names)} matches, which count in the order of the table")
     if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
         lost.append("names of the players: those of the ends, which they change between games and at 11 points of a third one")
     strokes, doubt = with_rules(strokes, path, rules)

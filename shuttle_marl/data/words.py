@@ -107,13 +107,15 @@ PLAYERS: Final = ("player", "opponent", "winner")
 REQUIRED: Final = ("player", "shot")
 FAULTS: Final = ("out", "net", "short", "foul", "error", "forced-error", "unforced-error")
 WINNERS: Final = ("landed", "misjudged")
+STOPS: Final = ("retired", "walkover", "disqualified")
+"""Endings of a match; nobody won the rally."""
 WORDS: Final[dict[str, tuple[str, ...]]] = {
     "hand": court.HANDS,
     "shot": (*SHOTS, "unknown", "serve"),
     "height": HEIGHTS,
     "technique": TECHNIQUES,
     "area": court.AREAS,
-    "ending": ("returned", *FAULTS, *WINNERS, "unknown", "let"),
+    "ending": ("returned", *FAULTS, *WINNERS, "unknown", "let", *STOPS),
     "forced": ("unforced", "forced"),
     "discipline": DISCIPLINES,
     "side": ("near", "far"),
