@@ -13,7 +13,7 @@ from shuttle_marl.exact.meta_games import alpha_rank, maximal_lottery, nash_aver
 from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.league.ranking import ELO, ExactOdds, Misfit, Standing, misfit, played_cells, prior_wins, wins_of
+from shuttle_marl.league.ranking import ELO, ExactOdds, Misfit, Standing, groups, misfit, played_cells, prior_wins, wins_of
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.policy.registry import tabulated
 
@@ -94,7 +94,8 @@ def assess(
     rating = {standing.player: standing.rating / ELO for standing in standings}
     theta = np.nan_to_num(np.array([rating[name] for name in pool]))
     win = _win(exact, cells, pairs, theta)
-    rated = {standing.player for standing in standings if standing.matches}
+    some = {1} if np.isnan(win).any() else {standing.group for standing in standings}  # what was never compared has no meta-game
+    rated = {standing.player for standing in standings if standing.matches and standing.group in some}
     return Assessment(
         names=pool,
         win=win,
@@ -109,6 +110,8 @@ def assess(
 
 def _win(exact: ExactOdds, cells: F64, pairs: Intp, theta: F64) -> F64:
     win = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
+    group = groups(pairs, len(win))
+    win[(group[:, None] != group) & (group[:, None] * group > 0)] = np.nan
     wins = wins_of(cells, pairs, len(win))
     wins += prior_wins(wins)
     played = wins + wins.T
@@ -145,9 +148,9 @@ def cyclic_share(win: F64) -> float:
     """Fraction of the squared log-odds of all pairs that no differences of ratings can express; 0 for two entrants.
 
     Args:
-        win: ``[N, N]`` probability that the row wins against the column.
+        win: ``[N, N]`` probability that the row wins against the column; NaN if unknown.
     """
-    p = win.clip(_SURE, 1 - _SURE)
+    p = np.nan_to_num(win, nan=0.5).clip(_SURE, 1 - _SURE)
     odds = np.log(p / (1 - p))
     level = odds.mean(axis=1)
     whole = float((odds**2).sum())

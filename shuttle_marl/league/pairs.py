@@ -23,7 +23,7 @@ from shuttle_marl.game.shipped import Profile, model_folder
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.registry import tabulated
-from shuttle_marl.reports.summary import AnalysisError, met, rally_table
+from shuttle_marl.reports.summary import AnalysisError, met
 
 _NORMAL: Final = 1.959964
 _TOLERANCE: Final = 1e-6
@@ -162,8 +162,7 @@ def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:
 
 def with_results(predictions: Sequence[Prediction], strokes: pa.Table) -> list[Prediction]:
     """Predictions beside the real results of a table of strokes of schema :data:`shuttle_marl.data.schema.STROKES`."""
-    rallies = rally_table(strokes)
-    return [dataclasses.replace(each, **met(rallies, *each.players)._asdict()) for each in predictions]
+    return [dataclasses.replace(each, **met(strokes, *each.players)._asdict()) for each in predictions]
 
 
 def ranked(players: Sequence[str], predictions: Sequence[Prediction], game: str = "default", date: Day = None) -> list[PlayerRow]:

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import itertools
 import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -220,10 +221,23 @@ def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[list[LogFil
     for path in sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (bool(re.search(r"\.[1-9]\d{0,8}$", path.stem)), path.name)):
         if not any(path == file.path for log in logs for file in log):
             with contextlib.suppress(OtherFileError):  # such as a scene
-                logs.append(_open_parts(path, opened))
+                parts = _open_parts(path, opened)
+                if same := [log[0].path.name for log in logs if _same(log[0], parts[0])]:
+                    warnings.warn(f"{path}: left out, because it holds the rallies of {same[0]}", stacklevel=3)
+                    continue
+                logs.append(parts)
     if not logs:
         raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does")
     return logs
+
+
+def _same(one: LogFile, other: LogFile) -> bool:
+    """Whether two files hold equal rallies: of one run, and with an equal first batch."""
+    if one.header != other.header or not (len(one.rallies) and len(other.rallies)):
+        return False
+    rows = [to_arrow(file.batch(0)[1], len(file.header.strokes)) for file in (one, other)]
+    n = min(map(len, rows))
+    return bool(rows[0].slice(0, n).equals(rows[1].slice(0, n)))
 
 
 def rally_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
