@@ -30,7 +30,9 @@ Rally = tuple[int, int, int]
 def played(rules: str, rng: np.random.Generator) -> tuple[list[Rally], list[tuple[int, int]]]:
     """Game, server and winner of each rally of a match, and the final scores: an independent count."""
     points, cap, needed = TO[rules]
-    rallies, ends, server, chance = [], [], int(rng.integers(2)), rng.uniform(0.35, 0.65)
+    rallies: list[Rally] = []
+    ends: list[tuple[int, int]] = []
+    server, chance = int(rng.integers(2)), rng.uniform(0.35, 0.65)
     while all(sum(end[who] > end[1 - who] for end in ends) < needed for who in (0, 1)):
         score = [0, 0]
         while max(score) < points or (abs(score[0] - score[1]) < 2 and max(score) < cap):
