@@ -175,12 +175,8 @@ class Answers:
         motion, begun = self._motion(request, rally)
         person = request.person
         # Of two persons, the log is that of the one who opened the game.
-        if (
-            self._log is not None
-            and request.plan is not None
-            and person is not None
-            and not (person.practice or (person.friend and person.seat))
-        ):
+        played = person is not None and not (person.practice or (person.friend and person.seat))
+        if played and self._log is not None and request.plan is not None:
             self._log.add(request.plan, rally)
         # A page that has the motion up to the branch needs only the frames after it.
         first = begun if request.have else 0

@@ -17,19 +17,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, U8, Floats
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.extras import install_hint
-from shuttle_marl.game.court import (
-    AREA_WORDS,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    LONG_SERVICE,
-    N_SIDES,
-    SHORT_SERVICE,
-    WIDTH,
-    Hands,
-    area_box,
-    area_centre,
-    seen_by,
-)
+from shuttle_marl.game import court
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rally import Stroke
 from shuttle_marl.game.recovery import POSITIONS
@@ -80,12 +68,12 @@ class Snapshot:
     reason: str | None
     by_game: tuple[tuple[int, int], ...] = ()  # points of players 0 and 1 in each game so far; empty without a match
     match_winner: int | None = None  # winner of the match; None while it continues
-    hands: Hands = ("right", "right")  # ``right`` or ``left``, of players 0 and 1
+    hands: court.Hands = ("right", "right")  # ``right`` or ``left``, of players 0 and 1
     positions: tuple[int | None, ...] = ()
 
     def target(self, played: Stroke) -> int:
         """Area at which a stroke aims, as the receiver sees it."""
-        return seen_by(self.hands[1 - played.player], int(self.game.catalogue.area[played.stroke]))
+        return court.seen_by(self.hands[1 - played.player], int(self.game.catalogue.area[played.stroke]))
 
 
 def as_text(snapshot: Snapshot) -> str:
@@ -112,7 +100,7 @@ def in_words(catalogue: Catalogue, stroke: int) -> str:
     shot = SHOTS[catalogue.shot[stroke]].replace("-", " ").replace("cross court", "cross-court")
     technique, height = TECHNIQUES[catalogue.technique[stroke]].replace("-", " "), HEIGHTS[catalogue.height[stroke]]
     area = int(catalogue.area[stroke])
-    target = AREA_WORDS[area] + ("" if area % N_SIDES == 1 else " side")
+    target = court.AREA_WORDS[area] + ("" if area % court.N_SIDES == 1 else " side")
     return f"{shot} to the {target}, {technique} {height} the net"
 
 
@@ -172,8 +160,8 @@ def plan_of(snapshot: Snapshot) -> Plan:
     """Place the strokes of a rally on the court."""
     points = snapshot.by_game[-1] if snapshot.by_game else (0, 0)
     side = 1.0 if serves_from_right(points[snapshot.server]) else -1.0
-    contact = to_plan(snapshot.server, 0.4 * side, -SHORT_SERVICE - 0.25)
-    stands = [to_plan(p, 0.5 * side, -SHORT_SERVICE - (0.5 if p == snapshot.server else 1.0)) for p in (0, 1)]
+    contact = to_plan(snapshot.server, 0.4 * side, -court.SHORT_SERVICE - 0.25)
+    stands = [to_plan(p, 0.5 * side, -court.SHORT_SERVICE - (0.5 if p == snapshot.server else 1.0)) for p in (0, 1)]
     flights: list[Flight] = []
     catalogue = snapshot.game.catalogue
     for played in snapshot.strokes:
@@ -194,7 +182,7 @@ def plan_of(snapshot: Snapshot) -> Plan:
 
 
 def _landing(player: int, area: int, number: int, stroke: int) -> Point:
-    x, y = area_centre(np.array(area))
+    x, y = court.area_centre(np.array(area))
     dx, dy = np.random.default_rng([number, stroke]).uniform(-1, 1, 2)
     return to_plan(player, float(x + dx * _SPREAD[0]), float(y + dy * _SPREAD[1]))
 
@@ -249,13 +237,13 @@ def _write(surface: Any, text: str, at: tuple[float, float], size: int, colour: 
 
 
 def _paint_court(surface: Any) -> None:
-    length, half = HALF_LENGTH, WIDTH / 2
+    length, half = court.HALF_LENGTH, court.WIDTH / 2
     _rect(surface, (-length - 0.9, -half - 0.5), (length + 0.9, half + 0.5), AROUND)
     _rect(surface, (-length, -half), (length, half), MAT)
     for side in (-1, 1):
-        lines = [((side * x, -half), (side * x, half)) for x in (length, length - LONG_SERVICE, SHORT_SERVICE)]
-        lines += [((-length, side * y), (length, side * y)) for y in (HALF_WIDTH, half)]
-        for a, b in (*lines, ((side * SHORT_SERVICE, 0), (side * length, 0))):
+        lines = [((side * x, -half), (side * x, half)) for x in (length, length - court.LONG_SERVICE, court.SHORT_SERVICE)]
+        lines += [((-length, side * y), (length, side * y)) for y in (court.HALF_WIDTH, half)]
+        for a, b in (*lines, ((side * court.SHORT_SERVICE, 0), (side * length, 0))):
             _line(surface, [px(a), px(b)], 0.05 * PX, WHITE)
 
 
@@ -366,9 +354,9 @@ class CourtRenderer:
         surface, plan = self._court.copy(), plan_of(snapshot)
         if snapshot.strokes:
             last = snapshot.strokes[-1]
-            (left, right), (near, far) = area_box(snapshot.target(last))
+            (left, right), (near, far) = court.area_box(snapshot.target(last))
             _rect(surface, to_plan(last.player, left, near), to_plan(last.player, right, far), TARGET)
-        _line(surface, [px((0, -WIDTH / 2 - 0.1)), px((0, WIDTH / 2 + 0.1))], 10, WHITE)
+        _line(surface, [px((0, -court.WIDTH / 2 - 0.1)), px((0, court.WIDTH / 2 + 0.1))], 10, WHITE)
         for player in (0, 1):
             _paint_player(surface, snapshot, plan, player)
         for flight, strength in zip(plan.flights[-3:], (0.35, 0.6, 1.0)[-len(plan.flights) :], strict=False):
