@@ -14,28 +14,20 @@ from shuttle_marl.court.staging.motion import Motion, against_parents
 from shuttle_marl.court.staging.skeleton import BONE
 from shuttle_marl.game.stroke import NET_SHOTS, SHOTS
 
-_WINDOW: Final = 0.12
-"""Window around a contact for the maximum racket speed [s]."""
-_AROUND: Final = 0.5
-"""Window around a contact for the maximum vertical acceleration [s]."""
-_ABSORBED: Final = 0.4
-"""Time after a landing in which the hips sink [s]."""
-_TOUCHING: Final = 0.02
-"""Height of the ball of a foot below which it is on the floor [m]."""
-_TOGETHER: Final = 0.04
-"""Maximum interval between the landings of both feet of a hop [s]."""
-_STILL: Final = 0.02
-"""Speed of the fastest bone below which a player is motionless [m/s]."""
+_WINDOW: Final = 0.12  # window around a contact for the maximum racket speed [s]
+_AROUND: Final = 0.5  # window around a contact for the maximum vertical acceleration [s]
+_ABSORBED: Final = 0.4  # time after a landing in which the hips sink [s]
+_TOUCHING: Final = 0.02  # height of the ball of a foot below which it is on the floor [m]
+_TOGETHER: Final = 0.04  # maximum interval between the landings of both feet of a hop [s]
+_STILL: Final = 0.02  # speed of the fastest bone below which a player is motionless [m/s]
 _FAST_WRIST: Final = np.radians(2000.0)
-_HIGH: Final = 1.2
-"""Minimum contact height of a net shot taken early [m]."""
+_HIGH: Final = 1.2  # minimum contact height of a net shot taken early [m]
 _NEAR_SHOULDER: Final = 0.05
 _HANGING: Final = 0.10
 _JUMPED: Final = ("smash", "half-smash")
 
 
-Life = dict[str, npt.NDArray[Any]]
-"""Measures of one motion by name, see :func:`measure_life`."""
+Life = dict[str, npt.NDArray[Any]]  # measures of one motion by name, see `measure_life`
 
 
 def measure_life(motion: Motion) -> Life:

@@ -26,8 +26,7 @@ from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 
 _POOL: Final = ("bc", "attacking", "safe", "random")
 _MATCHES: Final = 20_000
-_IN_MEMORY: Final = 256
-"""Number of batches that are copied from memory."""
+_IN_MEMORY: Final = 256  # number of batches that are copied from memory
 _FOUND: Final = 100
 
 

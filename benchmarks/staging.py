@@ -35,8 +35,7 @@ from tests.staging.reader import Read, read
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
-_CONTINUED: Final = 10
-"""Interval of the rallies that are also continued stroke by stroke."""
+_CONTINUED: Final = 10  # interval of the rallies that are also continued stroke by stroke
 
 
 def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:

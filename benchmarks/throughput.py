@@ -45,8 +45,7 @@ Row = dict[str, Any]
 Play = Callable[[], int]
 Maker = Callable[[int, int], Play]
 
-_AT_ONCE: Final = 16_384
-"""Approximate number of strokes per call."""
+_AT_ONCE: Final = 16_384  # approximate number of strokes per call
 
 
 def _steps(batch: int) -> int:
@@ -321,8 +320,7 @@ RECOVERY: Final[dict[str, Callable[[int, int, Game], Play]]] = {
     "jax": jax,
 }
 """Cases that are also measured in the game with recovery, in alternation with the game without."""
-ONE_THREAD: Final = ("cartpole_vector", "jax", *SINGLE)
-"""Cases that are not told the number of their threads."""
+ONE_THREAD: Final = ("cartpole_vector", "jax", *SINGLE)  # cases that are not told the number of their threads
 BATCHES: Final = (1, 64, 1024, 8192, 65_536)
 THREADS: Final = (1, 2)
 _HIDDEN_BATCH: Final = 8192

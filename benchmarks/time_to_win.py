@@ -91,23 +91,14 @@ seconds of learning, so that evaluating takes a small part of the time."""
 
 
 class Reached(NamedTuple):
-    """Time at which a learner reached a target, or its state at the time limit.
+    """Time at which a learner reached a target, or its state at the time limit."""
 
-    Attributes:
-        learner: which one, with its settings.
-        target: one of :data:`TARGETS`.
-        seed: of its run.
-        reached: whether it did.
-        seconds: wall-clock time.
-        strokes: strokes of the learner.
-    """
-
-    learner: str
-    target: str
-    seed: int
-    reached: bool
-    seconds: float
-    strokes: int
+    learner: str  # which one, with its settings
+    target: str  # one of `TARGETS`
+    seed: int  # of its run
+    reached: bool  # whether it did
+    seconds: float  # wall-clock time
+    strokes: int  # strokes of the learner
 
 
 def _reaches(evaluation: Evaluation, target: str) -> bool:

@@ -29,8 +29,7 @@ from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.rally_log import RunLog, open_log
 from shuttle_marl.training.run import check_device
 
-MEASURED: Final = 100
-"""Measured iterations; enough to make the time for closing the log negligible."""
+MEASURED: Final = 100  # measured iterations; enough to make the time for closing the log negligible
 
 
 class _Run(Callback):

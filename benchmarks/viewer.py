@@ -6,15 +6,19 @@ The server runs in a separate process, the browser is headless (software renderi
 Needs the extra ``video`` and Chromium.
 """
 
+import contextlib
 import gzip
 import json
+import os
 import re
+import signal
 import statistics
 import struct
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
@@ -23,13 +27,39 @@ import tyro
 from playwright.sync_api import Page
 from websockets.sync.client import connect
 
-from benchmarks.court import serving, until
 from docs.tools.results import Json, show, this_machine
 from shuttle_marl.court.building import FILES, build
 from shuttle_marl.court.server import browser_page
 
 _VIEWERS: Final = 50
 _WIDTH, _HEIGHT = 1680, 980
+
+
+@contextlib.contextmanager
+def serving(*flags: str, cache: str | None = None) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Address and process of a server, which keeps compiled code in a folder, or where it usually does."""
+    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0", *flags]
+    env = None if cache is None else {**os.environ, "NUMBA_CACHE_DIR": cache}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=env) as process:
+        assert process.stderr is not None
+        try:
+            for line in process.stderr:
+                if found := re.match(r"(http://\S+/) shows", line):
+                    yield found[1], process
+                    return
+            raise RuntimeError("the server did not start")
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(60)
+
+
+def until(page: Page, script: str, seconds: float = 120.0) -> None:
+    """Wait until an expression of the page is true."""
+    end = time.monotonic() + seconds
+    while not page.evaluate(f"!!({script})"):
+        if time.monotonic() > end:
+            raise TimeoutError(f"waited in vain for {script}; the page says {page.inner_text('body')[:500]}")
+        page.wait_for_timeout(10)
 
 
 def size() -> dict[str, float]:

@@ -36,27 +36,19 @@ from shuttle_marl.game.shipped import model_folder, refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import Scorer, baselines
 
-TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
-"""Values of TAU, in addition to infinity."""
-LEAST_STROKES: Final = 200
-"""Minimum number of strokes of a player in the split."""
+TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)  # values of TAU, in addition to infinity
+LEAST_STROKES: Final = 200  # minimum number of strokes of a player in the split
 _TOLERANCE: Final = 1e-7
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Answers:
-    """Legal pairs that each of N real strokes can have been.
+    """Legal pairs that each of N real strokes can have been."""
 
-    Attributes:
-        rows: strokes with at least one, and ``[N]`` their ``rally``.
-        row: ``[M]`` stroke that a pair belongs to.
-        pair: ``[M]`` the pair: one for a stroke with a known target, else one for each target.
-    """
-
-    rows: Rows
+    rows: Rows  # strokes with at least one, and `[N]` their `rally`
     rally: I64
-    row: I64
-    pair: I64
+    row: I64  # [M] stroke that a pair belongs to
+    pair: I64  # [M] the pair: one for a stroke with a known target, else one for each target
 
     def losses(self, probability: F64) -> F64:
         """``[N]`` minus log-likelihood of each stroke under the ``[P]`` or ``[base pairs]`` probabilities of a policy."""

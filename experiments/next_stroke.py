@@ -31,8 +31,7 @@ PAPER: Final = {
     "Lee Chong Wei": {"shot_type": [0.438, 0.689, 0.816, 0.871], "area": [0.594, 0.796, 0.884, 0.924]},
 }
 """Rows of the paper's table, on its own private data."""
-LEAST_ROWS: Final = 200
-"""Minimum number of strokes of a player for a row."""
+LEAST_ROWS: Final = 200  # minimum number of strokes of a player for a row
 
 
 def next_stroke(

@@ -27,8 +27,7 @@ from shuttle_marl.training.run import train_all
 
 STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
 """Budgets: about 15 s, 1 min and 3 min on one core, including evaluations."""
-_EVALUATE_EVERY: Final = 100
-"""Iterations between evaluations, which take about half a second each."""
+_EVALUATE_EVERY: Final = 100  # iterations between evaluations, which take about half a second each
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -45,8 +45,7 @@ AGENTS: Final[dict[str, TrainingConfig]] = {
     "sac": SACConfig(),
     "ppo, self-play": PPOConfig(opponent=("self",), variant="best-response", strokes=200_000_000),
 }
-OPPONENT: Final = "bc"
-"""Opponent of the agents, in training and in the matches."""
+OPPONENT: Final = "bc"  # opponent of the agents, in training and in the matches
 FIXED: Final = {"bc": "bc@1", "best response": f"best-response:{OPPONENT}", "minimax": "minimax"}
 """Rows without training; `bc@1` is `bc` under a second name, so that it can play against itself. It then wins exactly half:
 each match is played twice with the seats swapped and the same draws."""

@@ -14,8 +14,7 @@ from shuttle_marl.league import LeagueConfig, page
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.policy.registry import resolve
 
-SHORT: Final = ("minimax", "ppo:self-play", "ppo", "bc", "random")
-"""Players of the short ranking."""
+SHORT: Final = ("minimax", "ppo:self-play", "ppo", "bc", "random")  # players of the short ranking
 REFERENCE: Final = "bc"
 _PACKAGE: Final = "shuttle_marl"
 _CONTRACTS: Final = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]

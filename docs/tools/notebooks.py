@@ -19,10 +19,8 @@ from docs.tools.site import NOTEBOOKS
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 
-NAMES: Final = ("five_minutes", "solved", "own_loop")
-"""Tutorials that the site shows as notebooks."""
-_LIMIT: Final = 1200
-"""Time limit of a cell [s]."""
+NAMES: Final = ("five_minutes", "solved", "own_loop")  # tutorials that the site shows as notebooks
+_LIMIT: Final = 1200  # time limit of a cell [s]
 _DOWNLOAD: Final = (
     "[Download](<path:{}.ipynb>) this notebook to run it in Jupyter, or upload it to Colab; its first cell installs the package."
 )

@@ -35,10 +35,8 @@ _RANKING: Final = "ranking of docs/league.md"
 _GAME: Final = "game"
 _COLOURS: Final = ("#4477aa", "#ee6677", "#228833", "#aa3377")
 """Of Paul Tol's palette for colour-blind readers."""
-_REPORT: Final = (1240, 2300)
-"""Width of the page and height of the picture of a report [px]."""
-_COACH: Final = (900, 2400)
-"""The same of a report for coaches."""
+_REPORT: Final = (1240, 2300)  # width of the page and height of the picture of a report [px]
+_COACH: Final = (900, 2400)  # the same of a report for coaches
 _SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
 _MODES: Final = (("watch", "wide"), ("analyse", "wide"), ("learn", "wide"), ("play", "wide"), ("play", "narrow"))
 """Modes of the live court, and the sizes in which the documentation shows them."""
@@ -169,7 +167,7 @@ def _film() -> None:
     """A whole rally of two players of their own skill as an animated picture."""
     from PIL import Image  # noqa: PLC0415  extras
 
-    from benchmarks.court import serving  # noqa: PLC0415
+    from benchmarks.viewer import serving  # noqa: PLC0415
 
     with serving("--players", *_PLAYERS) as (address, _), browser_page((640, 360), reduced_motion="reduce") as page:
         page.set_default_timeout(_LIMIT)
@@ -187,7 +185,7 @@ def _film() -> None:
 
 def _court() -> None:
     """Modes of the page, and two players of their own skill, drawn on this machine in full quality."""
-    from benchmarks.court import serving  # noqa: PLC0415  extras
+    from benchmarks.viewer import serving  # noqa: PLC0415  extras
 
     with serving() as (address, _):
         for mode, size in _MODES:
@@ -205,7 +203,7 @@ def _take(address: str, mode: str, size: str, picture: Path, *, place: str = "#s
 
 
 def _until(page: "Page", script: str) -> None:
-    from benchmarks.court import until  # noqa: PLC0415  extras
+    from benchmarks.viewer import until  # noqa: PLC0415  extras
 
     until(page, f"(() => {{ const s = window.viewer?.state(); return s && ({script}); }})()", _LIMIT / 1000)
 

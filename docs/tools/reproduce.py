@@ -43,8 +43,7 @@ _PROVENANCE: Final = frozenset(
 """Keys of result files that differ between two runs."""
 _DATA: Final = "{data}"
 _OUT: Final = "{out}"
-_SPEED: Final = Result.tolerance
-"""Relative tolerance of measured speeds: a factor of two."""
+_SPEED: Final = Result.tolerance  # relative tolerance of measured speeds: a factor of two
 _AGAIN: Final = Path(__file__).with_name("reproduced.json")
 """Seconds and greatest relative difference of reproduced tables, by name."""
 

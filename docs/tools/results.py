@@ -21,29 +21,21 @@ from docs.tools.markdown import saved
 from shuttle_marl.base.runs import write_json
 
 Folder = Literal["benchmarks", "experiments"]
-Json = Annotated[bool, tyro.conf.arg(name="json")]
-"""Option of a command: print JSON instead of tables."""
+Json = Annotated[bool, tyro.conf.arg(name="json")]  # option of a command: print JSON instead of tables
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Result:
-    """A result file and the tables that show it; ``results.toml`` explains the other fields.
+    """A result file and the tables that show it; ``results.toml`` explains the other fields."""
 
-    Attributes:
-        folder: the folder whose subfolder ``results`` holds it.
-        tables: names of the templates that show it.
-        command: arguments of ``python -m``.
-        earlier: whether it is of an earlier game and has not been made again.
-    """
-
-    folder: Folder
-    tables: tuple[str, ...]
-    command: str
+    folder: Folder  # the folder whose subfolder `results` holds it
+    tables: tuple[str, ...]  # names of the templates that show it
+    command: str  # arguments of `python -m`
     tolerance: float = 1.0
     estimate: str = ""
     speeds: tuple[str, ...] = ()
     compared: bool = True
-    earlier: bool = False
+    earlier: bool = False  # whether it is of an earlier game and has not been made again
 
 
 _HERE: Final = Path(__file__).parent

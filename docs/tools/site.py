@@ -11,8 +11,7 @@ from docs.tools.markdown import ROOT
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-INDEX: Final = "docs/index"
-"""The first page, without its suffix; its headings and links are the navigation."""
+INDEX: Final = "docs/index"  # the first page, without its suffix; its headings and links are the navigation
 PAGES: Final = (
     "README.md",
     "CHANGELOG.md",
@@ -33,8 +32,7 @@ PAGES: Final = (
 """Pages of the site, relative to the root."""
 NOTEBOOKS: Final = ROOT / "docs" / "notebooks"
 """Folder of executed notebooks, which ``docs.tools.notebooks`` makes and git ignores."""
-REFERENCE: Final = "docs/reference/shuttle_marl/index"
-"""First page of the reference, which sphinx-autoapi makes."""
+REFERENCE: Final = "docs/reference/shuttle_marl/index"  # first page of the reference, which sphinx-autoapi makes
 _WITHOUT_ALL: Final = ("shuttle_marl.env.batched", "shuttle_marl.env.open_spiel")
 """Public modules without ``__all__``: another package exports their names, or only their modules have some."""
 _LINK: Final = re.compile(r"\]\(([^)#:]+\.md)\)")

@@ -25,8 +25,7 @@ from shuttle_marl.commands import cli
 
 PACKAGE: Final = ROOT / "shuttle_marl"
 _OUTSIDE: Final = ("benchmarks", "datasets", "docs", "experiments")
-_NAMED_TUPLE: Final = ("_asdict", "_fields", "_make", "_replace")
-"""Public, whatever they look like."""
+_NAMED_TUPLE: Final = ("_asdict", "_fields", "_make", "_replace")  # public, whatever they look like
 _PATCH: Final = re.compile(r".*\.setattr|(.*\.)?patch(\.object|\.multiple)?")
 
 
@@ -136,9 +135,8 @@ def main(*, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False, check:
     found, allowed = size(), budgets()
     if check:
         if lines := over_budget(figures(found), allowed):
-            raise SizeError(
-                "\n".join([*lines, "delete something, or raise the budget in pyproject.toml with a reason beside it"])
-            )
+            advice = "delete something, or raise the budget in pyproject.toml with a reason beside it"
+            raise SizeError("\n".join([*lines, advice]))
         return
     rows = [(name, f"{number:,}", f"{allowed[name]:,}" if name in allowed else "") for name, number in figures(found).items()]
     shown = markdown(("figure", "number", "budget"), rows, left=("figure",))

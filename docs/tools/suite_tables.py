@@ -8,8 +8,7 @@ from docs.tools.markdown import markdown, saved
 from shuttle_marl.game.shipped import shipped_game
 from shuttle_marl.suite.board import boards, called, number, render, with_interval
 from shuttle_marl.suite.method import kind_of
-from shuttle_marl.suite.registry import TASKS
-from shuttle_marl.suite.results import Row
+from shuttle_marl.suite.results import TASKS, Row
 
 _NONE: Final = (
     "`{task}` has no results in the present game yet: "

@@ -50,8 +50,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     **suite_tables.BLOCKS,
 }
 """Tables by name, and what makes them."""
-MODEL_CARD: Final = "docs/model_card.md"
-"""The page that is made as a whole."""
+MODEL_CARD: Final = "docs/model_card.md"  # the page that is made as a whole
 _PAGES: Final = ("README.md", "benchmarks/README.md", "docs/*.md", "docs/suite/*.md")
 _MARK: Final = re.compile(r"<!-- begin: (\w+) -->")
 

@@ -31,8 +31,7 @@ from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.policy import UniformPolicy, tabulate
 from shuttle_marl.game.shipped import factors_of, model_folder
 
-_SIMULATED: Final = 4
-"""Simulated matches for every real one."""
+_SIMULATED: Final = 4  # simulated matches for every real one
 
 
 def truth(

@@ -28,34 +28,22 @@ from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.reports.value import strokes_before
 
-HORIZONS: Final = (1, 4, 8)
-"""Strokes after which the promise is compared with what happened, beside the end of the rally."""
-LAGS: Final = (1, 2, 4, 6, 8)
-"""Strokes ago of the advantages whose memory is measured."""
+HORIZONS: Final = (1, 4, 8)  # strokes after which the promise is compared with what happened, beside the end of the rally
+LAGS: Final = (1, 2, 4, 6, 8)  # strokes ago of the advantages whose memory is measured
 _DRAWS: Final = 200
-LEAST_STROKES: Final = 50
-"""Errors of shot types with fewer strokes are not reported."""
+LEAST_STROKES: Final = 50  # errors of shot types with fewer strokes are not reported
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Promises:
-    """Promises of a game for N real strokes; NaN where it knows no such state or stroke.
+    """Promises of a game for N real strokes; NaN where it knows no such state or stroke."""
 
-    Attributes:
-        value: ``[N]`` V(s), from -1 to 1.
-        advantage: ``[N]`` advantage of the chosen shot type and technique over V(s).
-        fault: ``[N]`` probability that the stroke is a fault, averaged like the advantage over the areas that ``bc`` chooses.
-        returned: ``[N]`` probability that the stroke, to its recorded area, is returned if it is good.
-        above: ``[N]`` probability that the stroke, to its recorded area, is met above the net if it is returned.
-        hurried: ``[N]`` probability that whoever returns it from the height of the real return is hurried.
-    """
-
-    value: F64
-    advantage: F64
-    fault: F64
-    returned: F64
-    above: F64
-    hurried: F64
+    value: F64  # [N] V(s), from -1 to 1
+    advantage: F64  # [N] advantage of the chosen shot type and technique over V(s)
+    fault: F64  # [N] probability that the stroke is a fault, averaged like the advantage over the areas that `bc` chooses
+    returned: F64  # [N] probability that the stroke, to its recorded area, is returned if it is good
+    above: F64  # [N] probability that the stroke, to its recorded area, is met above the net if it is returned
+    hurried: F64  # [N] probability that whoever returns it from the height of the real return is hurried
 
     @classmethod
     def joined(cls, parts: Sequence["Promises"]) -> "Promises":
@@ -150,21 +138,18 @@ def slope(strokes: Strokes, promised: Promises, happened: F64) -> dict[str, floa
     return {**ratio_by_match(x * y, x * x, match), "n": len(x)}
 
 
-def centred(strokes: Strokes, promised: Promises, happened: F64, among: Bools | None = None) -> tuple[F64, F64, Ints]:
+def centred(strokes: Strokes, promised: Promises, happened: F64) -> tuple[F64, F64, Ints]:
     """Regressor, response and match of the strokes of a slope, without the effects of player and match.
 
     Args:
         strokes: N strokes.
         promised: their promises.
         happened: ``[N]`` outcomes.
-        among: ``[N]`` strokes to use; None: all with known promises and outcome.
 
     Returns:
         ``[M]`` each: advantage, outcome above V(s), match.
     """
     used = np.isfinite(promised.advantage) & np.isfinite(happened) & np.isfinite(promised.value)
-    if among is not None:
-        used &= among
     match = strokes.rows.match[used]
     player = np.unique(strokes.rows.striker, return_inverse=True)[1][used]
     group = np.unique(match.astype(np.int64) * (player.max(initial=0) + 1) + player, return_inverse=True)[1]

@@ -21,10 +21,8 @@ from shuttle_marl.dynamics.models import fold_of_match
 from shuttle_marl.game.court import AREAS, N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS, TECHNIQUES
 
-HALVINGS: Final = 20
-"""Random halvings of the real matches behind every figure of real against real."""
-_LISTED: Final = 10
-"""Features that are reported."""
+HALVINGS: Final = 20  # random halvings of the real matches behind every figure of real against real
+_LISTED: Final = 10  # features that are reported
 _FOLDS: Final = 5
 _LAGS: Final = (1, 2, 3, 4)
 
@@ -46,16 +44,13 @@ def divergence(simulated: Strokes, real: Strokes, seed: int = 0) -> dict[str, di
     return out
 
 
-def two_sample_auc(
-    simulated: Strokes, real: Strokes, seed: int = 0, halvings: int = 6, training: Sequence[Strokes] | None = None
-) -> dict[str, Any]:
+def two_sample_auc(simulated: Strokes, real: Strokes, seed: int = 0, training: Sequence[Strokes] | None = None) -> dict[str, Any]:
     """Area under the ROC curve of boosted trees that tell whole rallies apart by what follows the serve, on matches that they
     did not see.
 
     Args:
         simulated, real: rallies of either kind.
         seed: of the trees, of how the real matches are halved, and of the resamples.
-        halvings: random halvings behind the figure of real against real.
         training: simulated and real rallies of other matches, on which the trees are fitted; None: those of the same ones,
             cross-validated by match, which takes many matches.
 
@@ -69,7 +64,7 @@ def two_sample_auc(
     found: dict[str, float] = {}
     if training is None:
         found["value"], gain = _auc(sides, seed)
-        halves = [[_features(real.take(half)), _features(real.take(~half))] for half in _halvings(real, seed, halvings)]
+        halves = [[_features(real.take(half)), _features(real.take(~half))] for half in _halvings(real, seed, 6)]
         found["real_against_real"] = float(np.mean([_auc(half, seed)[0] for half in halves]))
     else:
         x, label, _ = _balanced([_features(side) for side in training], seed)

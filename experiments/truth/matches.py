@@ -21,8 +21,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.reports import value
 from shuttle_marl.reports.value import strokes_before
 
-RESAMPLES: Final = 2000
-"""Bootstrap resamples of matches behind every interval."""
+RESAMPLES: Final = 2000  # bootstrap resamples of matches behind every interval
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -66,21 +65,13 @@ def report(line: str) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Strokes:
-    """N annotated strokes in R rallies, in playing order.
+    """N annotated strokes in R rallies, in playing order."""
 
-    Attributes:
-        rows: the strokes in context.
-        rally: ``[N]`` index of the rally.
-        number: ``[N]`` number of the stroke in its rally, from 1.
-        last: ``[N]`` row of the last stroke of the rally.
-        result: ``[N]`` +1 where the striker went on to win the rally, -1 where they lost it, 0 where that is not known.
-    """
-
-    rows: Rows
-    rally: I64
-    number: I64
-    last: I64
-    result: I64
+    rows: Rows  # the strokes in context
+    rally: I64  # [N] index of the rally
+    number: I64  # [N] number of the stroke in its rally, from 1
+    last: I64  # [N] row of the last stroke of the rally
+    result: I64  # [N] +1 where the striker went on to win the rally, -1 where they lost it, 0 where that is not known
 
     def __len__(self) -> int:
         return len(self.rally)

@@ -39,33 +39,22 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.baselines import HistoryPolicy
 
-_FILES: Final = ("history", "hurry", "recovery", "between", "game")
-"""Parts of a cached fit; the game is written last."""
+_FILES: Final = ("history", "hurry", "recovery", "between", "game")  # parts of a cached fit; the game is written last
 _SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
 """Source code of the models; fits are cached by its hash."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class World:
-    """A game and how people play it.
+    """A game and how people play it."""
 
-    Attributes:
-        bc: the average player, on the game.
-        behind: ``[E]`` real strokes in the innermost cell of every edge: how much data stands behind a stroke.
-        hurry: index that decides which strikers are hurried in the game, if it knows them.
-        recovery: where receivers wait and what that changes, if the strokes of its fit tell.
-        models: the models that the game was compiled from; None: they are not known.
-        history: the average player who remembers the rally; None: the model has none.
-        between: the world of players with different hands; None: the same one.
-    """
-
-    bc: TabulatedPolicy
-    behind: F64
-    hurry: Hurry | None = None
-    recovery: FittedRecovery | None = None
-    models: FittedModels | None = None
-    history: HistoryPolicy | None = None
-    between: "World | None" = None
+    bc: TabulatedPolicy  # the average player, on the game
+    behind: F64  # [E] real strokes in the innermost cell of every edge: how much data stands behind a stroke
+    hurry: Hurry | None = None  # index that decides which strikers are hurried in the game, if it knows them
+    recovery: FittedRecovery | None = None  # where receivers wait and what that changes, if the strokes of its fit tell
+    models: FittedModels | None = None  # the models that the game was compiled from; None: they are not known
+    history: HistoryPolicy | None = None  # the average player who remembers the rally; None: the model has none
+    between: "World | None" = None  # the world of players with different hands; None: the same one
 
     @property
     def game(self) -> Game:
@@ -283,10 +272,10 @@ def _summary(pairs: Any) -> dict[str, float]:
     }
 
 
-def thin_support(world: World, least: float = 5.0) -> dict[str, float]:
-    """Share of the strokes of each policy with fewer than ``least`` real ones in the innermost cell of data."""
+def thin_support(world: World) -> dict[str, float]:
+    """Share of the strokes of each policy with fewer than five real ones in the innermost cell of data."""
     response, perfect = best_response(world.bc).policy, solve(world.game).policy[0]
-    thin = world.behind[world.game.base_pair_edge] < least
+    thin = world.behind[world.game.base_pair_edge] < 5
     profiles = {"bc": (world.bc, world.bc), "best_response": (response, world.bc), "minimax": (perfect, perfect)}
     out = {}
     for name, (policy, opponent) in profiles.items():

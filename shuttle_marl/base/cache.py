@@ -44,7 +44,6 @@ def cache_folder() -> Path | None:
 
 @functools.cache
 def _sources_hash() -> str:
-    """Hash of the source code of the game, its kernel, the solvers and the policies: results of other versions are not used."""
     sources = sorted(path for room in _ROOMS for path in (Path(__file__).parents[1] / room).rglob("*.py"))
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
 

@@ -3,6 +3,7 @@
 import functools
 import inspect
 import operator
+import re
 import shlex
 import shutil
 import sys
@@ -119,3 +120,12 @@ def command(name: str, *arguments: str) -> str:
     else:
         python = str(here.relative_to(Path.cwd())) if here.is_relative_to(Path.cwd()) else str(here)
     return " ".join(shlex.quote(printable(word)) for word in (python, "-m", f"shuttle_marl.{name}", *arguments))
+
+
+_FROM_RIGHT: Final = "\u0590-\u08ff\ufb1d-\ufdff\ufe70-\ufefe"
+_RUN: Final = re.compile(f"[{_FROM_RIGHT}](?:[{_FROM_RIGHT}\\s.'-]*[{_FROM_RIGHT}])?")
+
+
+def isolated(text: str) -> str:
+    """Text in which words that are written from right to left are isolated, so that the scores beside them keep their order."""
+    return _RUN.sub("\u2068\\g<0>\u2069", text)

@@ -98,7 +98,6 @@ def check_replaceable(path: Path) -> None:
 
 @contextlib.contextmanager
 def _unwritable(path: Path, *errors: type[Exception]) -> Iterator[None]:
-    """Turn errors into :class:`FileWriteError`; a ValueError stands for an invalid name."""
     try:
         yield
     except errors as error:

@@ -84,7 +84,7 @@ def combined(estimates: Sequence[Moments], weights: Sequence[float]) -> Interval
     return Interval(mean, mean - half, mean + half)
 
 
-def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float], seed: int = 0) -> Interval:
+def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float]) -> Interval:
     """Probability that a run of ours has a larger figure than a run of theirs; ties count half.
 
     Args:
@@ -100,10 +100,10 @@ def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float], s
         return np.asarray((own - n * (n + 1) / 2) / (n * m))
 
     samples = [np.asarray(runs, dtype=np.float64) for runs in (ours, theirs)]
-    return _interval(float(larger(samples[0], samples[1])), samples, larger, seed)
+    return _interval(float(larger(samples[0], samples[1])), samples, larger)
 
 
-def _interval(value: float, samples: list[F64], statistic: object, seed: int) -> Interval:
+def _interval(value: float, samples: list[F64], statistic: object, seed: int = 0) -> Interval:
     if any(len(sample) < 2 for sample in samples):
         return Interval(value, float("nan"), float("nan"))
     if np.ptp(np.concatenate(samples)) == 0:

@@ -150,7 +150,6 @@ def _left(end: float | None) -> float | None:
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
-    """Kill a program and its children, but those that it started in sessions of their own."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     for pipe in (process.stdin, process.stdout):

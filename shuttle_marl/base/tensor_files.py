@@ -81,11 +81,7 @@ def unpacked_bytes(content: npt.NDArray[np.uint8], dtype: npt.DTypeLike, shape: 
 
 
 def _unpacked_size(dtype: npt.DTypeLike, shape: Sequence[int]) -> int:
-    """Size of an array [bytes].
-
-    Raises:
-        ValueError: it has no numbers, or an impossible shape.
-    """
+    """Size of an array [bytes]."""
     kind = np.dtype(dtype)
     if kind.kind not in "biuf" or not all(isinstance(n, int) and n >= 0 for n in shape):
         raise ValueError(f"a packed array of {kind} numbers and shape {shape}")

@@ -25,7 +25,6 @@ def analysis(
     *,
     against: Path | None = None,
     out: Path | None = None,
-    reference: str = "bc",
     model: RallyModel = RALLY_MODEL,
     rallies: int = 20_000,
     players: tyro.conf.OmitArgPrefixes[PlayerOptions] = _PLAYERS,
@@ -37,7 +36,6 @@ def analysis(
         path: a rally log, a folder of them, a stroke table, or a folder with annotated matches.
         against: another of these for comparison, for example real matches; all its players are counted together.
         out: folder for pictures and tables of rallies and strokes, as Parquet and CSV files.
-        reference: policy whose play the values assume.
         model: game on which values are computed.
         rallies: approximate number of rallies sampled from a log, the same number from each pairing.
         players: whose strokes they are.
@@ -53,14 +51,14 @@ def analysis(
     tables = model.load_for(path).seats[0].average
     with hands_told(players.hand):
         strokes = play.strokes_of(path, rallies=rallies)
-    valued = play.add_values_of_pairs(strokes, reference, tables)
+    valued = play.add_values_of_pairs(strokes, "bc", tables)
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
     if players.anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
     other = "others" if players.anonymous or against is None else against.resolve().name
     summaries = {name: play.summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
-        others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies), reference, tables)
+        others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies), "bc", tables)
         summaries[other] = play.summarise(others)
     if out is not None:
         for kind, table in (("strokes", valued), ("rallies", play.rally_table(valued))):
@@ -81,7 +79,6 @@ def analysis(
 
 
 def _ratings(path: Path) -> dict[str, float]:
-    """Ratings of the players by name, from the report beside the log; empty without a report."""
     from shuttle_marl.league.entrants import REPORT  # noqa: PLC0415
 
     try:
@@ -92,7 +89,6 @@ def _ratings(path: Path) -> dict[str, float]:
 
 
 def _draw(out: Path, summaries: dict[str, "play.Summary"], name: str, reference: "play.Summary") -> None:
-    """Draw the first players and the last one, compared with a reference."""
     from shuttle_marl.reports import charts  # noqa: PLC0415
 
     names = list(summaries)

@@ -234,7 +234,6 @@ def check_apart(written: Iterable[Path], read: Iterable[Path]) -> None:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Numbers that two names of a file share; None for what does not exist."""
     with contextlib.suppress(OSError, ValueError):
         about = path.stat()
         return about.st_dev, about.st_ino
@@ -242,7 +241,6 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def _apart(command: Command) -> Command:
-    """The command, which refuses to write over its inputs."""
 
     @functools.wraps(command)
     def checked(*args: Any, **options: Any) -> object:
@@ -398,7 +396,6 @@ def percent(share: float) -> str:
 
 
 def _check_encoding(args: Sequence[str]) -> None:
-    """Refuse arguments that are not valid UTF-8."""
     for arg in args:
         try:
             arg.encode()
@@ -425,5 +422,4 @@ def _reader_is_gone() -> bool:
 
 
 def _drop_output() -> None:
-    """Discard buffered output, which the interpreter would otherwise write at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -21,6 +21,7 @@ from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import DROP_REASONS, Account, DataError
 from shuttle_marl.data.table import load_counted, pseudonymous
 from shuttle_marl.data.upstream import SPLITS, Split
+from shuttle_marl.game.scoring import RulesName
 
 _NOTE = f"The data is not ours. {upstream.LICENCE_NOTE}\nPlease cite, where you use it:\n" + "\n".join(
     f"  {citation}" for citation in upstream.CITATIONS
@@ -70,6 +71,7 @@ def import_(
     file: File,
     *,
     columns: Path | None = None,
+    rules: RulesName | None = None,
     out: Path | None = None,
     hand: HandsTold = (),
     anonymous: bool = False,
@@ -82,6 +84,7 @@ def import_(
         file: A CSV file in UTF-8 with a row per stroke; or a file of ShuttleSet, BadmintonDB, ELAN, Sportscode, or of a program
             that recognises strokes in videos (JSON). The content tells which.
         columns: Column map, a TOML file; `data template` writes an example. None: headers and words in any of seven languages.
+        rules: Points of a game, and best of how many, such as 15, 11 or 21x1; default: those of the map, or of the scores.
         out: Parquet file to write; None: only read and count.
         hand: Hand of a player, such as "Anna Example=left"; may be repeated. Default: that of the column hand, or else strokes
             around the head tell it.
@@ -94,7 +97,7 @@ def import_(
         cli.check_free(out, overwrite=overwrite)
     try:
         with telling_hands(hand):
-            cleaned = import_matches(file, columns)
+            cleaned = import_matches(file, columns, rules)
     except DataError as error:
         if json:
             dropped = {"file refused": error.rows} if error.rows else {}

@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -53,20 +52,11 @@ def solve(
         incoming: the stroke, as in smash:middle-left:above:forehand.
     """
     from shuttle_marl.exact.odds import of_solution  # noqa: PLC0415
-    from shuttle_marl.exact.saddles import Saddle  # noqa: PLC0415
-    from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
 
     tables = model.load()
     stroke = _stroke_to_plot(tables, plot, incoming)
-    with cli.working("compiling"):
-        warm_up(tables)
-        if tables.recovery is not None:
-            for seat in set(tables.seats):
-                Saddle((seat,)).all_strategies(np.zeros(tables.n_states))
-    begun = time.perf_counter()
     with cli.working("solving"):
         solution = exact.solve(tables)
-    seconds = time.perf_counter() - begun
     if plot is not None and stroke is not None:
         from shuttle_marl.reports import charts  # noqa: PLC0415
 
@@ -83,7 +73,6 @@ def solve(
         "sweeps": solution.sweeps,
         "residual": solution.residual,
         "error_bound": solution.error_bound,
-        "seconds": seconds,
         "rally_length": seen.rally_length,
         "endings": seen.endings(),
         "shot_mix": _mix(seen, 0),
@@ -341,7 +330,6 @@ def _stroke_to_plot(game: Game, plot: Path | None, incoming: str | None) -> int 
 
 
 def _least(game: Game, at_least: int | None) -> int:
-    """Real strokes that a better stroke must have behind it."""
     if at_least is not None and at_least < 0:
         raise ExactError(f"--at-least {at_least}: expected 0 or more")
     return least_support(game) if at_least is None else at_least

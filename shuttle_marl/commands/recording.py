@@ -197,11 +197,7 @@ main: Final = cli.entry_point(
 
 
 def _describe(log: RallyLog, number: int) -> str:
-    """One rally as text: players, score, one line per stroke, winner.
-
-    Raises:
-        RecordingError: the log has no such rally, or is damaged.
-    """
+    """One rally as text: players, score, one line per stroke, winner."""
     row = log.rally(number)
     rally = row.row(0, log.catalogue)
     names = [printable(log.policies[i].name) for i in row.policy[0]]

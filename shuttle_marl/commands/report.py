@@ -8,6 +8,7 @@ import tyro
 
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RALLY_MODEL, RallyModel, ReportOptions, hands_told
+from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.reports.languages import speaking
 
 _OUTPUT: Final = ReportOptions()
@@ -19,6 +20,7 @@ def report(
     match: str | None = None,
     pairing: int = 0,
     columns: Path | None = None,
+    rules: RulesName | None = None,
     model: RallyModel = RALLY_MODEL,
     video: str | None = None,
     output: tyro.conf.OmitArgPrefixes[ReportOptions] = _OUTPUT,
@@ -30,6 +32,7 @@ def report(
         match: name of the match, or words of it; of a rally log the number of the match, from 0. Default: the only one.
         pairing: of a rally log, number of the pairing.
         columns: column map of a CSV file.
+        rules: points of a game, and best of how many, such as 15, 11 or 21x1; default: those of the table, or of its scores.
         model: game in which strokes are valued.
         video: address of the video with {seconds} where the time goes, such as https://example.org/watch?t={seconds}.
         output: what is written.
@@ -40,7 +43,7 @@ def report(
 
     game = model.load_for(path)
     with hands_told(output.hand), cli.working("analysing the match"), speaking(output.language):
-        found, source = coach.of_file(path, game, match, pairing=pairing, columns=columns)
+        found, source = coach.of_file(path, game, match, pairing=pairing, columns=columns, rules=rules)
     if video is not None:
         source = dataclasses.replace(source, video=coach.video_of(video))
     if output.anonymous:

@@ -9,6 +9,7 @@ import tyro
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import ReportOptions, hands_told
+from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.reports.languages import speaking
 
 _OUTPUT: Final = ReportOptions()
@@ -20,6 +21,7 @@ def scout(
     *,
     beside: str | None = None,
     data: Path | None = None,
+    rules: RulesName | None = None,
     game: str = "default",
     date: str | None = None,
     list_players: Annotated[bool, tyro.conf.arg(name="list")] = False,
@@ -32,6 +34,7 @@ def scout(
         opponent: name of the opponent to describe.
         beside: another opponent, whose habits are shown beside those of the first one.
         data: annotated matches, for counted habits: a stroke table, or a folder with the raw files.
+        rules: of these matches, such as 15, 11 or 21x1; default: those of the table, or of its scores.
         game: model of the game: a shipped one or a folder.
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
         list_players: list the players of the model instead.
@@ -56,7 +59,7 @@ def scout(
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
     names = (player,) if opponent is None else (opponent, player)
     with hands_told(output.hand), cli.working("analysing the match-up"):
-        strokes = None if data is None else read_matches(data)
+        strokes = None if data is None else read_matches(data, rules=rules)
         report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
     if output.anonymous:
         names = (report.opponent.name,) if report.player is None else (report.opponent.name, report.player.name)

@@ -26,7 +26,7 @@ def list_(*, json_output: Json = False) -> None:
     Args:
     """
     from shuttle_marl.suite.method import BASELINES, kind_of  # noqa: PLC0415  numba
-    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
+    from shuttle_marl.suite.results import arena_of  # noqa: PLC0415
 
     rows: list[dict[str, Any]] = [
         {
@@ -65,7 +65,7 @@ def show(
         game: model of the game.
         seed: seed of the split round.
     """
-    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415  numba
+    from shuttle_marl.suite.results import arena_of  # noqa: PLC0415  numba
 
     found = suite.find_task(task)
     arena = arena_of(found, game, split, quick=quick, seed=seed)
@@ -160,7 +160,7 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
         game: model of the game.
     """
     from shuttle_marl.suite.exploit import Exploit  # noqa: PLC0415  numba
-    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
+    from shuttle_marl.suite.results import arena_of  # noqa: PLC0415
     from shuttle_marl.suite.task import frontier as points_of  # noqa: PLC0415
 
     found = suite.find_task(task)
@@ -207,7 +207,7 @@ def data(
         minari: write Minari data sets of the learner's strokes instead; the version of a data set is the seed.
         game: model of the game.
     """
-    from shuttle_marl.suite.registry import write_data  # noqa: PLC0415  numba
+    from shuttle_marl.suite.results import write_data  # noqa: PLC0415  numba
 
     cli.show(write_data(task, out, split, game, seeds, quick=quick, minari=minari), json_output)
 

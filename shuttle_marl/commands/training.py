@@ -43,7 +43,6 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
 
 
 def _report(folder: Path, runs: Sequence[Path]) -> Path:
-    """Write the page of training runs to a folder, and return its path."""
     from shuttle_marl.league.page import compare  # noqa: PLC0415  scipy
 
     path = folder / PAGE
@@ -87,11 +86,7 @@ COMMANDS: Final = by_name(ppo, a2c, sac)
 
 
 def _with_settings(words: list[str]) -> list[str]:
-    """The command line with the settings of ``--config FILE`` as flags before the others, which replace them.
-
-    Raises:
-        TrainingError: the file holds no settings of the algorithm.
-    """
+    """The command line with the settings of ``--config FILE`` as flags before the others, which replace them."""
     if "--config" not in words[1:-1] or words[0] not in CONFIGS:
         return words
     at = words.index("--config", 1)

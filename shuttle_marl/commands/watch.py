@@ -15,6 +15,7 @@ from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RALLY_MODEL, Appearance, RallyGameOptions, RallyModel
 from shuttle_marl.court import WatchError, building
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import load_game, origin_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
@@ -84,11 +85,13 @@ class RallyOptions:
         replay: rally log to show.
         real: annotated matches to show: a stroke table, or a folder with the raw files.
         rally: number of the rally to show first, from 0.
+        rules: of the annotated matches, such as 15, 11 or 21x1; default: those of the table, or of its scores.
     """
 
     replay: Path | None = None
     real: Path | None = None
     rally: int | None = None
+    rules: RulesName | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -169,7 +172,10 @@ def watch(
     from shuttle_marl.court.match import MatchLog, PolicyTables  # noqa: PLC0415
     from shuttle_marl.court.server import Server, application, bind, hosts_of  # noqa: PLC0415
 
-    console, tags = cli.console(stderr=True), tagging.open()
+    console = cli.console(stderr=True)
+    if rallies.rules is not None and rallies.real is None:
+        raise WatchError(f"--rules {rallies.rules}: are of annotated matches, --real; a tagged match is counted to 21")
+    tags = tagging.open()
     game = _game(match, rallies, model)
     plan, policies = match.plan(game), PolicyTables(game, match.policies(game))
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
@@ -250,7 +256,7 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     if options.replay is not None:
         recorded = LogRallies(options.replay, game)
     elif options.real is not None:
-        strokes = read_matches(options.real)
+        strokes = read_matches(options.real, rules=options.rules)
         for sentence in unknown_hands(strokes):
             cli.console(stderr=True).print(printable(sentence), soft_wrap=True)
         recorded = RealRallies(options.real, game, strokes)
@@ -274,14 +280,17 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
         from shuttle_marl.reports import coach  # noqa: PLC0415  Jinja
         from shuttle_marl.reports.pages import match_page  # noqa: PLC0415
 
-        found = coach.of_strokes(path, game, match) if isinstance(match, str) else coach.of_log(path, game, *match)
+        if isinstance(match, str):
+            found = coach.of_strokes(path, game, match, rules=options.rules)
+        else:
+            found = coach.of_log(path, game, *match)
         return match_page(*found, match_clips(*found))
 
     def strokes(match: str | tuple[int, int]) -> "pa.Table":
         from shuttle_marl.reports import coach  # noqa: PLC0415  Jinja
 
         if isinstance(match, str):
-            return coach.match_strokes(read_matches(path), match)
+            return coach.match_strokes(read_matches(path, rules=options.rules), match)
         with RallyLog(path) as log:
             return coach.log_strokes(log, *match)
 

@@ -1,7 +1,4 @@
-"""Replies to the requests of pages.
-
-A request names all it needs, so pages can reconnect and share links.
-"""
+"""Replies to the requests of pages; a request names all it needs, so pages can reconnect and share links."""
 
 import contextlib
 import dataclasses

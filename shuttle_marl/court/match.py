@@ -1,8 +1,7 @@
 """Matches played stroke by stroke on request of a page, by policies, by a person, or by both; their policies and their log.
 
-A rally depends on the plan and its number alone, so a link reproduces it. Random numbers are those of ``match_v0``: by seed,
-match 0, rally and stroke. Pages name policies and are untrusted: a name is resolved without importing modules or opening files,
-unless the user gave it on the command line.
+A rally depends on the plan and its number alone, with the random numbers of ``match_v0``. Pages are untrusted: a policy that
+they name is resolved without importing modules or opening files, unless the user gave it on the command line.
 """
 
 import dataclasses

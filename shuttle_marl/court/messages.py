@@ -104,10 +104,8 @@ class FriendRequest(Request, kw_only=True, tag="friend", frozen=True):
 
 
 _HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
-SHOWN: Final = contextvars.ContextVar[list[str]]("shown")
-"""Of a connection: the hash of the inputs that its last reply gave, if there was one."""
-NAME: Final = rf"^[^{_HIDDEN}\s=+\-@][^{_HIDDEN}]*{_END}"
-"""Pattern of a text of a cell, which no spreadsheet takes for a formula, in Python and in the page."""
+SHOWN: Final = contextvars.ContextVar[list[str]]("shown")  # of a connection: the hash of the inputs that its last reply gave
+NAME: Final = rf"^[^{_HIDDEN}\s=+\-@][^{_HIDDEN}]*{_END}"  # no spreadsheet takes it for a formula
 LONGEST_NAME: Final = 100
 Name = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME, pattern=NAME)]
 Count = Annotated[int, Meta(ge=0, le=100_000)]
@@ -554,7 +552,7 @@ class Suggestions(Struct):
     shots: list[Suggestion]
 
 
-REPLIES: Final[Mapping[type[Request], type[Struct]]] = {
+REPLIES: Final[Mapping[type[Request], type[Struct]]] = {  # by the type of the request
     HelloRequest: Hello,
     RallyRequest: RallyReply,
     AnalysisRequest: Analysis,
@@ -566,7 +564,6 @@ REPLIES: Final[Mapping[type[Request], type[Struct]]] = {
     TagRequest: Saved,
     SuggestRequest: Suggestions,
 }
-"""Type of the reply to each type of request."""
 
 
 class _Envelope(Struct):

@@ -1,7 +1,4 @@
-"""The plan of a match: the content of a link, from which the match is reproduced.
-
-Plans are untrusted input from pages and links; decoding validates every field.
-"""
+"""The plan of a match: the content of a link. Plans are untrusted; decoding validates every field."""
 
 from typing import Annotated, Any, Final
 
@@ -13,8 +10,8 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.scoring import BWF, Rules
 
 DUEL: Final = 7  # points that win a duel: with enough decisions that the better decider is ahead in nine of ten
+# Opponents of duels, each stronger than the one before: a defender, a left-hander, a net player and an attacker among them.
 LADDER: Final = ("defensive", "bc:kento-momota", "bc", "bc:viktor-axelsen", "safe", "attacking", "human:0.05", "minimax")
-"""Opponents of duels, each stronger than the one before: a defender, a left-hander, a net player and an attacker among them."""
 MAX_CHANGES: Final = 200  # maximum number of changes of players in a match
 MAX_CHOSEN: Final = 20_000  # maximum number of strokes in a match that no policy chose
 MAX_RALLIES: Final = 1000  # rally numbers of a match are below this; no match by the rules of the sport is as long
@@ -26,8 +23,7 @@ CatalogueIndex = Annotated[int, Meta(ge=0, lt=1 << 16)]
 Chosen = dict[StrokeNumber, CatalogueIndex]  # catalogue index of the strokes of a rally that no policy chose, by their number
 Tried = dict[StrokeNumber, Annotated[int, Meta(ge=-N_POSITIONS, lt=1 << 16)]]
 """Alternatives in a recorded rally, by the number of the stroke: a catalogue index, or -1 - p for position p of the receiver."""
-Waited = dict[StrokeNumber, Annotated[int, Meta(ge=0, lt=N_POSITIONS)]]
-"""Positions of the receivers of a rally that no policy chose, by the number of the stroke."""
+Waited = dict[StrokeNumber, Annotated[int, Meta(ge=0, lt=N_POSITIONS)]]  # of receivers
 
 
 class Side(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import isolated, printable
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.match import CourtRally, OnceCache, staging_key
 from shuttle_marl.court.messages import RecordedMatch
 from shuttle_marl.data import read_matches
-from shuttle_marl.data.matches import WholeRally, event, nearest_stroke, whole_rallies
+from shuttle_marl.data.matches import RealRally, event, nearest_stroke, real_rallies
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import hurry_of, marked_rows
@@ -113,7 +113,7 @@ class RealRallies:
 
     def __init__(self, path: Path, game: Game, strokes: pa.Table | None = None) -> None:
         table = read_matches(path) if strokes is None else strokes
-        self._game, self._rallies = game, list(whole_rallies(table))
+        self._game, self._rallies = game, [found for found in real_rallies(table) if found.whole]
         if not self._rallies:
             raise WatchError(f"{printable(str(path))}: holds no whole rally")
         rows = marked_rows(table, hurry_of(game.seats[0]))
@@ -144,7 +144,7 @@ class RealRallies:
         """
         return self._at(number).match
 
-    def _at(self, number: int) -> WholeRally:
+    def _at(self, number: int) -> RealRally:
         if not 0 <= number < self.count:
             raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
         return self._rallies[number]
@@ -179,7 +179,7 @@ class RealRallies:
             waited=None if game.recovery is None or (waited < 0).any() else waited,
             ending=FAULT if found.ended == Outcome.FAULT else WINNER,
             number=number,
-            names=(printable(found.players[0]), printable(found.players[1])),
+            names=(_name(found.players[0]), _name(found.players[1])),
             hands=(first, second),
             athletes=(athlete, athlete),
             key=int(stream(0, number)[0] >> np.uint64(1)),
@@ -190,7 +190,11 @@ Recorded = LogRallies | RealRallies
 """Recorded rallies by number, from 0; ``matches``: the annotated ones."""
 
 
-def _described(rallies: list[tuple[int, WholeRally]]) -> RecordedMatch:
+def _name(player: str) -> str:
+    return isolated(printable(player))
+
+
+def _described(rallies: list[tuple[int, RealRally]]) -> RecordedMatch:
     """A match, of its numbered rallies."""
     (first, _), (_, last) = rallies[0], rallies[-1]
     date = date_of(last.match)
@@ -199,7 +203,7 @@ def _described(rallies: list[tuple[int, WholeRally]]) -> RecordedMatch:
     return RecordedMatch(
         first=first,
         title=printable(event(last.match, last.players)),
-        names=(printable(last.players[0]), printable(last.players[1])),
+        names=(_name(last.players[0]), _name(last.players[1])),
         date=None if date is None else date.isoformat(),
         missing=max(0, played - len(rallies)),
     )

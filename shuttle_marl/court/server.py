@@ -44,16 +44,15 @@ MAX_CONNECTIONS: Final = 200
 _RATE, _BURST = 40.0, 120.0  # requests per second of a connection: sustained rate, and burst
 _CONCURRENT: Final = 16  # maximum number of concurrent requests of a connection
 _THREADS: Final = 4
+# Requests that never wait for the game to be solved; the others have separate threads.
 _FAST: Final = (messages.HelloRequest, messages.RallyRequest, messages.TagRequest, messages.FriendRequest)
-"""Requests that never wait for the game to be solved; the others have separate threads."""
 _REQUEST, _STALLED = 10.0, 30.0  # times for the head of a request, and for a page to read a reply [s]
 _SHUTDOWN: Final = 1  # time for connections to close when the server stops [s]
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
-CONTENT_POLICY: Final = (
+CONTENT_POLICY: Final = (  # the page's own files alone, and no inline script
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
     "connect-src 'self' data: blob:; media-src 'self' blob:; base-uri 'none'; form-action 'none'"
 )
-"""Content security policy of the page: its own files alone, and no inline script."""
 _SECURITY: Final = {
     "content-security-policy": f"{CONTENT_POLICY}; frame-ancestors 'none'",
     # Else a page of another origin could show the film that is tagged.
@@ -64,10 +63,8 @@ _SECURITY: Final = {
 _CURRENT: Final = {"Cache-Control": "no-cache"}
 _TYPES: Final = {"watch.js": "text/javascript", "watch.css": "text/css"}
 
-Answer = Callable[[messages.Request], bytes]
-"""Returns the encoded reply to a request; raises ShuttleError. Called in worker threads."""
-Downloads = Mapping[tuple[str, str], Callable[[int], bytes]]
-"""By name and media type, what makes a file about the match of a recorded rally; raises ShuttleError."""
+Answer = Callable[[messages.Request], bytes]  # encoded reply; raises ShuttleError; called in worker threads
+Downloads = Mapping[tuple[str, str], Callable[[int], bytes]]  # a file about the match of a recorded rally
 
 
 def application(

@@ -16,8 +16,7 @@ from shuttle_marl.court.staging import model_file
 from shuttle_marl.reports.languages import Language
 
 MAX_SITE: Final = 8_000_000  # default of the maximum size of a site [bytes]
-_MARK: Final = b'<meta name="site" content="static">'
-"""Element by which the page knows that no server answers, in the first file that is written."""
+_MARK: Final = b'<meta name="site" content="static">'  # in the first file that is written: no server answers
 _REPLIES: Final = "replies"
 _ROOM: Final = 600_000  # space for the overviews of matches and the styles [bytes]
 

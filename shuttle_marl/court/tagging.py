@@ -41,7 +41,7 @@ class TagFile:
         if not video.is_file():
             raise WatchError(f"--tag {video}: no such file; expected a video that the browser plays, such as .mp4 or .webm")
         self.video, self._lock = video, threading.Lock()
-        self._strokes = TaggedStrokes(out, TagRow.__struct_fields__)
+        self._strokes = TaggedStrokes(out, TagRow.__struct_fields__, video)
 
     def close(self) -> None:
         """Let other processes write the table."""

@@ -5,9 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64
 from shuttle_marl.court import messages, staging
-from shuttle_marl.court.match import CourtRally, OnceCache, PolicyTables
+from shuttle_marl.court.match import CourtRally, PolicyTables
 from shuttle_marl.court.plan import Side
 from shuttle_marl.court.staging import skeleton as body
 from shuttle_marl.game import court
@@ -159,11 +158,10 @@ def arrivals(pairs: dict[int, float], game: Game) -> dict[int, float]:
 
 ELITE: Final = Side(policy="bc")  # the imitated average elite player, the reference of all comparisons
 SHOWN, OPEN = 8, 0.01  # number of strokes listed for each decision, and gain of a stroke from which a side is open, in rallies
-_GROUPS: Final = {
+_GROUPS: Final = {  # shot types of a figure of style
     "attack": [SHOTS.index(shot) for shot in ("smash", "half-smash", "net-kill")],
     "net play": [SHOTS.index(shot) for shot in ("net-shot", "cross-court-net-shot", "block")],
 }
-"""Shot types of a figure of style."""
 
 
 class StrokeValues:
@@ -171,7 +169,6 @@ class StrokeValues:
 
     def __init__(self, policies: PolicyTables) -> None:
         self.policies, self.game = policies, policies.game
-        self._styles = OnceCache(64)
         self._factor = factor_of(policies.game.seats[0])
 
     def players(self, sides: tuple[Side, Side]) -> Players:
@@ -185,10 +182,6 @@ class StrokeValues:
             return self.players((ELITE, ELITE))
         first, second = map(imitation, self.game.people.players, self.game.seats)
         return self.players((Side(policy=first), Side(policy=second)))
-
-    def rated(self, choice: Decision) -> Rated:
-        """The strokes of a decision with the ratings that people see, in the same order."""
-        return rater_of(self.game).rated(np.array([choice.state]))
 
     def analysis(self, rally: CourtRally, players: Players) -> messages.Analysis:
         """Values of every stroke of a rally."""
@@ -206,10 +199,10 @@ class StrokeValues:
 
     def _stroke(self, rally: Rally, number: int, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
         win, chosen = choice.value, float(choice.win[rank])
-        rated = self.rated(choice)
+        rated = rater_of(self.game).rated(np.array([choice.state]))
         loss, question = float(rated.loss[rank]), None
         better = int(rated.best[0]) if loss > 0 else rank
-        always = [rank, better]
+        always, real = [rank, better], choice.support[[rank, better]]
         if (asked := rated.question(rank)) is not None:
             right, wrong = asked
             always += [right, *wrong]
@@ -232,7 +225,7 @@ class StrokeValues:
             better=int(choice.stroke[better]),
             question=question,
             options=self.options(rally, choice, rated, always=tuple(dict.fromkeys(always))),
-            support=_least(choice.support[[rank, better]]),
+            support=None if np.isnan(real).any() else round(float(real.min())),
             **self._waiting(rally, number, choice, rank),
         )
 
@@ -267,7 +260,7 @@ class StrokeValues:
         order = [k for k in usual if rally.as_named(choice.seat, int(choice.stroke[k]))]
         order += [k for k in always if k not in order]
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
-        best = (rated or self.rated(choice)).win
+        best = (rated or rater_of(self.game).rated(np.array([choice.state]))).win
         return [
             messages.Option(
                 **stroke_facts(rally, int(choice.stroke[k]), choice.seat),
@@ -283,9 +276,6 @@ class StrokeValues:
 
     def styles(self, sides: tuple[Side, Side]) -> messages.Styles:
         """Exact statistics of two players against each other, beside those of two imitated elite players."""
-        return self._styles.get(sides, lambda: self._styles_of(sides))
-
-    def _styles_of(self, sides: tuple[Side, Side]) -> messages.Styles:
         visits, elite = self.policies.visits(sides), self.policies.visits((ELITE, ELITE))
         odds, seen = self.policies.values(sides).odds(), ((visits, 0), (visits, 1), (elite, 0))
         mixes = np.array([each.shot_mix(seat) for each, seat in seen])
@@ -316,7 +306,3 @@ def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, l
     """Probability with which the striker's policy aims at each area, ``[9]``; None for the receiver."""
     aims = [round(float(p), 4) for p in np.bincount(area[choice.stroke], choice.probability, court.N_AREAS)]
     return (aims, None) if choice.seat == 0 else (None, aims)
-
-
-def _least(support: F64) -> int | None:
-    return None if np.isnan(support).any() else round(float(support.min()))

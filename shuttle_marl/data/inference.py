@@ -221,7 +221,7 @@ def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64],
         sheet.warn(moved & first & (game < 3), "the players change sides during the game")
     if "seconds" in sheet:
         passed = np.diff(sheet.numbers("seconds"), prepend=np.nan)
-        sheet.warn(~fresh & first & (passed < 0), "the time is before that of the rally before")
+        sheet.warn(first & ~changes(strokes["match"]) & (passed < 0), "the time is before that of the rally before")
         sheet.mark(np.flatnonzero(~first & (passed < 0)), "the time is before that of the stroke before")
         check_tempo(sheet, passed[~first])
     _compare_scores(sheet, strokes, fresh, first)

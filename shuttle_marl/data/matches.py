@@ -1,4 +1,4 @@
-"""Real matches for the live court: their whole rallies, the nearest strokes of the game, and strokes that a person tags."""
+"""Real matches: their rallies with the score, the rules, the nearest strokes of the game, and strokes that a person tags."""
 
 import collections
 import contextlib
@@ -8,7 +8,7 @@ import io
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, cast
 
 import numpy as np
 import pyarrow as pa
@@ -18,56 +18,192 @@ from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import check_replaceable, read_file, replace_file
 from shuttle_marl.base.runs import Journal, locked
-from shuttle_marl.data.schema import NAMES, Outcome, rally_starts
+from shuttle_marl.data.schema import NAMES, DataError, Outcome, changed, rally_starts
 from shuttle_marl.game.court import seen_by, steps_between
-from shuttle_marl.game.scoring import Score
+from shuttle_marl.game.scoring import BWF, RULES, Rules, RulesName, Score, wins_game
 from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import Game
 
+Points = tuple[int, int]
+_DECIDED: Final = (Outcome.FAULT, Outcome.WINNER)
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class WholeRally:
-    """A rally from its serve to the stroke that ended it, none missing.
+class RealRally:
+    """A rally of a stroke table.
 
     Attributes:
         number: of the rally in the data, with its game.
         players: identifiers at seats 0 and 1; seat 0 strikes first in the match.
         score: before the rally.
+        winner: seat; None: not known.
+        after: points after the rally.
+        exact: whether these points are recorded, or all rallies of the game so far are there and their winners known.
         rows: of its strokes in the table.
-        ended: by a fault or a winner.
+        ended: outcome of its last stroke.
+        whole: whether no stroke is missing, from the serve to a fault or a winner.
     """
 
     match: str
     number: tuple[int, int]
     players: tuple[str, str]
     score: Score
+    winner: int | None
+    after: Points
+    exact: bool
     rows: I64
     ended: Outcome
+    whole: bool
 
 
-def whole_rallies(strokes: pa.Table) -> Iterator[WholeRally]:
-    """The whole rallies of a table of schema :data:`~shuttle_marl.data.schema.STROKES`, in its order."""
+def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) -> Iterator[RealRally]:
+    """The rallies of a table of schema :data:`~shuttle_marl.data.schema.STROKES`, in its order, with the score of each.
+
+    Points are those of the table, and where there are none those that the winners give; games are those of the table.
+
+    Args:
+        rules: by match; None: :func:`rules_of`.
+    """
+    rules = rules_of(strokes) if rules is None else rules
     names = ("match", "game", "rally", "stroke", "player", "opponent", "shot", "outcome")
     match, game, rally, stroke, player, opponent, shot, outcome = (strokes[n].to_numpy(zero_copy_only=False) for n in names)
-    after = np.stack([strokes[name].to_numpy() for name in ("points", "points_opponent")], axis=1)
+    told = np.stack([strokes[name].to_numpy() for name in ("points", "points_opponent")], axis=1)
     last = -1
     for first, end in itertools.pairwise(rally_starts(strokes).tolist()):
-        if last < 0 or match[first] != match[last]:
-            seats, finished, points = (str(player[first]), str(opponent[first])), tuple[tuple[int, int], ...](), (0, 0)
-        elif game[first] != game[last]:
-            finished, points = (*finished, points), (0, 0)
-        last, server, rows = first, seats.index(player[first]), np.arange(first, end)
-        known = not np.isnan(after[first]).any()
-        if known:  # otherwise they are those of the rally before
-            points = int(after[first, server]), int(after[first, 1 - server])
-        ended, serves = Outcome(outcome[end - 1]), stroke[first] == 1 and shot[first] < N_SERVES
-        if serves and (np.diff(stroke[rows]) == 1).all() and ended in (Outcome.FAULT, Outcome.WINNER):
-            winner = (server + len(rows) - (ended == Outcome.WINNER)) % 2
-            before = [max(0, points[seat] - (known and seat == winner)) for seat in (0, 1)]
-            games = [sum(ends[seat] > ends[1 - seat] for ends in finished) for seat in (0, 1)]
-            score = Score(points=(before[0], before[1]), games=(games[0], games[1]), finished=finished, server=server)
-            number = int(game[first]), int(rally[first])
-            yield WholeRally(match=str(match[first]), number=number, players=seats, score=score, rows=rows, ended=ended)
+        begins = last < 0 or match[first] != match[last]
+        if begins:
+            seats, score = (str(player[first]), str(opponent[first])), Score(rules=rules[match[first]])
+        seat, rows = seats.index(player[first]), np.arange(first, end)
+        server = seat if stroke[first] % 2 else 1 - seat
+        if begins or game[first] != game[last]:
+            if not begins:
+                points, won, _ = game_end(score.points, server if rally[first] == 1 else None, score.rules)
+                games = score.games[0] + (won == 0), score.games[1] + (won == 1)
+                score = dataclasses.replace(score, points=(0, 0), games=games, finished=(*score.finished, points))
+            exact, number = True, 0
+        ended = Outcome(outcome[end - 1])
+        winner = None if ended not in _DECIDED else seats.index((player if ended == Outcome.WINNER else opponent)[end - 1])
+        before, known = score.points, not np.isnan(told[first]).any()
+        exact = known or (exact and winner is not None and rally[first] == number + 1)
+        after = (before[0] + (winner == 0), before[1] + (winner == 1))
+        if known:
+            after = int(told[first, seat]), int(told[first, 1 - seat])
+            if winner is not None:
+                before = max(0, after[0] - (winner == 0)), max(0, after[1] - (winner == 1))
+        whole = stroke[first] == 1 and shot[first] < N_SERVES and bool((np.diff(stroke[rows]) == 1).all()) and winner is not None
+        yield RealRally(
+            match=str(match[first]),
+            number=(int(game[first]), int(rally[first])),
+            players=seats,
+            score=dataclasses.replace(score, points=before, server=server),
+            winner=winner,
+            after=after,
+            exact=exact,
+            rows=rows,
+            ended=ended,
+            whole=whole,
+        )
+        score, last, number = dataclasses.replace(score, points=after), first, int(rally[first])
+
+
+def game_end(points: Points, served: int | None, rules: Rules) -> tuple[Points, int, bool]:
+    """Points at the end of a game, its winner, and whether its last rally is added because the rules leave one end.
+
+    The leader was one rally away from the game, and did win it, because the leader served first in the next game, or because
+    that is not known.
+
+    Args:
+        points: after its last rally in the data.
+        served: who served first in the next game; None: not known.
+    """
+    leader, (low, high) = int(points[1] > points[0]), sorted(points)
+    over = bool(wins_game(high, low, rules))
+    missing = not over and served in (leader, None) and bool(wins_game(high + 1, low, rules))
+    if missing:
+        points = (points[0] + (leader == 0), points[1] + (leader == 1))
+    return points, leader if over or missing or served is None else served, missing
+
+
+def winner_of(rallies: Sequence[RealRally]) -> int | None:
+    """Seat that won a match; None: it was not finished."""
+    last = rallies[-1]
+    points, won, _ = game_end(last.after, None, last.score.rules)
+    over = wins_game(max(points), min(points), last.score.rules)
+    games = [last.score.games[seat] + (over and won == seat) for seat in (0, 1)]
+    return games.index(max(games)) if max(games) >= last.score.rules.games else None
+
+
+def rules_of(strokes: pa.Table) -> dict[str, Rules]:
+    """Rules of each match of a table: those that it carries, or else those that the scores tell."""
+    carried = dict(zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True))
+    told = {} if all(carried.values()) else told_rules(strokes)[0]
+    return {match: RULES[cast("RulesName", name or told[match])] for match, name in carried.items()}
+
+
+def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], str]:
+    """Names of the rules by which the scores of each match are possible, and a sentence if they are not certain.
+
+    The matches of a table have the same rules if these allow all of them. Those of the sport hold unless others fit better.
+    """
+    games: dict[str, dict[int, RealRally]] = {match: {} for match in strokes["match"].unique().to_pylist()}
+    if not games:
+        return {}, ""
+    for rally in real_rallies(strokes, dict.fromkeys(games, BWF)):
+        games[rally.match][rally.number[0]] = rally
+    ends = {match: [(rally.after, rally.exact) for rally in of_match.values()] for match, of_match in games.items()}
+    fits = {match: {name: _fit(of_match, rules) for name, rules in RULES.items()} for match, of_match in ends.items()}
+    total = {name: tuple(map(sum, zip(*(fit[name] for fit in fits.values()), strict=True))) for name in RULES}
+    best = _best(total)
+    found = {match: _best(fit) if fit[best][0] else best for match, fit in fits.items()}
+    others = [name for name in RULES if name not in ("21", best) and total[name][:2] == total[best][:2]]
+    certain = best == "21" or not others or (best in ("15", "11") and not total[best][2])
+    doubt = f"the rules of the matches, {best}, are not certain: {', '.join(others)} fit too; name them with --rules"
+    return found, "" if certain else doubt
+
+
+def _best(fits: Mapping[RulesName, tuple[int, ...]]) -> RulesName:
+    """The rules that fit best, of equal ones those of the sport, and then those that finish most matches."""
+    least = min(fit[:2] for fit in fits.values())
+    equal = [name for name, fit in fits.items() if fit[:2] == least]
+    return "21" if "21" in equal else min(equal, key=lambda name: fits[name][2])
+
+
+def _fit(ends: Sequence[tuple[Points, bool]], rules: Rules) -> tuple[int, int, int]:
+    """Of a match by its points at the ends of games: impossible scores, games without their last rally, 1 if not finished."""
+    impossible = missing = 0
+    games, over = [0, 0], False
+    for number, ((one, other), exact) in enumerate(ends, 1):
+        low, high = sorted((one, other))
+        over = bool(wins_game(high, low, rules))
+        impossible += max(games) >= rules.games
+        if exact:
+            impossible += bool(wins_game(high - 1, low, rules)) or (high == low > 0 and bool(wins_game(high, low - 1, rules)))
+            missing += number < len(ends) and not over
+        games[int(other > one)] += over or number < len(ends)
+    return impossible, missing, int(not over or max(games) < rules.games)
+
+
+def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, str]:
+    """The table with the rules of its matches, and a sentence if they are not certain.
+
+    Args:
+        rules: of all matches; None: those that the table carries or else the scores tell.
+
+    Raises:
+        DataError: a score is impossible by the rules that are given.
+    """
+    if rules is not None:
+        for rally in real_rallies(strokes, dict.fromkeys(strokes["match"].unique().to_pylist(), RULES[rules])):
+            own, (game, number) = rally.score, rally.number
+            if own.over or (rally.exact and _fit([(rally.after, True)], own.rules)[0]):
+                where = f"match {rally.match!r}, game {game}, rally {number}"
+                told = f"score {rally.after[0]}-{rally.after[1]}: by the rules {rules} game or match were over before it"
+                raise DataError(path, f"{where}, {told}; give other --rules, one of {', '.join(RULES)}")
+        return changed(strokes, "rules", pa.array([rules] * len(strokes), pa.string())), ""
+    found, doubt = told_rules(strokes)
+    both = zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True)
+    names = [carried or found[match] for match, carried in both]
+    return changed(strokes, "rules", pa.array(names, pa.string())), doubt
 
 
 def event(match: str, players: tuple[str, str]) -> str:
@@ -123,6 +259,7 @@ class TaggedStrokes:
 
     Args:
         out: the table, a CSV file; continued if its journal exists.
+        film: whose strokes they are; None: not known.
 
     Attributes:
         inputs: that hold; an input of None takes the last one back.
@@ -130,11 +267,11 @@ class TaggedStrokes:
         last: input, and the hash of the inputs before it.
 
     Raises:
-        TaggingError: the table exists without a journal, or is no longer the one that was saved.
+        TaggingError: the table exists without a journal, is no longer the one that was saved, or is of another film.
         RunError: the journal is damaged, or another process writes the table.
     """
 
-    def __init__(self, out: Path, columns: Sequence[str]) -> None:
+    def __init__(self, out: Path, columns: Sequence[str], film: Path | None = None) -> None:
         if out.suffix.lower() != ".csv":
             raise TaggingError(f"--out {out}: expected a name that ends in .csv")
         journal = out.with_suffix(".inputs.jsonl")
@@ -150,10 +287,17 @@ class TaggedStrokes:
         self._journal.keep(len(lines))  # without the half line of a process that was killed
         self.inputs: list[str] = []
         self.last: tuple[str | None, str] = "", ""
+        self._film = {} if film is None else {"film": film.name, "bytes": film.stat().st_size}
+        if self._film and lines and "bytes" in lines[0] and lines[0]["bytes"] != self._film["bytes"]:
+            told = f"{lines[0].get('film')!r:.100} of {lines[0]['bytes']!r:.20} bytes, not of {film} of {self._film['bytes']:,}"
+            raise TaggingError(f"--out {out}: holds the strokes of the film {told}; choose another --out for it")
         for line in lines:
-            if not isinstance(entered := line.get("input"), str | None):
+            if "bytes" in line:
+                self._film = {}
+            elif not isinstance(entered := line.get("input"), str | None):
                 raise TaggingError(f"{journal}: {entered!r:.50} is no input; move it away, and {out.name} too, and begin again")
-            self._enter(entered)
+            else:
+                self._enter(entered)
         self.rows = self._saved() if out.exists() else []
 
     def close(self) -> None:
@@ -162,7 +306,8 @@ class TaggedStrokes:
 
     def enter(self, entered: str | None) -> None:
         """Keep an input; a RunError if the journal cannot be written."""
-        self._journal.append([{"input": entered}])
+        self._journal.append([*([self._film] if self._film else []), {"input": entered}])
+        self._film = {}
         self._enter(entered)
 
     def replace(self, first: int, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -7,7 +7,7 @@ warning (:mod:`shuttle_marl.data.inference`). What the file lacks is inferred wh
 import dataclasses
 import itertools
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import pyarrow as pa
@@ -19,12 +19,13 @@ from shuttle_marl.base.files import content_hash
 from shuttle_marl.data import inference, readers, schema
 from shuttle_marl.data.hands import area_inferred, hands_of, unknown_hands, with_hands
 from shuttle_marl.data.inference import disciplines, end_of, hands_given, names_of_matches, players_of, spelled
-from shuttle_marl.data.matches import copies
+from shuttle_marl.data.matches import copies, with_rules
 from shuttle_marl.data.schema import RANGES, REASONS, Account, Cleaned, DataError, Outcome, Problem, shown
 from shuttle_marl.data.sheet import Sheet, listed
-from shuttle_marl.data.upstream import player_id
-from shuttle_marl.data.words import COLUMNS, FAULTS, WINNERS, WORDS, ColumnMap, Words
+from shuttle_marl.data.upstream import date_of, player_id
+from shuttle_marl.data.words import COLUMNS, FAULTS, STOPS, WINNERS, WORDS, ColumnMap, Words
 from shuttle_marl.game import court
+from shuttle_marl.game.scoring import RULES, RulesName, Score
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
 _BARE_SERVE: Final = WORDS["shot"].index("serve")
@@ -68,6 +69,10 @@ class Rallies:
         self.inferred_serve = shot == _BARE_SERVE
         self.shot = np.where(self.inferred_serve, np.isin(self.following(shot), inference.LONG_REPLIES), shot)
         self.ending = sheet.words("ending", 0)
+        for row in np.flatnonzero(np.isin(self.ending, [_ENDINGS.index(word) for word in STOPS])).tolist():
+            told = f"match {str(self.match[row])!r} was not finished: {_ENDINGS[self.ending[row]]}"
+            sheet.notes += [told] if told not in sheet.notes else []
+            self.ending[row] = _ENDINGS.index("unknown")
         self.player, self.opponent = players_of(sheet, self.match, self.game)
 
     def __len__(self) -> int:
@@ -143,11 +148,17 @@ def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
     told, inferred = _winners(rallies), np.zeros(len(sheet), dtype=bool)
     won = told
     if "score" in sheet:
-        by_score, points = _by_score(rallies, told)
+        by_score, points = _by_score(rallies)
         won = np.where(told < 0, by_score, told)
-    elif not ("ending" in sheet or "winner" in sheet):
-        won = _of_row(rallies, _serves_next(rallies))
-        inferred = last & (won >= 0)
+    by_server = _of_row(rallies, _serves_next(rallies))
+    unsaid = last & ~np.isin(ending, [*_FAULTS, *_WINNERS]) & (ending != _ENDINGS.index("unknown")) & (won < 0)
+    asked = sheet.strict and ("ending" in sheet or "winner" in sheet) and "score" not in sheet
+    if asked:
+        rows = np.flatnonzero(unsaid & ~rallies.wrong())
+        sheet.mark(rows, "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known")
+    else:
+        inferred = unsaid & (by_server >= 0)
+        won = np.where(inferred, by_server, won)
     for row in np.flatnonzero(~last & (ending > 0)):
         sheet.mark(row, f"ending {_ENDINGS[ending[row]]!r} of a stroke that is not the last of its rally")
     fault, winner = np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)
@@ -159,9 +170,8 @@ def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
     unsaid = undecided & (ending != _ENDINGS.index("unknown"))
     if sheet.strict and "ending" in sheet:
         sheet.warn(unsaid & (won >= 0), "the last stroke of its rally has no ending, only a winner")
-    if sheet.strict and ("ending" in sheet or "winner" in sheet):
-        rows = np.flatnonzero(unsaid & (won < 0) & ~rallies.wrong())
-        sheet.mark(rows, "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known")
+    if "score" in sheet and (n := int((last & (outcome == Outcome.UNKNOWN)).sum())):
+        sheet.doubt(f"who won is not known of {n} of {len(rallies)} rallies")
     forced = np.select([ending == _UNFORCED, ending == _FORCED], [0, 1], sheet.words("forced"))
     values: dict[str, Any] = {
         "outcome": outcome,
@@ -195,10 +205,22 @@ def _server(rallies: Rallies) -> I64:
 
 
 def _serves_next(rallies: Rallies) -> I64:
-    """``[R]`` side that serves in the next rally, because it won; -1 not known."""
-    first, server = np.flatnonzero(rallies.first), _server(rallies)
-    followed = np.r_[~rallies.fresh[first][1:] & (np.diff(rallies.rally[first]) == 1), False]
-    return np.where(followed, np.r_[server[1:], -1], -1)
+    """``[R]`` side that serves in the next rally, because it won, also in the next game; -1 not known."""
+    first = np.flatnonzero(rallies.first)
+    odd, fresh, rally, game = rallies.stroke[first] % 2 == 1, rallies.fresh[first], rallies.rally[first], rallies.game[first]
+    server = np.where(odd, rallies.player[first], rallies.opponent[first])[1:]
+    same = rallies.match[first][1:] == rallies.match[first][:-1]
+    followed = same & np.where(fresh[1:], (np.diff(game) == 1) & (rally[1:] == 1), np.diff(rally) == 1)
+    starter = rallies.player[rallies.start[first]][:-1]
+    return np.r_[np.where(followed, server != starter, -1), -1].astype(np.int64)
+
+
+def _deciders(rallies: Rallies) -> I64:
+    """``[R]`` side that won each rally by the columns of winners and endings, or who serves next; -1 not known."""
+    last, side, told = np.flatnonzero(rallies.last), rallies.side, _winners(rallies)
+    ending, striker = rallies.ending[last], side[last]
+    conditions = [told[last] == 1, told[last] == 0, np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)]
+    return np.select(conditions, [striker, 1 - striker, 1 - striker, striker], _serves_next(rallies))
 
 
 def _of_row(rallies: Rallies, winner: I64) -> I64:
@@ -207,19 +229,11 @@ def _of_row(rallies: Rallies, winner: I64) -> I64:
     return np.where(of_row < 0, -1, of_row == rallies.side)
 
 
-def _by_score(rallies: Rallies, known: I64) -> tuple[I64, dict[str, Array]]:
-    """``[n]`` 1 if the striker won the rally by the score, 0 if not, -1 unknown; and the points after the rally.
-
-    Args:
-        known: ``[n]`` the same by the column of winners.
-    """
-    sheet, ending, side = rallies.sheet, rallies.ending, rallies.side
-    first, last = np.flatnonzero(rallies.first), np.flatnonzero(rallies.last)
-    new_match = inference.changes(rallies.match)
+def _by_score(rallies: Rallies) -> tuple[I64, dict[str, Array]]:
+    """``[n]`` 1 if the striker won the rally by the score, 0 if not, -1 unknown; and the points after the rally."""
+    sheet, side, first = rallies.sheet, rallies.side, np.flatnonzero(rallies.first)
+    new_match, told = inference.changes(rallies.match), _deciders(rallies)
     of_match = np.flatnonzero(new_match)[np.cumsum(new_match) - 1]
-    fault, won_by = (np.isin(ending[last], group) for group in (_FAULTS, _WINNERS))
-    conditions = [known[last] == 1, known[last] == 0, fault, won_by]
-    told = np.select(conditions, [side[last], 1 - side[last], 1 - side[last], side[last]], _serves_next(rallies))
     began = (rallies.player[of_match] != rallies.player[rallies.start])[first].astype(np.int64)
     if all(end_of(name) for name in np.unique(rallies.player)):  # another person in the next game
         began = (began + rallies.game[first] - rallies.game[of_match][first]) % 2
@@ -233,6 +247,15 @@ def _by_score(rallies: Rallies, known: I64) -> tuple[I64, dict[str, Array]]:
     totals = [(rallies.start[row], sum(score)) for row, score in zip(first, scores, strict=True) if score is not None]
     if "game" not in sheet and any(a == b and later < now for (a, now), (b, later) in itertools.pairwise(totals)):
         sheet.add("the score falls, so there are several games: number them in a column")
+    start, since = (0, 0), list[int]()
+    for r, after in enumerate(points):  # two known scores tell who won between them where one player did
+        start, since = ((0, 0), [r]) if fresh[r] else (start, [*since, r])
+        if after is not None:
+            known = np.where(winner[since] < 0, told[since], winner[since])
+            gained = [after[who] - start[who] - int((known == who).sum()) for who in (0, 1)]
+            if min(gained) == 0 and sum(gained) == (known < 0).sum():
+                winner[np.array(since)[known < 0]] = int(gained[1] > 0)
+            start, since = after, []
     both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[rallies.group]
     rows = np.arange(len(sheet))
     return _of_row(rallies, winner), {"points": both[rows, side], "points_opponent": both[rows, 1 - side]}
@@ -252,7 +275,7 @@ def _scores(sheet: Sheet, rallies: Rallies) -> list[inference.Points | None]:
 
 
 _ABOVE: Final = [SHOTS.index(name) for name in ("clear", "drop", "smash", "half-smash", "net-kill")]
-_COUNTED: Final = "rally (counted)"
+_COUNTED, _GAME = "rally (counted)", "game (counted)"
 INFERRED: Final = {
     "shot": "whether serves are short, from the replies",
     "height": "contact heights, from the shot types",
@@ -264,12 +287,13 @@ INFERRED: Final = {
 _SHOWN: Final = 30
 
 
-def import_matches(path: Path, columns: Path | None = None) -> Cleaned:
+def import_matches(path: Path, columns: Path | None = None, rules: RulesName | None = None) -> Cleaned:
     """Import matches.
 
     Args:
         path: file of a format of :mod:`shuttle_marl.data.readers`.
         columns: column map, a TOML file; None: the columns are those that the words of the header mean.
+        rules: of the matches; None: those of the map, or else those that the scores tell.
 
     Raises:
         DataError: an unreadable file, invalid values, or broken rules; with the number of rows that were read.
@@ -277,30 +301,33 @@ def import_matches(path: Path, columns: Path | None = None) -> Cleaned:
     given = ColumnMap() if columns is None else ColumnMap.read(columns)
     sheet = readers.read(path, given)
     try:
-        return clean(sheet, given)
+        return clean(sheet, given, rules)
     except DataError as error:
         error.rows = sheet.total
         raise
 
 
-def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
+def clean(sheet: Sheet, given: ColumnMap, rules: RulesName | None = None) -> Cleaned:
     """Check and convert the table of a reader.
 
     Rallies that were replayed are dropped; of a file that users cannot correct also those with a problem, which is a warning.
     """
-    path, total = sheet.path, sheet.total
+    path, total, rules = sheet.path, sheet.total, rules or cast("RulesName", given.rules) or None
     sheet.map = _mapped(sheet, given)
     sheet.require(sheet.map.columns.values())
     told, sheet.warnings = sheet.warnings, []
     read = {"source": sheet.map.source, "format": sheet.format, "file": path.name, "sha256": content_hash(sheet.content)}
     unread = [name for name in sheet.header if name and name not in sheet.map.columns.values()]
     told += [Problem(path, words) for words in listed("columns that the map does not name are not read", unread)]
-    broken, most, lets, notes = 0, 0, 0, list[str]()
+    broken, most, lets, notes, counted = 0, 0, 0, list[str](), list[str]()
     while True:
         rallies = Rallies(sheet)
         if (played := rallies.without_lets()) is not None:
             lets += len(sheet) - len(played)
             sheet = played
+            continue
+        if (divided := _numbered_games(rallies, rules)) is not None:
+            sheet, counted = divided
             continue
         strokes = _strokes_of(sheet, rallies)
         most = max(most, len(rallies))
@@ -331,9 +358,14 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
     unknown = int((strokes["area"].is_null().to_numpy() & (strokes["outcome"].to_numpy() != Outcome.FAULT)).sum())
     if unknown:
         lost.append(f"areas of strokes without a known reply: {unknown:,} of {strokes.num_rows:,}")
+    names = strokes["match"].unique().to_pylist()
+    undated = [name for name in names if date_of(name) is None]
+    if undated and len(names) > 1:
+        lost.append(f"a date in the names of {len(undated)} of {len(names)} matches, which count in the order of the table")
     if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
         lost.append("names of the players: those of the ends, which they change between games and at 11 points of a third one")
-    told += [Problem(path, copy) for copy in copies(strokes)]
+    strokes, doubt = with_rules(strokes, path, rules)
+    told += [Problem(path, words) for words in (*copies(strokes), doubt) if words]
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)
     return Cleaned(
         strokes=strokes,
@@ -342,7 +374,7 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
         warnings=tuple(str(problem) for problem in schema.grouped(found)),
         provenance={
             **read,
-            "inferred": [*sheet.inferred, *notes, *sheet.notes, *_inferred(strokes), *hands],
+            "inferred": [*sheet.inferred, *notes, *counted, *sheet.notes, *_inferred(strokes), *hands],
             "lost": [*lost, *unknown_hands(strokes)],
             "imported_by": f"shuttle_marl {__version__}",
         },
@@ -371,6 +403,46 @@ def _mapped(sheet: Sheet, given: ColumnMap) -> ColumnMap:
     except ValueError as error:
         header = ", ".join(map(repr, sheet.header[:_SHOWN]))
         raise DataError(sheet.path, f"{error}, or map your headers with --columns; the header is {header}") from error
+
+
+def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, list[str]] | None:
+    """The sheet with the games that the rules and the winners give, and a sentence on them; None: each match has one game."""
+    sheet = rallies.sheet
+    if {"game", "score", "points"} & sheet.map.columns.keys():
+        return None
+    first = np.flatnonzero(rallies.first)
+    winner, last = _deciders(rallies), np.r_[inference.changes(rallies.match[first])[1:], True]
+    scores: dict[RulesName, list[Score]] = {name: [] for name in (RULES if rules is None else (rules,))}
+    wrong, unsure, finished = dict.fromkeys(scores, 0), 0, dict.fromkeys(scores, 0)
+    for k, row in enumerate(first):
+        begins = bool(rallies.fresh[row])
+        unsure += not last[k] and (winner[k] < 0 or (not begins and rallies.rally[row] != rallies.rally[first[k - 1]] + 1))
+        for name, found in scores.items():
+            now = Score(rules=RULES[name]) if begins else found[-1]
+            wrong[name] += now.over
+            after = now.after(int(winner[k])) if winner[k] >= 0 else now
+            found.append(after)
+            finished[name] += bool(last[k]) and after.over
+    longest = max(len(part) for part in np.split(first, np.flatnonzero(rallies.fresh[first])[1:]))
+    several = {name: any(each.finished and not last[k] for k, each in enumerate(found)) for name, found in scores.items()}
+    usual: RulesName = rules or "21"
+    if not several[usual] or (unsure and longest <= 2 * RULES[usual].cap - 1):
+        return None
+    possible = [name for name in scores if not wrong[name]]
+    best = [name for name in possible if finished[name] == max(map(finished.get, possible))]  # type: ignore[type-var]
+    usually = [name for name in ("21", "15", "11") if name in best] or best
+    if unsure or len(usually) != 1:
+        why = "who won some rallies is not known" if unsure else f"by {', '.join(usually) or 'all rules'} they differ"
+        sheet.add(f"{longest} rallies are more than one game, and {why}: number the games in a column game, or give --rules")
+        return None
+    before = np.array([[0, 0]] + [[sum(each.games), sum(map(sum, each.finished))] for each in scores[usually[0]]])[:-1]
+    before[rallies.fresh[first]] = 0
+    games, played = before[rallies.group].T
+    for column, values in ((_GAME, games + 1), (_COUNTED, rallies.rally - played)):
+        sheet.columns[column] = tuple(map(str, values.tolist()))
+    sheet.map = dataclasses.replace(sheet.map, columns={**sheet.map.columns, "game": _GAME, "rally": _COUNTED})
+    told = f"games, numbered by the rules {usually[0]}: {int((games + 1)[rallies.first & (games > 0)].max(initial=1))} in a match"
+    return sheet.take(np.ones(len(sheet), dtype=bool)), [told]
 
 
 def _seen_by_left_handers(strokes: pa.Table) -> pa.Table:

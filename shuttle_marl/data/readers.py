@@ -4,7 +4,9 @@ Each gives a table of text, a :class:`~shuttle_marl.data.sheet.Sheet`, with head
 (:mod:`shuttle_marl.data.words`), which :func:`shuttle_marl.data.own.clean` checks and converts.
 """
 
+import bisect
 import fractions
+import itertools
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -182,14 +184,15 @@ def _read_sportscode(path: Path, content: bytes, value: ET.Element) -> Sheet:
 
     A stroke is an instance whose code or one of whose labels is a type of stroke; groups are columns, in any language. Labels
     without a known group count if they are words of badminton. The code is the player if it is no stroke. Instances called rally
-    or game number the strokes within them.
+    or game number the strokes within them, and those that are endings belong to the stroke before.
     """
     columns = Words("column", ())
     kinds = {kind: Words(kind, (label.text or "" for label in value.iter("text"))) for kind in _KINDS}
     spans: dict[str, list[tuple[float, float]]] = {"game": [], "rally": []}
     strokes: list[tuple[float, float, int, dict[str, str]]] = []
     twice: list[Problem] = []
-    others, unread = 0, set[str]()
+    others, unread, codes = 0, set[str](), set[str]()
+    endings: list[tuple[float, str]] = []
     for instance in value.iterfind(_INSTANCE):
         code = text_of(instance, "code")
         entry: dict[str, str] = {}
@@ -213,7 +216,22 @@ def _read_sportscode(path: Path, content: bytes, value: ET.Element) -> Sheet:
         span = columns.meaning(code.rstrip("0123456789 "))
         if span in spans:
             spans[span].append((start, end))
+        elif kinds["ending"].meaning(code):
+            endings.append((start, code))
+        else:
+            codes.add(code)
     strokes.sort(key=lambda stroke: stroke[:2])
+    if endings:  # a word such as net is one too, where its button was pressed during a stroke
+        for before, stroke in itertools.pairwise([*strokes]):
+            code = stroke[3]["shot"]
+            if stroke[0] < before[1] and kinds["ending"].meaning(code):
+                endings.append((stroke[0], code))
+                strokes.remove(stroke)
+                others += 1
+    begins = [start for start, *_ in strokes]
+    for start, code in endings:
+        if at := bisect.bisect_right(begins, start):
+            strokes[at - 1][3].setdefault("ending", code)
     middles = [(start + end) / 2 for start, end, *_ in strokes]
     numbers = {name: spans_around(sorted(within), middles) for name, within in spans.items()}
     entries = []
@@ -225,6 +243,7 @@ def _read_sportscode(path: Path, content: bytes, value: ET.Element) -> Sheet:
         entries.append(entry)
     lost = ["times of the strokes: those of the start of their instances, which may be earlier"]
     lost += listed("labels that are no columns here", sorted(unread))
+    lost += listed("codes that are no strokes, endings or spans", sorted(codes))
     about: dict[str, Any] = {"format": "Sportscode XML", "source": "Sportscode", "lost": lost, "others": others}
     return Sheet.of(path, content, entries, [line for _, _, line, _ in strokes], warnings=twice, **about)
 

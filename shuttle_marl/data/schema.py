@@ -84,6 +84,8 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
      "the share of the inferred area; null: written by a person."),
     ("inferred", pa.string(), True, "Values that the file did not contain and that were inferred: names of columns, separated by "
      "spaces; null: none."),
+    ("rules", pa.string(), True, "Rules of the match, of shuttle_marl.game.scoring.RULES, such as 21, 15, or 11x3 (best of three "
+     "to 11); null: not known, the scores tell."),
 )  # fmt: skip
 
 STROKES: Final = pa.schema(
@@ -92,7 +94,7 @@ STROKES: Final = pa.schema(
 )
 """Arrow schema of a stroke table in memory; files and :func:`named` have names for the codes of :data:`NAMES`."""
 
-OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred")  # columns that files may lack
+OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred", "rules")  # columns that files may lack
 
 NAMES: Final = {
     "hand": court.HANDS,

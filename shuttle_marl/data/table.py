@@ -17,11 +17,12 @@ from shuttle_marl.base.files import content_hash, hash_of, problem
 from shuttle_marl.data import schema, upstream
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.hands import unknown_hands, with_hands
-from shuttle_marl.data.matches import copies
+from shuttle_marl.data.matches import copies, with_rules
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import NAMES, OPTIONAL, STROKES, Account, Cleaned, DataError, Problem, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
+from shuttle_marl.game.scoring import RULES, RulesName
 
 _QUOTED: Final = re.compile(r"(?<!\w)'.*'|(?<!\w)\".*\"")
 _OF_PANDAS: Final = "__index_level_"
@@ -30,22 +31,24 @@ _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
 
-def read_matches(path: Path | str, columns: Path | str | None = None) -> pa.Table:
+def read_matches(path: Path | str, columns: Path | str | None = None, rules: RulesName | None = None) -> pa.Table:
     """Read the strokes of matches: from a Parquet file, a CSV file, a file of another program, or a folder with the raw files,
     which are cleaned.
 
     Args:
         columns: column map of the file, see ``docs/own_data.md``; None: it needs none.
+        rules: of the matches; None: those that the table carries, or else the scores tell.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`.
 
     Raises:
-        DataError: missing or unreadable file or folder, or another schema.
+        DataError: missing or unreadable file or folder, another schema, or a score that the rules do not allow.
     """
     path = Path(path)
-    cleaned = _cleaned(path, None if columns is None else Path(columns))
-    return _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
+    cleaned = _cleaned(path, None if columns is None else Path(columns), rules)
+    strokes = _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
+    return strokes if rules is None else with_rules(strokes, path, rules)[0]
 
 
 def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
@@ -57,16 +60,16 @@ def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
     return strokes, account or Account.of(strokes)
 
 
-def _cleaned(path: Path, columns: Path | None = None) -> Cleaned | None:
+def _cleaned(path: Path, columns: Path | None = None, rules: RulesName | None = None) -> Cleaned | None:
     """The strokes of a folder, or of a file to import: one with a map, or by its name and its first bytes no Parquet file."""
     if columns is not None:
-        return import_matches(path, columns)
+        return import_matches(path, columns, rules)
     if path.is_dir():
         return clean_matches(path)
     if path.suffix.lower() == ".parquet" or not path.is_file():
         return None
     with path.open("rb") as file:
-        return None if file.read(4) == b"PAR1" else import_matches(path)
+        return None if file.read(4) == b"PAR1" else import_matches(path, rules=rules)
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any], new: bool = False) -> None:
@@ -146,6 +149,8 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
             columns.append(schema.unnamed(field.name, column) if field.name in NAMES else column.cast(field.type))
         except pa.ArrowException as error:
             raise DataError(path, f"column {field.name!r} is no {field.type} ({error}); {advice}") from error
+        if field.name == "rules" and (odd := {*column.unique().to_pylist()} - {None, *RULES}):
+            raise DataError(path, f"rules {min(map(str, odd))!r:.60}; expected one of {', '.join(RULES)}")
         if column.null_count and not field.nullable:
             raise DataError(path, f"column {field.name!r} lacks {column.null_count} values; {advice}")
     strokes = pa.table(columns, schema=STROKES.with_metadata(metadata))

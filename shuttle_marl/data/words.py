@@ -16,6 +16,7 @@ from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import problem, read_file
 from shuttle_marl.data.schema import DISCIPLINES, DataError
 from shuttle_marl.game import court
+from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 LANGUAGES: Final = ("en", "zh", "ja", "ko", "id", "da", "hi")
@@ -103,13 +104,15 @@ PLAYERS: Final = ("player", "opponent", "winner")  # columns with names of playe
 REQUIRED: Final = ("player", "shot")
 FAULTS: Final = ("out", "net", "short", "foul", "error", "forced-error", "unforced-error")
 WINNERS: Final = ("landed", "misjudged")
+STOPS: Final = ("retired", "walkover", "disqualified")
+"""Endings of a match; nobody won the rally."""
 WORDS: Final[dict[str, tuple[str, ...]]] = {
     "hand": court.HANDS,
     "shot": (*SHOTS, "unknown", "serve"),
     "height": HEIGHTS,
     "technique": TECHNIQUES,
     "area": court.AREAS,
-    "ending": ("returned", *FAULTS, *WINNERS, "unknown", "let"),
+    "ending": ("returned", *FAULTS, *WINNERS, "unknown", "let", *STOPS),
     "forced": ("unforced", "forced"),
     "discipline": DISCIPLINES,
     "side": ("near", "far"),
@@ -119,8 +122,9 @@ _CHOICES: Final = {
     "coordinates": ("striker", "court"),
     "areas_seen_by": ("receiver", "striker"),
     "decimal": (".", ","),
+    "rules": ("", *RULES),
 }
-_SETTINGS: Final = ("source", "discipline", "coordinates", "areas_seen_by", "delimiter", "decimal", "columns", "values")
+_SETTINGS: Final = ("source", "discipline", "coordinates", "areas_seen_by", "delimiter", "decimal", "rules", "columns", "values")
 
 _MOST_BYTES: Final = 1 << 18
 _LONGEST_LINE: Final = 2000
@@ -139,6 +143,7 @@ class ColumnMap:
         coordinates: ``striker``: as in the schema; ``court``: the same for both players.
         areas_seen_by: ``receiver`` or ``striker``, from whose view left and right are.
         delimiter: of values; empty: a comma, and without columns what the header has most of.
+        rules: of the matches, of :data:`~shuttle_marl.game.scoring.RULES`; empty: those that the scores tell.
         guessed: whether the columns are those that the words of the header mean.
         file: with the map; None: there is none.
     """
@@ -151,6 +156,7 @@ class ColumnMap:
     areas_seen_by: str = "receiver"
     delimiter: str = ""
     decimal: str = "."
+    rules: str = ""
     guessed: bool = False
     file: Path | None = None
 

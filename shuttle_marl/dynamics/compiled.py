@@ -73,7 +73,6 @@ _HURRIED: Final = 2  # difference of the number of a base state of a hurried str
 
 
 def _supported(rows: Rows) -> Bools:
-    """``[13, 9, 2, 3]`` shot type, area, height and technique of the strokes with enough support among good strokes."""
     good = rows.take((rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0))
     count = good.count("shot", "area", "contact", "technique")
     to_area = count.sum(axis=(2, 3))
@@ -257,7 +256,6 @@ def _key(parts: Sequence[Ints]) -> I64:
 
 
 def _cell_sums(keys: I64, weights: F64, wanted: I64) -> F64:
-    """Sum of the weights of the rows of each wanted key."""
     unique, inverse = np.unique(keys, return_inverse=True)
     total = np.bincount(inverse, weights=weights)
     position = np.minimum(np.searchsorted(unique, wanted), len(unique) - 1)
@@ -351,7 +349,6 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support, calm:
 
 
 def _read(models: FittedModels, codes: dict[str, I16]) -> dict[str, I16]:
-    """Codes as the models read them: those that know no hurried striker have seen no code of one."""
     return codes if models.knows_hurried else {**codes, "hurried": np.zeros_like(codes["hurried"])}
 
 
@@ -517,19 +514,18 @@ def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
     return codes
 
 
-def layouts_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> tuple[Game, Game]:
+def layouts_of(rows: Rows, models: FittedModels) -> tuple[Game, Game]:
     """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
 
     Args:
         models: what the average player chooses.
-        share: minimum share of a legal shot type (:mod:`shuttle_marl.dynamics.compiled`).
 
     Raises:
         ShuttleError: too few kinds of stroke occur often enough.
     """
     catalogue = catalogue_of(rows)
     try:
-        replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue), share)
+        replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue))
         return empty_game(catalogue, replies), empty_game(catalogue, between_hands(replies, catalogue))
     except GameError as error:
         raise ShuttleError(

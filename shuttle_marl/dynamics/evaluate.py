@@ -51,8 +51,7 @@ def log_losses(label: Bools, p: F64) -> F64:
     return np.asarray(-np.where(label, np.log(p), np.log1p(-p)))
 
 
-def _bins(label: Bools, p: F64, bins: int) -> list[tuple[float, float, int]]:
-    """Mean prediction, observed frequency and number of rows of each bin of equal mass."""
+def _bins(label: Bools, p: F64, bins: int = BINS) -> list[tuple[float, float, int]]:
     parts = np.array_split(np.argsort(p, kind="stable"), bins)
     return [(float(p[i].mean()), float(label[i].mean()), len(i)) for i in parts if len(i)]
 
@@ -64,8 +63,7 @@ def calibration_error(label: Bools, p: F64, bins: int = BINS) -> float:
 
 def reliability(label: Bools, p: F64) -> list[dict[str, float]]:
     """Reliability diagram, by bins of equal mass."""
-    bins = _bins(label, p, BINS)
-    return [{"predicted": round(mean, 5), "observed": round(share, 5), "rows": n} for mean, share, n in bins]
+    return [{"predicted": round(mean, 5), "observed": round(share, 5), "rows": n} for mean, share, n in _bins(label, p)]
 
 
 def area_under_curve(label: Bools, p: F64) -> float:
@@ -168,11 +166,11 @@ def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = T
     return styles.sum(axis=2), area / area.sum(axis=1, keepdims=True), given / given.sum(axis=1, keepdims=True)
 
 
-def top_k(probabilities: F64, label: Ints, most: int = 4) -> list[float]:
-    """Fraction of rows whose label is among the k likeliest classes, for k = 1 to ``most``."""
-    ranked = np.argsort(-probabilities, axis=1, kind="stable")[:, :most]
+def top_k(probabilities: F64, label: Ints) -> list[float]:
+    """Fraction of rows whose label is among the k likeliest classes, for k = 1 to 4."""
+    ranked = np.argsort(-probabilities, axis=1, kind="stable")[:, :4]
     hit = ranked == np.asarray(label)[:, None]
-    return [float(hit[:, : k + 1].any(axis=1).mean()) for k in range(most)]
+    return [float(hit[:, : k + 1].any(axis=1).mean()) for k in range(4)]
 
 
 def prediction_scores(shot: F64, area: F64, given: F64, rows: Rows) -> dict[str, Any]:

@@ -259,7 +259,6 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
 
 
 def _points(strokes: pa.Table, key: Ints, number: I16) -> I8:
-    """:attr:`Rows.points` of each stroke; the table has those after the rally."""
     after = np.stack([strokes[name].fill_null(-1).to_numpy() for name in ("points", "points_opponent")], axis=1)
     ends = np.flatnonzero(np.r_[(np.diff(key, axis=1) != 0).any(axis=0), True])
     last = ends[np.searchsorted(ends, np.arange(len(number)))]
@@ -270,7 +269,6 @@ def _points(strokes: pa.Table, key: Ints, number: I16) -> I8:
 
 
 def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
-    """``[N, 15]`` :data:`MOVEMENT` of each stroke; NaN where a part is unknown, and for serves."""
     names = [f"{who}_{axis}" for who in ("contact", "striker", "receiver") for axis in "xy"]
     x = {name: strokes[name].to_numpy().astype(np.float64) for name in names}
     frame, clock = (strokes[name].cast(pa.float64()).to_numpy(zero_copy_only=False) for name in ("frame", "clock"))
@@ -326,7 +324,6 @@ def _frame_rates(match: Ints, frame: F64, clock: F64) -> F64:
 
 
 def _target_areas(strokes: pa.Table) -> I16:
-    """``[N]`` target area of each stroke; -1 where no landing was recorded."""
     recorded = strokes["area"].fill_null(-1).to_numpy().astype(np.int16)
     outcome, reason, shot, height = (strokes[name].to_numpy() for name in ("outcome", "reason", "shot", "height"))
     x = {name: strokes[f"{name}_x"].to_numpy().astype(np.float64) for name in ("landing", "contact", "striker")}
@@ -532,7 +529,6 @@ def marked_rows(strokes: pa.Table, hurry: Hurry | None) -> Rows:
 
 @compiled
 def _sums(inputs: F64, attribute: I32, cut: F64, child: I32, value: F64) -> F64:
-    """``[N]`` sums of the leaves that each row reaches."""
     out = np.zeros(len(inputs))
     for row in range(len(inputs)):
         for tree in range(len(attribute)):

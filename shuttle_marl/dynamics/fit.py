@@ -229,7 +229,6 @@ def _unseen_logits(
 
 
 def _predicted(parts: dict[str, tuple[Rows, Bools]], logits: dict[str, F64], calibration: F64) -> dict[str, Predicted]:
-    """Calibrated predictions of some models."""
     below = len(calibration) - len(HURRIED)
     lines = {
         "return": calibration[1],
@@ -248,7 +247,6 @@ def _heights(rows: Rows, late: Bools) -> Iterator[tuple[int, I64, Rows, Bools]]:
 
 
 def _folds(rows: Rows) -> Iterator[tuple[Bools, dict[str, I16], dict[str, I16]]]:
-    """For each fold of matches, ``[N]`` whether a row is inside, and the codes of the rows outside and inside."""
     fold = fold_of_match(rows.match, _FOLDS)
     for k in np.unique(fold):
         yield fold == k, rows.take(fold != k).codes, rows.take(fold == k).codes
@@ -267,7 +265,6 @@ def _out_of_fold_blend(network: Ensemble, rows: Rows, label: Bools, folds: int, 
 
 
 def _calibrate(logit: F64, label: Bools) -> F64:
-    """Maximum likelihood slope and intercept ``[2]`` of logits ``[N]``."""
 
     def loss(line: F64) -> float:
         return log_loss(label, sigmoid(line[0] * logit + line[1]))
@@ -408,7 +405,6 @@ def _with_choices(
 
 
 def _moved(support: Support, shifts: dict[str, float], own: Support) -> Support:
-    """Support of the prior: ranges shifted like the models, counts plus those of the new strokes."""
 
     def moved(bounds: F64, shift: float) -> F64:
         inside = (bounds > 0) & (bounds < 1)

@@ -240,11 +240,7 @@ def _part(name: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArr
 
 
 def _network(name: str, arrays: dict[str, npt.NDArray[Any]]) -> Ensemble:
-    """A network from its weights, whose shapes tell the numbers of members and of hidden units.
-
-    Raises:
-        ValueError, KeyError, RuntimeError: a weight is missing, of another shape, or not finite.
-    """
+    """A network from its weights, whose shapes tell the numbers of members and of hidden units."""
     weights = _part(name, arrays)
     _, members, hidden = weights["first"].shape
     with torch.device("meta"):
@@ -255,11 +251,7 @@ def _network(name: str, arrays: dict[str, npt.NDArray[Any]]) -> Ensemble:
 
 
 def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> Situations:
-    """Offsets of situations from the description of a model and its arrays.
-
-    Raises:
-        ValueError, TypeError, KeyError: a value is missing or not finite.
-    """
+    """Offsets of situations from the description of a model and its arrays."""
     duel = checked(np.array([float(described["duel"]), float(described["duel_share"])]), np.float64, (2,))
     effort = checked(arrays["effort"], np.float64, arrays["effort"].shape[:1])
     return Situations(

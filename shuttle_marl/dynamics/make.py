@@ -1,7 +1,6 @@
 """Model folders: splits of the matches, fit or correction of a prior model, refits, files, and scores."""
 
 import contextlib
-import dataclasses
 import functools
 import json
 import math
@@ -199,7 +198,7 @@ def fit_model(
         fitted = fit(train, validation, seed=seed, config=config, report=report)
     else:
         fitted = fit_from(start, train, validation, report=report)
-    written = save_fit(out, fitted, sources, None if start is None else start.skill, report=report)
+    game, variants, skill, clipped, solved = save_fit(out, fitted, sources, None if start is None else start.skill, report=report)
     fitted_on = pa.array([train.matches[i] for i in np.unique(train.match).tolist()])
     if hurry is None:
         (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
@@ -214,8 +213,7 @@ def fit_model(
     else:
         shifts = load_history(model)
     replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
-    save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
-    game, variants = written.game, written.variants
+    save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), skill.skill.players)
     card = {
         "name": out.name,
         "version": __version__,
@@ -235,7 +233,7 @@ def fit_model(
             "states": game.n_states,
             "legal_pairs": game.n_pairs,
             "efforts": game.levels,
-            "clipped": written.clipped,
+            "clipped": clipped,
             "share": dict(zip(shipped.PROFILES, fitted.models.share.tolist(), strict=True)),
         },
         "hurried": _hurried(train, hurry, prior),
@@ -244,9 +242,9 @@ def fit_model(
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
         "history": history,
-        "skill": summary(written.skill, check(fitted.predicted, sources, written.skill.sd)),
+        "skill": summary(skill, check(fitted.predicted, sources, skill.sd)),
         "validation": evaluate(fitted.models, train, validation, report=report),
-        "health": written.health,
+        "health": solved,
         "extremes": extremes(game, fitted.support),
     }
     if start is not None:
@@ -263,14 +261,12 @@ def fit_model(
                 save_variants(out, game, variants, card)
     if others := [variant for name, variant in variants.items() if shipped.is_refit(name)]:
         report("solving the refits")
-        solved = {**written.health, "refits": variety_of(others)}
-        write_card(out, {**card, "health": solved, "variants": list(variants)})
+        write_card(out, {**card, "health": {**solved, "refits": variety_of(others)}, "variants": list(variants)})
     return shipped.read_model_card(out)
 
 
 @own_settings(THREADS)
 def _refit(number: int, *, train: Rows, layout: Game, seed: int, config: EnsembleConfig) -> Game:
-    """The game of a fit to resampled training matches, for a process of its own; ``seed``: that of the first fit."""
     rows = resampled(train, [seed, number])
     # Processes share one terminal, so they report nothing.
     return fit(rows, None, seed=seed + 1000 * number, config=config, layout=layout, report=lambda _: None).compiled()[0]
@@ -289,32 +285,19 @@ def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, A
     }
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Written:
-    """Result of :func:`save_fit`.
-
-    Attributes:
-        variants: the games of men's and women's singles, by name; none if the fit has a single discipline.
-        clipped: fraction of the legal pairs that were clipped to the supported range.
-        health: :func:`~shuttle_marl.dynamics.evaluate.health` of the game.
-    """
-
-    game: Game
-    variants: dict[str, Game]
-    skill: FittedSkill
-    clipped: float
-    health: dict[str, Any]
-
-
 def save_fit(
     out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 | None, *, report: Report, check: bool = True
-) -> Written:
+) -> tuple[Game, dict[str, Game], FittedSkill, float, dict[str, Any]]:
     """Compile a fit, fit the skill of its players, and write all files of a model folder but the variants and the card.
 
     Args:
         sources: data set of each match by name.
         skill_sd: standard deviations of the skill in a prior model; None: estimate them.
         check: refuse a game whose best play consists of strokes that nobody plays.
+
+    Returns:
+        The game; those of men's and women's singles by name, none if the fit has a single discipline; the skill; the fraction of
+        the legal pairs that were clipped to the supported range; and :func:`~shuttle_marl.dynamics.evaluate.health` of the game.
 
     Raises:
         ShuttleError: the game is refused; nothing is written.
@@ -348,8 +331,7 @@ def save_fit(
     opposite.save(out / shipped.OPPOSITE_GAME)
     save_clones(out, fitted.models.choices, log_choice, of_profiles, pair_log_choices(between.models, opposite))
     skill.save(out)
-    clipped = float(probabilities.clipped.mean())
-    return Written(game=game, variants=variants, skill=skill, clipped=clipped, health=solved)
+    return game, variants, skill, float(probabilities.clipped.mean()), solved
 
 
 def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> int:

@@ -437,7 +437,6 @@ def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) 
 
 
 def _hurried_shares(rows: Rows) -> F64:
-    """``[15, 13]`` frequency of hurried strikers by incoming and own shot type, shrunk to that of the incoming one."""
     count = rows.take(rows.hurried >= 0).count("hurried", "incoming_shot", "shot")
     total = count.sum(axis=(0, 2))
     usual = (count[1].sum(axis=1) / np.maximum(total, 1))[:, None]

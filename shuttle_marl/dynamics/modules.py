@@ -56,7 +56,6 @@ class NetworkSpec:
 
 
 def _products(text: str) -> tuple[tuple[str, ...], ...]:
-    """Products of attributes, with commas between them."""
     return tuple(tuple(product.split()) for product in text.split(","))
 
 

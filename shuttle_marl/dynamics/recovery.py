@@ -199,7 +199,6 @@ def _logistic(x: F64, label: Bools, offset: F64) -> F64:
 
 
 def _people(rows: Rows) -> U16:
-    """:attr:`~shuttle_marl.game.recovery.Recovery.people` of strokes."""
     codes = np.stack([rows.game_codes[name] for name in PARTS]).astype(np.int64)
     known = placed(rows) & (codes < np.array(_SIZES)[:, None]).all(axis=0)
     codes, waits = codes[:, known], np.eye(N_POSITIONS)[position_of(*rows.waiting[known].astype(np.float64).T)]
@@ -216,7 +215,6 @@ def _people(rows: Rows) -> U16:
 
 
 def _units(share: F64) -> U16:
-    """Probabilities ``[M, 9]`` in whole units that add up, at least one where they are not 0."""
     units = np.where(share > 0, np.maximum(np.rint(share * CHOICE_ONE), 1), 0).astype(np.int64)
     units[np.arange(len(units)), units.argmax(axis=1)] += CHOICE_ONE - units.sum(axis=1)
     return units.astype(np.uint16)

@@ -51,6 +51,7 @@ from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 BOUNDS: Final = (0.005, 2.0)  # range of a standard deviation; the lower bound stands for no variance
 _TOLERANCE: Final = 1e-9  # squared Newton decrement at convergence, in nats
 _STEPS: Final = 50
+_FIRST: Final = 0.1  # standard deviation from which the search starts
 _YEAR: Final = 365.25
 _DAYS: Final = 1 << 32
 
@@ -193,12 +194,11 @@ def gradient_of(model: MixedModel, found: Posterior) -> F64:
     return np.asarray(np.bincount(model.component, terms, model.components), dtype=np.float64)
 
 
-def fit_variances(model: MixedModel, fixed: F64 | None = None, start: float = 0.1) -> Posterior:
+def fit_variances(model: MixedModel, fixed: F64 | None = None) -> Posterior:
     """The posterior at the standard deviations of maximum marginal likelihood.
 
     Args:
         fixed: ``[C]`` standard deviations that are given; NaN, or None for all, where they are estimated.
-        start: initial standard deviation of the others.
     """
     given = np.log(np.full(model.components, np.nan) if fixed is None else fixed)
     mode: F64 | None = None
@@ -210,7 +210,7 @@ def fit_variances(model: MixedModel, fixed: F64 | None = None, start: float = 0.
         return -found.log_likelihood, -gradient_of(model, found)
 
     low, high = (np.where(np.isnan(given), np.log(bound), given) for bound in BOUNDS)
-    first = np.where(np.isnan(given), np.log(start), given)
+    first = np.where(np.isnan(given), np.log(_FIRST), given)
     options = {"ftol": 1e-9, "gtol": 1e-2}
     found = minimize(objective, first, jac=True, method="L-BFGS-B", bounds=np.stack([low, high], axis=1), options=options)
     return posterior(model, np.exp(found.x), mode)

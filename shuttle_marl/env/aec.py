@@ -29,8 +29,7 @@ from shuttle_marl.game.tables import ROOT, Game
 AGENTS: Final = ("player_0", "player_1")
 RENDER_MODES: Final = ("human", "rgb_array", "ansi")
 RenderMode = Literal["human", "rgb_array", "ansi"]
-OutcomesFrom = Literal["tables", "models"]
-"""Source of the outcomes: the tables of the game, or the PyTorch modules from which they were compiled."""
+OutcomesFrom = Literal["tables", "models"]  # the tables, or the PyTorch modules behind them
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
 Observation = dict[str, npt.NDArray[Any]]  # observation of an agent: ``observation`` and ``action_mask``
 

@@ -1,8 +1,7 @@
 """``render()``: the state of an environment as text, and as a picture from above the court.
 
-The environment has areas, not positions, so contact points within an area follow a fixed rule: the same rally always gives
-the same picture. Court frame: X along the court from player 0 (X < 0) to player 1, Y to player 0's right,
-which is down in the picture; the origin is under the middle of the net.
+The environment has areas, so contact points follow a fixed rule. Plan: X along the court from player 0 (X < 0), Y to player 0's
+right, which is down in the picture.
 """
 
 import dataclasses
@@ -140,8 +139,8 @@ def standing(snapshot: Snapshot) -> str:
 
 Point = tuple[float, float]
 
+# Rise of a flight above the straight line, by shot type [m].
 _PEAK: Final = (0.7, 5.0, 4.6, 4.2, 0.9, 0.15, 0.2, 0.35, 0.8, 0.1, 0.6, 0.7, 0.7)
-"""Rise of a flight above the straight line, by shot type [m]."""
 _SPREAD: Final = (0.45, 0.54)  # half the width and depth over which contact points vary inside an area [m]
 _BASE: Final = (0.0, -3.4)  # base position of players between strokes, in their own frame [m]
 _RETURNED: Final = 0.55  # fraction of the path to the base covered during a flight

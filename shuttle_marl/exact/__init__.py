@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, ProfileValue
-    from shuttle_marl.exact.match import Odds, least_gain
+    from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Odds, ProfileValue
     from shuttle_marl.exact.occupancy import Hole, Holes, Regret, Sensitivity, Visits, holes, policy_regret, sensitivity, visits
-    from shuttle_marl.exact.odds import Crossplay, Spread, crossplay
+    from shuttle_marl.exact.odds import Crossplay, Spread, crossplay, least_gain
     from shuttle_marl.exact.optimal import (
+        Equilibrium,
         Exploitability,
         Response,
-        RobustSolution,
-        SoftSolution,
         Solution,
         best_response,
         nash_conv,
@@ -30,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "TOLERANCE",
     "Crossplay",
+    "Equilibrium",
     "ExactError",
     "Exploitability",
     "Hole",
@@ -39,9 +38,7 @@ __all__ = [
     "ProfileValue",
     "Regret",
     "Response",
-    "RobustSolution",
     "Sensitivity",
-    "SoftSolution",
     "Solution",
     "Spread",
     "StatePolicy",

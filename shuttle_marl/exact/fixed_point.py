@@ -43,8 +43,8 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.exact.match import Odds
 from shuttle_marl.game.draws import ONE
+from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 from shuttle_marl.game.tables import ROOT, Game
 
 ROUNDING: Final = 2.0**-40
@@ -83,11 +83,9 @@ def largest_continuation(game: Game) -> float:
     level, row = np.unravel_index(int(ends.argmin()), ends.shape)
     base = int(np.searchsorted(waiting.start, first + row, side="right")) - 1
     stroke = game.base_pair_stroke[game.base_pair_start[base] + (first + row - waiting.start[base]) // waiting.choices[base]]
-    raise ExactError(
-        f"{game.catalogue.names[stroke]} never ends the rally in state: "
-        f"{game.describe(int(level) * game.levels * game.n_base_states + base)}; "
-        "exact values need a probability above 0 for every stroke to end it"
-    )
+    where = game.describe(int(level) * game.levels * game.n_base_states + base)
+    advice = "exact values need a probability above 0 for every stroke to end it"
+    raise ExactError(f"{game.catalogue.names[stroke]} never ends the rally in state: {where}; {advice}")
 
 
 def error_bound(residual: float, contraction: float) -> float:
@@ -190,6 +188,62 @@ class Striker(Protocol):
         Args:
             plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
         """
+
+
+@dataclasses.dataclass(eq=False)
+class Free:
+    """A player who chooses best; a base class of strikers."""
+
+    games: tuple[Game, ...]  # tables of the player; of several, nature picks one after each stroke
+    against: bool = False  # whether nature picks against this player; else in favour
+
+    @property
+    def game(self) -> Game:
+        """The first of the games."""
+        return self.games[0]
+
+    @functools.cached_property
+    def contraction(self) -> float:
+        """Factor by which a sweep reduces an error of the rally states."""
+        return max(map(largest_continuation, self.games))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Odds:
+    """Odds of one player against another.
+
+    Attributes:
+        serving: probability of winning a rally that the player serves.
+        receiving: probability of winning a rally that the opponent serves.
+        error_bound: absolute error bound of both.
+    """
+
+    serving: float
+    receiving: float
+    error_bound: float
+
+    @property
+    def rally(self) -> float:
+        """Probability of winning a rally when both serve equally often."""
+        return (self.serving + self.receiving) / 2
+
+    @property
+    def value(self) -> float:
+        """Expected reward, from -1 to 1."""
+        return self.serving + self.receiving - 1
+
+    def match(self, rules: Rules = BWF, first_server: int | None = None) -> float:
+        """Probability of winning a match; ``first_server`` 0 is the player, 1 the opponent, None drawn at random."""
+        return float(match_win_probability(self.serving, self.receiving, first_server=first_server, rules=rules))
+
+    def match_error_bound(self) -> float:
+        """Absolute error bound of :meth:`match`, which increases with both probabilities of a rally."""
+        low, high = (
+            match_win_probability(*(min(1.0, max(0.0, p + e)) for p in (self.serving, self.receiving)))
+            for e in (-self.error_bound, self.error_bound)
+        )
+        middle = self.match()
+        return float(max(high - middle, middle - low))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

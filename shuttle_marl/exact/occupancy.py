@@ -232,8 +232,7 @@ class Regret:
     Attributes:
         state: ``[S]`` loss of the stroke played in each state, on average over the policy.
         weight: ``[S]`` how often the policy strikes there in a rally, both players serving equally often.
-        waiting: ``[S]`` the same of the position chosen where the opponent strikes; None without recovery.
-        waiting_weight: ``[S]`` how often the opponent strikes there.
+        waiting: ``[S]`` loss of the position chosen where the opponent strikes; None without recovery.
         per_rally: loss in a rally: the sum over all.
         error_bound: ``per_rally`` is within this of the true one.
     """
@@ -243,7 +242,6 @@ class Regret:
     per_rally: float
     error_bound: float
     waiting: F64 | None = None
-    waiting_weight: F64 | None = None
 
     def largest(self, count: int) -> Intp:
         """The states with the largest losses in a rally, largest first."""
@@ -271,7 +269,7 @@ def policy_regret(
     state = value - sweep(induced(played), following)[0]
     counted = visits(played, other, tolerance=tolerance)
     weight, theirs = counted.states
-    hidden = policy.game.recovery is not None
+    hidden = policy.game.hides
     waiting = sweep(induced(other), value)[0] - following if hidden else np.zeros_like(state)
     # The regret of a state is at most 2, and its error that of two values.
     bound = 2 * solution.error_bound * float(weight.sum() + hidden * theirs.sum()) + 2 * counted.error_bound * (1 + hidden)
@@ -281,7 +279,6 @@ def policy_regret(
         per_rally=float(weight @ state) + float(theirs @ waiting),
         error_bound=bound,
         waiting=waiting if hidden else None,
-        waiting_weight=theirs if hidden else None,
     )
 
 
@@ -377,7 +374,7 @@ def holes(
     response = response or best_response(policy, at_least=at_least, tolerance=tolerance)
     real, allowed, factor = real_strokes(game), supported(game, at_least), factor_of(game)
     mine = policy_regret(policy, response.policy, solution=solution, tolerance=tolerance)
-    hidden = mine.waiting is not None  # then the losses add up to the exploitability
+    hidden = game.hides  # then the losses add up to the exploitability
     theirs = mine if hidden else policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
     alone = visits(policy, policy, tolerance=tolerance).states[0]
     lost = mine.state * mine.weight

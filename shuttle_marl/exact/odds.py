@@ -1,11 +1,7 @@
-"""Exact odds of policies against each other, kept in the cache, and figures of policies in the refits of their game.
+"""Exact odds of policies against each other, kept in the cache, their figures in the refits of the game, and odds of matches.
 
-A tournament of 17 solves 153 pairs, most of which the last tournament solved too. The key of a result is a hash of the game, both
-policies, the tolerance, and the source code of what computes it.
-
-A policy that was computed in a fitted game also exploits the errors of that fit. Refits are samples of the fits that the same
-data could have given, so results there show how much of an advantage is supported by the data. Refits share most of their matches
-with the game itself; unseen matches can differ more.
+Refits are samples of the fits that the same data could have given, so results there show how much of an advantage is supported
+by the data. They share most of their matches with the game itself; unseen matches can differ more.
 """
 
 import dataclasses
@@ -21,17 +17,17 @@ from scipy.special import stdtrit
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
-from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Odds
 from shuttle_marl.exact.optimal import Solution, best_response, restricted_response, restricted_value
 from shuttle_marl.exact.profile import check_opponents, evaluate, evaluate_chains, induced, moved
 from shuttle_marl.game.policy import TabulatedPolicy
-from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
+from shuttle_marl.game.scoring import BWF, Rules, count_rally, match_win_probability, open_scores
 from shuttle_marl.game.tables import Game
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]
 T = TypeVar("T")
 Values = float | F64
+Situation = tuple[int, int, int, int, int]  # games of players 0 and 1, their points, and the server
 GameT = TypeVar("GameT", bound=Game)
 
 _CACHE: Final = Cache("odds", 200_000)  # about 30 MB
@@ -245,9 +241,9 @@ def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> 
     return {"rally_win": odds.rally, "match_win": odds.match()}
 
 
-def of_all_pairs(odds: Crossplay, rules: Rules = BWF) -> dict[str, Values]:
+def of_all_pairs(odds: Crossplay) -> dict[str, Values]:
     """Odds of N policies: ``[N, N]`` ``rally_win`` and ``match_win``, and ``[N]`` ``match_share``, against all others."""
-    match = odds.match(rules)
+    match = odds.match()
     others = max(1, len(match) - 1)
     return {"rally_win": odds.rally, "match_win": match, "match_share": (match.sum(axis=1) - match.diagonal()) / others}
 
@@ -261,3 +257,53 @@ def of_solution(solution: Solution, refit: Game) -> dict[str, Values]:
     policy = moved(solution.policy[0], refit)
     played = evaluate(policy, policy).odds()
     return {"server_win": played.serving, "exploitability": best_response(policy).value.odds().value}
+
+
+def match_table(serving: float, receiving: float, rules: Rules = BWF) -> dict[Situation, tuple[float, float]]:
+    """Probabilities that player 0 wins the match after winning and after losing the next rally, in every situation.
+
+    Args:
+        serving, receiving: probability that player 0 wins a rally that player 0 or player 1 serves.
+    """
+    table: dict[Situation, tuple[float, float]] = {}
+
+    def win_probability(games: tuple[int, int], points: tuple[int, int], winner: int) -> float:
+        """Of player 0 after a rally."""
+        score, won = [*points], [*games]
+        counted = count_rally(points[winner], points[1 - winner], games[winner], rules)
+        if counted.match_won:
+            return float(winner == 0)
+        score[winner], won[winner] = counted.points, counted.games
+        if counted.game_won:
+            score = [0, 0]
+        if_won, if_lost = table[(won[0], won[1], score[0], score[1], winner)]
+        p = receiving if winner else serving
+        return if_lost + p * (if_won - if_lost)
+
+    for games, points in open_scores(rules):
+        after = (win_probability(games, points, 0), win_probability(games, points, 1))
+        for server in (0, 1):
+            table[(*games, *points, server)] = after
+    return table
+
+
+def least_gain(serving: float, receiving: float, rules: Rules = BWF) -> float:
+    """Least gain in player 0's probability of winning the match from winning a rally, over all scores.
+
+    If it is not negative, minimax play in every rally is minimax play in the match (Walker, Wooders & Amir, Games and Economic
+    Behavior 71, 2011). That is not trivial, because the winner of a rally serves next, and serving can be a disadvantage. The
+    match is zero-sum, so this covers both players.
+    """
+    return min(won - lost for won, lost in match_table(serving, receiving, rules).values())
+
+
+def normalised_score(rally_win: float, reference: float, best: float, *, error_bound: float = 0.0) -> float | None:
+    """Score by the probability to win a rally against an opponent: 0 for a reference policy, 1 for the best response.
+
+    Args:
+        error_bound: absolute error bound of ``best - reference``.
+
+    Returns:
+        ``(rally_win - reference) / (best - reference)``; None if the best response may not be better than the reference.
+    """
+    return (rally_win - reference) / (best - reference) if best - error_bound > reference else None

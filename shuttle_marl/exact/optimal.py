@@ -25,13 +25,13 @@ from shuttle_marl.exact.fixed_point import (
     TOLERANCE,
     BlockLinear,
     ExactError,
+    Free,
     ProfileValue,
     Striker,
     largest_continuation,
     solve_players,
     successors,
 )
-from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import (
     InducedChain,
     PairPolicy,
@@ -68,10 +68,12 @@ class Equilibrium(ProfileValue, Generic[P_co]):
     """Values and policies of an equilibrium.
 
     Attributes:
+        games: the tables with which player 0 and player 1 strike; the same object in the symmetric game.
         policy: of each player; the same object in the symmetric game.
         sweeps: number of sweeps over all legal pairs of a game.
     """
 
+    games: tuple[Game, Game]
     policy: tuple[P_co, P_co]
     sweeps: int
 
@@ -80,55 +82,14 @@ class Equilibrium(ProfileValue, Generic[P_co]):
         """``[S]`` each: value of the states to the player who strikes there, player 0 and player 1."""
         return self.striking
 
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Solution(Equilibrium[TabulatedPolicy]):
-    """The solved game.
-
-    Its policies play the best stroke in every state; with recovery they mix strokes and positions, rounded to 1/65535.
-
-    Attributes:
-        games: the tables with which player 0 and player 1 strike; the same object in the symmetric game.
-    """
-
-    games: tuple[Game, Game]
-
     @property
     def value_at_serve(self) -> float:
         """Value of a rally to player 0, who serves it."""
         return float(self.striking[0][ROOT])
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class SoftSolution(Equilibrium[PairPolicy]):
-    """The KL-regularised equilibrium; its values are those of the regularised game.
-
-    Attributes:
-        tau: cost of a nat of divergence from the prior, on the scale of values.
-    """
-
-    tau: float
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class RobustSolution:
-    """The best worst case over several games.
-
-    Attributes:
-        games: from which nature picks.
-        policy: of the robust player, for the first of the games.
-        value: of the robust player, player 0, against a perfect opponent with nature on their side.
-        sweeps: how often all legal pairs were swept.
-    """
-
-    games: tuple[Game, ...]
-    policy: TabulatedPolicy
-    value: ProfileValue
-    sweeps: int
-
-    def odds(self) -> Odds:
-        """Probabilities of winning a rally that are guaranteed in every one of the games, against every opponent."""
-        return self.value.odds()
+Solution = Equilibrium[TabulatedPolicy]
+"""A solved game: the best stroke in every state; with recovery strokes and positions are mixed, rounded to 1/65535."""
 
 
 def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE) -> Solution:
@@ -147,11 +108,11 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
         raise ExactError(f"the game of {game.people.title} has the tables of both players; solve it alone")
     check_opponents(game, other)
     theirs = None if other is game else _best((other,))
-    return Solution(games=(game, other), **_equilibrium(_best((game,)), theirs, tolerance))
+    return _equilibrium(_best((game,)), theirs, tolerance)
 
 
-def _equilibrium(own: _Player, other: _Player | None, tolerance: float, start: F64 | None = None) -> dict[str, Any]:
-    """The fields of :class:`Equilibrium`; ``other`` None: the symmetric game; ``start`` as for :func:`solve_players`."""
+def _equilibrium(own: _Player, other: _Player | None, tolerance: float, start: F64 | None = None) -> Equilibrium[Any]:
+    """The equilibrium of two players; ``other`` None: the symmetric game; ``start`` as for :func:`solve_players`."""
     solved, sweeps = solve_players(own, other, tolerance, start=start)
     # Each strikes in its states, and waits in those of the other one.
     first, waited = own.policy(solved.striking[1])
@@ -160,10 +121,11 @@ def _equilibrium(own: _Player, other: _Player | None, tolerance: float, start: F
     else:
         second, waits = other.policy(solved.striking[0])
         first, second = waiting(first, waits), waiting(second, waited)
-    return {**vars(solved), "policy": (first, second), "sweeps": sweeps if other is None else 2 * sweeps}
+    games, count = (own.game, (other or own).game), sweeps if other is None else 2 * sweeps
+    return Equilibrium(**vars(solved), games=games, policy=(first, second), sweeps=count)
 
 
-def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> RobustSolution:
+def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Solution:
     """The policy with the best worst case over several games, such as refits on resampled matches.
 
     After every stroke, of either player, nature picks the game whose probabilities apply, against the robust player. With X the
@@ -181,6 +143,10 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Robu
     Args:
         games: of one layout, from which nature picks after every stroke; of one game: the minimax policy.
 
+    Returns:
+        The robust player as player 0, in the first of the games, and a perfect opponent with nature on their side. The odds of
+        player 0 are guaranteed in every one of the games, against every opponent.
+
     Raises:
         ExactError: there is no game, the layouts differ, or some stroke never ends a rally.
     """
@@ -189,30 +155,10 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Robu
     for game in games[1:]:
         check_same_layout(games[0], game)
     several = tuple(games)
-    found: Equilibrium[TabulatedPolicy] = Equilibrium(**_equilibrium(_best(several, against=True), _best(several), tolerance))
-    return RobustSolution(games=several, policy=found.policy[0], value=found, sweeps=found.sweeps)
+    return _equilibrium(_best(several, against=True), _best(several), tolerance)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _BestStrokes:
-    """A player who plays the best strokes.
-
-    Attributes:
-        games: tables of the player; of several, nature picks one after each stroke.
-        against: whether nature picks against this player; else in favour.
-    """
-
-    games: tuple[Game, ...]
-    against: bool = False
-
-    @property
-    def game(self) -> Game:
-        return self.games[0]
-
-    @functools.cached_property
-    def contraction(self) -> float:
-        return max(map(largest_continuation, self.games))
-
+class _BestStrokes(Free):
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         chosen = block_choices(self.games, block, plain, after_attack, against=self.against)
         return chosen.value, functools.partial(after_block_choices, self.game, chosen)
@@ -429,8 +375,8 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
 
 def solve_soft(
     prior: StatePolicy, opponent: StatePolicy | None = None, *, tau: float, tolerance: float = TOLERANCE
-) -> SoftSolution:
-    """The KL-regularised equilibrium.
+) -> Equilibrium[PairPolicy]:
+    """The KL-regularised equilibrium; its values are those of the regularised game.
 
     Args:
         prior: of player 0; strokes with probability 0 keep it.
@@ -452,7 +398,7 @@ def solve_soft(
         return Saddle((strikes.game,), strokes=strokes, positions=positions_of(waits), tau=tau)
 
     own, theirs = player(prior, opponent), None if opponent is prior else player(opponent, prior)
-    return SoftSolution(tau=tau, **_equilibrium(own, theirs, tolerance, np.zeros(prior.game.n_states)))
+    return _equilibrium(own, theirs, tolerance, np.zeros(prior.game.n_states))
 
 
 class _SoftPlayer:

@@ -127,19 +127,12 @@ def _rows_of(games: tuple[Game, ...], level: int) -> Rows:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class MetGame(Game):
-    """The game against a receiver whose positions are known: the means of the tables over them.
+    """The game against a receiver whose positions are known: the means of the tables over them."""
 
-    Attributes:
-        of: the game with recovery.
-        table: for each block the row of the following two; blocks that are alike share one.
-        mean_limits: ``[T, base pairs, 3]`` thresholds, not rounded.
-        mean_hurry: ``[T, base pairs, 2]`` chances of a hurried receiver, not rounded.
-    """
-
-    of: Game
-    table: tuple[int, ...]
-    mean_limits: F64
-    mean_hurry: F64
+    of: Game  # the game with recovery
+    table: tuple[int, ...]  # for each block the row of the following two; blocks that are alike share one
+    mean_limits: F64  # [T, base pairs, 3] thresholds, not rounded
+    mean_hurry: F64  # [T, base pairs, 2] chances of a hurried receiver, not rounded
 
     def __post_init__(self) -> None:
         """Its layout is that of a game that was checked."""
@@ -221,17 +214,14 @@ class InducedChain:
     """Markov chain of one player's strokes under a policy.
 
     Attributes:
-        game: the tables with which the player strikes.
-        reward: ``[S]`` expected reward to the striker of the stroke played: probability of a winner minus probability of a fault.
         chance: for each block ``[base pairs]`` probability of each legal pair given its state, of a table in units of 1/65535, in
             the order of :func:`shuttle_marl.exact.sweeps.listed`; blocks that are alike share an array.
-        contraction: largest probability that the rally continues, over the rally states.
     """
 
-    game: Game
-    reward: F64
+    game: Game  # the tables with which the player strikes
+    reward: F64  # [S] expected reward to the striker of the stroke played: probability of a winner minus probability of a fault
     chance: tuple[Chances, ...]
-    contraction: float
+    contraction: float  # largest probability that the rally continues, over the rally states
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         """Values of one block and their linear part; see :class:`~shuttle_marl.exact.fixed_point.Striker`."""
@@ -282,10 +272,8 @@ def check_opponents(first: Game, second: Game) -> None:
             continue
         player, opponent = _player_and_opponent(game)
         if other.whole is None or _player_and_opponent(other) != (opponent, player):
-            raise ExactError(
-                f"{player} strikes with the tables of a pair, and the opponent does not strike as {opponent} does; "
-                "move its policy to those tables with exact.moved(policy, game.opposite)"
-            )
+            wrong = f"{player} strikes with the tables of a pair, and the opponent does not strike as {opponent} does"
+            raise ExactError(f"{wrong}; move its policy to those tables with exact.moved(policy, game.opposite)")
 
 
 def _player_and_opponent(game: Game) -> tuple[str, str]:
@@ -303,13 +291,11 @@ def moved(policy: PolicyT, game: Game) -> PolicyT:
         ExactError: the layouts differ.
     """
     check_same_layout(policy.game, game)
-    return dataclasses.replace(policy, game=game)
+    return policy if policy.game is game else dataclasses.replace(policy, game=game)
 
 
 def facing(policy: SomeT, opponent: OtherT) -> tuple[SomeT, OtherT]:
     """Two policies with the tables that hold while the receiver waits as the other policy does; as they are without recovery."""
-    if policy.game.recovery is None:
-        return policy, opponent
     first = cast("SomeT", moved(cast("PairPolicy", policy), met_by(policy.game, opponent)))
     if policy is opponent:
         return first, cast("OtherT", first)
@@ -332,10 +318,8 @@ def check_same_layout(first: Game, second: Game) -> None:
         return
     for part in _LAYOUT:
         if not np.array_equal(*map(operator.attrgetter(part), (first, second))):
-            raise ExactError(
-                f"the two players' games differ in {part}, so their states are not the same; "
-                "compile both from the same catalogue, with the same rule of legality and the same number of levels of effort"
-            )
+            advice = "compile both from the same catalogue, with the same rule of legality and levels of effort"
+            raise ExactError(f"the two players' games differ in {part}, so their states are not the same; {advice}")
 
 
 def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = TOLERANCE) -> ProfileValue:

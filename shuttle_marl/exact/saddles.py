@@ -16,7 +16,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, U8
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.exact.fixed_point import BlockLinear, largest_continuation, successors
+from shuttle_marl.exact.fixed_point import BlockLinear, Free, successors
 from shuttle_marl.exact.profile import PairPolicy, Rows, rows_of
 from shuttle_marl.exact.sweeps import Chances, Replies, gathered, replies, unit_of, worth_of
 from shuttle_marl.game.policy import from_pair_probabilities
@@ -464,36 +464,19 @@ def _mean_linear(games: tuple[Game, ...], block: int, found: Strategies) -> Bloc
 
 
 @dataclasses.dataclass(eq=False)
-class Saddle:
+class Saddle(Free):
     """The states in which one player strikes: both players choose best, the striker strokes, the receiver positions.
 
     Attributes:
-        games: with recovery, the tables with which that player strikes; of several, nature picks one after each stroke.
-        against: whether nature picks against that player; else in favour.
         strokes: for each block ``[base pairs]`` probabilities of a policy that the striker follows; None: free.
-        positions: ``[S, 9]`` probabilities of positions of a policy that the receiver follows; None: free.
-        share: probability with which each choice follows the policy; else it is free.
         tau: if above 0, both are free and pay so much for a nat of divergence from ``strokes`` and ``positions``, the priors.
-        gap: largest gap of a matrix game so far.
     """
 
-    games: tuple[Game, ...]
-    against: bool = False
     strokes: tuple[Chances, ...] | None = None
-    positions: F64 | None = None
-    share: float = 1.0
+    positions: F64 | None = None  # [S, 9] probabilities of positions of a policy that the receiver follows; None: free
+    share: float = 1.0  # probability with which each choice follows the policy; else it is free
     tau: float = 0.0
-    gap: float = 0.0
-
-    @property
-    def game(self) -> Game:
-        """The first of the games."""
-        return self.games[0]
-
-    @functools.cached_property
-    def contraction(self) -> float:
-        """Factor by which a sweep reduces an error of the rally states."""
-        return max(map(largest_continuation, self.games))
+    gap: float = 0.0  # largest gap of a matrix game so far
 
     def _strategies(self, block: int, plain: F64, after_attack: F64) -> Strategies:
         """Values, free strokes and positions, and picked games of a block."""

@@ -1,9 +1,7 @@
 """Compiled sweeps over all legal pairs of a game: the best stroke of every state, the mean under a policy, and its transpose.
 
-The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). A sweep
-processes one block of states after the other. It first gathers the values of the successor states of each reply, and then goes
-reply by reply, through all states that have it (:class:`Lists`): 8 bytes for each legal pair, those of the game and the chance of
-the policy, are read in order. Sums are accumulated in a fixed order: they have the same bits on every machine.
+A sweep processes one block of states after the other: it gathers the values of the successors of each reply, and goes reply by
+reply through all states that have it (:class:`Lists`). Sums have a fixed order, and so the same bits on every machine.
 """
 
 import functools

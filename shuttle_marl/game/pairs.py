@@ -1,13 +1,9 @@
 """Skill of players, and the game of a pair: two players, each with the tables of their own strokes, over the same states.
 
-Skill is by how much the log-odds of a player differ from those of the average player: partially pooled estimates. Three
-components describe a stroke: **success** (log-odds of a fault), **return** (log-odds that a good stroke is returned) and
-**contact** (log-odds that a returned stroke is met above the net). Each has a part for the player who strikes and one for the
-player who receives, and each part is the sum of a general offset and one of the group of the shot type. Skill changes with time,
-so a player has one set of offsets for each of several days (*knots*).
-
-The tables of a player's strokes are those of the average game, of players with equal or with different hands, with the odds
-multiplied by the offsets of striker and receiver. They are computed in whole numbers, the same on every machine.
+Skill is by how much the log-odds of a player differ from those of the average player: of a fault (**success**), that a good
+stroke is returned (**return**) and that it is met above the net (**contact**). Each has a part for the striker and one for the
+receiver, and each part is the sum of a general offset and one of the group of the shot type. It changes with time, so a player
+has one set of offsets for each of several days (*knots*). Tables are computed in whole numbers, the same on every machine.
 """
 
 import dataclasses
@@ -202,21 +198,13 @@ _LARGEST: Final = 4.0  # offsets are limited to this difference of log-odds
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class People:
-    """Two players in whose game seats 0 and 1 strike with their skill.
+    """Two players in whose game seats 0 and 1 strike with their skill."""
 
-    Attributes:
-        players: their names; ``average`` for the average player.
-        model: the model or variant whose tables the offsets are applied to, by name or folder.
-        date: day of the skill; None: the last one known.
-        discipline: ``men`` or ``women`` for the tables of that discipline; None: the average of both.
-        hands: their hands; an unknown one, and that of the average player, counts as right.
-    """
-
-    players: tuple[str, str]
-    model: str = "default"
-    date: datetime.date | None = None
-    discipline: str | None = None
-    hands: Hands = (HANDS[0], HANDS[0])
+    players: tuple[str, str]  # their names; `average` for the average player
+    model: str = "default"  # the model or variant whose tables the offsets are applied to, by name or folder
+    date: datetime.date | None = None  # day of the skill; None: the last one known
+    discipline: str | None = None  # `men` or `women` for the tables of that discipline; None: the average of both
+    hands: Hands = (HANDS[0], HANDS[0])  # their hands; an unknown one, and that of the average player, counts as right
 
     def game(self, model: str | None = None) -> Game:
         """Their game, in another model if one is named."""

@@ -175,11 +175,9 @@ def checked_probabilities(policy: Policy, states: States) -> F64:
         PolicyError: the policy raised, or a row is no distribution over the legal strokes; says which state and stroke.
     """
     if states.history is None and reads_history(policy):
-        raise HistoryError(
-            f"{called(policy)} reads the strokes of the rally so far, so it has no table over states and plays only where a "
-            "match is played stroke by stroke (live court, simulated matches, Gymnasium opponents); use a policy of the state "
-            "here, such as bc"
-        )
+        where = "where a match is played stroke by stroke (live court, simulated matches, Gymnasium opponents)"
+        why = f"reads the strokes of the rally so far, so it has no table over states and plays only {where}"
+        raise HistoryError(f"{called(policy)} {why}; use a policy of the state here, such as bc")
     return _checked(policy.probabilities, called(policy), states, states.game.mask(states.state), "stroke")
 
 
@@ -289,17 +287,11 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GamePolicy:
-    """A policy on one game, which can act in its environments.
+    """A policy on one game, which can act in its environments."""
 
-    Attributes:
-        policy: the policy; its other attributes are available here too.
-        game: the tables.
-        name: by which it was resolved; empty for none.
-    """
-
-    policy: Policy
-    game: Game
-    name: str = ""
+    policy: Policy  # the policy; its other attributes are available here too
+    game: Game  # the tables
+    name: str = ""  # by which it was resolved; empty for none
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name in ("policy", "game", "name"):  # while it is copied or unpickled
@@ -559,10 +551,8 @@ class TabulatedPolicy:
         except (OSError, KeyError, ValueError) as error:
             raise PolicyError(f"{path}: no readable table of a policy ({error})") from error
         if header.get("game") != game.hash:
-            made_for = str(header.get("game"))[:12]
-            raise PolicyError(
-                f"{path}: the policy was tabulated for game {made_for}, this is {game.hash[:12]}; tabulate it again"
-            )
+            found = f"{path}: the policy was tabulated for game {str(header.get('game'))[:12]}"
+            raise PolicyError(f"{found}, this is {game.hash[:12]}; tabulate it again")
         table = cls.checked(cumulative, game, str(path), waits=waits)
         if header.get("hash") != table.hash:
             raise PolicyError(f"{path}: the table does not match its hash; the file is damaged, save the policy again")

@@ -1,17 +1,11 @@
-"""The hidden recovery position: where the receiver waits while the striker strikes.
+"""The hidden recovery position: where the receiver waits while the striker strikes, who does not know it (``docs/recovery.md``).
 
-In the game with recovery the receiver chooses one of nine **positions**, and the striker strikes without knowing it. Both
-choose at the same time, knowing the state of the striker. A position changes the probabilities of three outcomes of a good
-stroke: that it is a winner, that it is met above the net, and that the receiver is hurried. It decides one stroke and is not
-carried on, so the states are those of the game without.
-
-Positions are cells of the receiver's half, three in depth and three across; like areas they are named as a right-handed player
-sees them, forehand side first. A position is **feasible** in a state where people choose it there (:attr:`Recovery.people`).
+A position is a cell of the receiver's half, three in depth and three across, named as a right-handed player sees it. It is
+**feasible** in a state where people choose it there (:attr:`Recovery.people`). It decides one stroke and is not carried on.
 
 **Tables.** A position multiplies the odds of an outcome by a factor of the stroke's shot type and target area, and by one of
-the legal pair, which is chosen so that the mean over people's positions is the probability of the game without. So a game in
-which the receiver waits where people do is the game without recovery, up to the rounding of the tables (half a unit each). The
-factors are computed by additions, products and quotients in a fixed order, so the tables are the same on every machine.
+the legal pair, which is chosen so that the mean over people's positions is the probability of the game without, up to rounding.
+All is computed in a fixed order, so the tables are the same on every machine.
 """
 
 import dataclasses

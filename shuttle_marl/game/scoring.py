@@ -7,7 +7,7 @@ point; the winner of a rally serves next, so the winner of a game serves first i
 import dataclasses
 import itertools
 from collections.abc import Iterator
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -65,9 +65,13 @@ class RulesTuple(NamedTuple):
 BWF: Final = Rules()  # the rules of the sport since 2006
 
 
-RulesName = Literal["21", "15", "11"]
-RULES: Final[dict[RulesName, Rules]] = {"21": BWF, "15": Rules(points=15, cap=21), "11": Rules(points=11, cap=15, games=3)}
-"""Rules by the points of a game: those of the sport, and its trials of best of three to 15 and best of five to 11."""
+RulesName = Literal["21", "15", "11", "21x1", "21x5", "15x1", "15x5", "11x1", "11x3"]
+_USUAL: Final[dict[RulesName, Rules]] = {"21": BWF, "15": Rules(points=15, cap=21), "11": Rules(points=11, cap=15, games=3)}
+RULES: Final[dict[RulesName, Rules]] = {
+    name: _USUAL.get(name) or dataclasses.replace(_USUAL[name[:2]], games=int(name[3]) // 2 + 1) for name in get_args(RulesName)
+}
+"""Rules by the points of a game: those of the sport, and its trials of best of three to 15 and best of five to 11; ``15x5``: best
+of five to 15."""
 
 
 class RallyCount(NamedTuple):

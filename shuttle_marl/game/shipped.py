@@ -1,12 +1,9 @@
 """Finds the models that come with the package, and reads their games and the variants of these.
 
-A model is named by its folder, or by its name if it is shipped. Its game is the average of men's and women's singles; a name
-such as ``default:men`` means one of its variants: the game of one discipline, or of a refit on resampled matches.
-
-A variant has the same strokes and rules and other probabilities. For every base pair it says by how many steps of :data:`STEP`
-the log-odds of five probabilities differ from those of the model: of a fault, of a winner given a good stroke, of a return from
-below given a return, and of a hurried receiver given a return from below and from above. They are applied in whole numbers, so a
-variant has the same tables, and the same hash, on every machine.
+A name such as ``default:men`` means a variant of a model: the game of one discipline, or of a refit on resampled matches. It has
+the same strokes and rules. For every base pair it says by how many steps of :data:`STEP` the log-odds of five probabilities
+differ from those of the model: of a fault, of a winner given a good stroke, of a return from below given a return, and of a
+hurried receiver given a return from below and from above; in whole numbers, the same on every machine.
 """
 
 import dataclasses
@@ -209,10 +206,8 @@ def origin_named(name: str) -> Origin:
                 without, _, last = (part or "").rpartition("-")
                 return Origin(folder, without or None, recovery=True) if last == RECOVERY else Origin(folder, part)
     shipped = ", ".join(sorted(p.parent.name for p in _MODELS.glob(f"*/{GAME}"))) or "none"
-    raise GameError(
-        f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; "
-        f"fit one with `{command('dynamics', 'fit')}`"
-    )
+    fit = command("dynamics", "fit")
+    raise GameError(f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; fit one with `{fit}`")
 
 
 def between_hands(equal: Game, folder: Path) -> Game:

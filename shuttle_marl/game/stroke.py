@@ -146,9 +146,7 @@ class Catalogue:
             return self._index_by_name[name]
         except KeyError:
             parse(name)  # says which part is misspelt, if one is
-            raise UnknownStrokeError(
-                f"{name!r} is not in catalogue {self.version}: no elite player used it often enough"
-            ) from None
+            raise UnknownStrokeError(f"{name!r} is not in catalogue {self.version}: elite players use it too rarely") from None
 
     @functools.cached_property
     def _index_by_name(self) -> dict[str, int]:

@@ -1,17 +1,7 @@
-"""Tables of a game: the probabilities of outcomes over the layout of its states.
+"""Tables of a game: the probabilities of outcomes over the layout of its states (:mod:`shuttle_marl.game.layout`).
 
-A rally alternates between two players. The one to hit is the striker, the other the receiver. What decides a stroke is
-the striker's **state**:
-
-- their own last stroke, the incoming stroke, and the **contact** they are offered (below or above the net);
-- whether they are **hurried**: late or stretched, like the worst quarter of strokes from such an incoming shot and contact;
-- the **duel**: how many net shots in a row end with the incoming stroke, 0 to 3 (3: three or more);
-- the **effort** of both players: attacking strokes (smashes, half-smashes) that each has played in this rally, from 0 to
-  L - 1 (so many or more).
-
-A 16-bit draw decides each stroke: a fault, a winner, returned from below the net, or returned from above; 8 more bits decide
-whether the receiver of a return is hurried. The striker's effort multiplies the odds of a fault, and nothing else; the
-receiver's changes nothing until the roles swap.
+What decides a stroke is the striker's state (:class:`shuttle_marl.game.rules.State`). *Hurried* is late or stretched, like the
+worst quarter of strokes from such an incoming shot and contact. The striker's effort multiplies the odds of a fault alone.
 """
 
 import dataclasses
@@ -213,9 +203,8 @@ class Game(Layout):
             GameError: in the game of a pair, each seat has its own.
         """
         if self.people is not None:
-            raise GameError(
-                f"the game of {self.people.title} has the tables of both players; take those of a seat, game.seats[0]"
-            )
+            advice = "take those of a seat, game.seats[0]"
+            raise GameError(f"the game of {self.people.title} has the tables of both players; {advice}")
         return frozen(np.stack([with_fault_odds(self.threshold, odds) for odds in self.fault_odds.tolist()]))
 
     @property
@@ -292,11 +281,7 @@ class Game(Layout):
         return content_hash(*parts, *([] if self.recovery is None else [f"recovery {self.recovery.hash}".encode()]))
 
     def _check_layout(self) -> None:
-        """Check that all indices are in range: compiled code reads the tables without bounds checks.
-
-        Raises:
-            GameError: an index is out of range, or a shape or a value is not valid.
-        """
+        """Check that all indices are in range: compiled code reads the tables without bounds checks."""
         n, edges, replies = self.n_strokes, len(self.edge_own), len(self.reply_edge)
         wanted = {
             "edge_own": (edges,), "edge_incoming": (edges,), "edge_duel": (edges,), "reply_start": (n + 1, 2, 2),
@@ -318,11 +303,7 @@ class Game(Layout):
         self._check_replies()
 
     def _check_replies(self) -> None:
-        """Check that replies follow the strokes that they answer.
-
-        Raises:
-            GameError: some do not.
-        """
+        """Check that replies follow the strokes that they answer."""
         n, replies = self.n_strokes, len(self.reply_edge)
         starts = self.reply_start.astype(np.int64)
         counts = np.broadcast_to(self.reply_count.astype(np.int64)[:, None], starts.shape)
@@ -395,11 +376,7 @@ class Game(Layout):
 
 
 def _made_again(make: Callable[[], Game], value: str) -> Game:
-    """The game that was pickled by its name.
-
-    Raises:
-        GameError: the model has changed since.
-    """
+    """The game that was pickled by its name."""
     game = make()
     if game.hash != value:
         raise GameError(f"{game!r}: pickled with game {value[:12]}, and this version of the model is another one; make it again")

@@ -1,13 +1,8 @@
 """One stroke, compiled: draws, table look-ups and outcomes, and passes over blocks of rows.
 
-A stroke reads tables at two unpredictable places, often outside the cache. Therefore a pass is a tight loop over all rows of a
-block that does one thing: the reads of many rows overlap, and arithmetic is vectorised. One loop that does everything row by row
-takes twice as long.
-
-The compiled functions are inlined into the loops of this package. They follow :mod:`shuttle_marl.game.rules` and
-:mod:`shuttle_marl.game.draws`, to which tests compare them bit for bit.
-
-Compiled code accesses memory unchecked, so every array from outside is checked first (:func:`checked_array`).
+A pass is a tight loop over all rows of a block that does one thing, so that the reads of many rows overlap and arithmetic is
+vectorised: twice as fast as one loop that does everything. Compiled code accesses memory unchecked, so every array from outside
+is checked first (:func:`checked_array`).
 """
 
 import functools

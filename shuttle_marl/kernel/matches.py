@@ -40,7 +40,6 @@ from shuttle_marl.kernel.rows import play as strike
 _STROKES_A_MATCH: Final = 1600
 """Initial capacity for the strokes of a match, doubled as needed. Not a power of two, so that the strokes of different matches do
 not compete for the same cache lines."""
-_REPORT_EVERY: Final = 64
 _NOT_GIVEN: Final = np.empty((2, 0), np.int64)
 
 
@@ -242,17 +241,15 @@ def play(
     *,
     rules: Rules = BWF,
     keep_strokes: bool = True,
-    progress: Callable[[int], None] | None = None,
 ) -> MatchResults:
     """Play all matches to their end between players who are asked for every stroke.
 
     Args:
         wait: positions of receivers in the game with recovery; None: those of people.
         keep_strokes: whether to return the strokes, or only their number.
-        progress: called from time to time with the number of strokes played since the last call.
     """
     run = _Running(game, matches, empty_players(game, 0), rules, keep=keep_strokes)
-    history, log, unreported = np.full((len(matches), LAGS), game.n_strokes, np.int32), run.log, 0
+    history, log = np.full((len(matches), LAGS), game.n_strokes, np.int32), run.log
     while run.live:
         part = part_of(run.lanes, 0, run.live)
         match, state, seat, bits = part.rally, part.state.copy(), part.striker.astype(np.int32), draws.draw(part.key, part.stroke)
@@ -266,11 +263,7 @@ def play(
         else:
             position = drawn_strokes(game.people_positions(state), drawn)
         history[match] = np.column_stack([game.stroke_at(state, k), history[match, :-1]])
-        unreported += run.live
         run.play(np.stack([k, position]).astype(np.int64))
-        if progress is not None and (unreported > _REPORT_EVERY * len(matches) or not run.live):
-            progress(unreported)
-            unreported = 0
     return run.results()
 
 
@@ -282,7 +275,6 @@ def play_matches(
     rules: Rules = BWF,
     keep_strokes: bool = True,
     threads: int | None = None,
-    progress: Callable[[int], None] | None = None,
 ) -> MatchResults:
     """Play all matches to their end.
 
@@ -291,7 +283,6 @@ def play_matches(
             :func:`~shuttle_marl.kernel.pack` saves time if the same policies play several times.
         keep_strokes: whether to return the strokes, or only their number.
         threads: number of threads; does not change results. None: number of processors.
-        progress: called from time to time with the number of strokes played since the last call.
 
     Raises:
         KernelError: a policy of another game, or a match between entrants that do not exist.
@@ -313,8 +304,6 @@ def play_matches(
     for first, results in zip(starts, in_threads(play_from, starts, workers), strict=True):
         games.append(results.games)
         rallies.append(dataclasses.replace(results.rallies, match=results.rallies.match + np.uint32(first)))
-        if progress is not None:
-            progress(int(results.rallies.length.sum()))
     return MatchResults(np.concatenate(games), Rallies.concatenate(rallies))
 
 

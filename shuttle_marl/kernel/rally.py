@@ -482,12 +482,7 @@ class RallyBatch:
             core.check_room(name, array, kind, shape)
 
     def _ranks(self, stroke: Ints) -> I16:
-        """``[B]`` position of each stroke among the legal strokes.
-
-        Raises:
-            KernelError: wrong shape, or not integers.
-            IllegalStrokeError: an illegal stroke.
-        """
+        """``[B]`` position of each stroke among the legal strokes."""
         rank = self.ranks(stroke)
         if rank.min() < 0:
             row = int((rank < 0).argmax())
@@ -510,11 +505,7 @@ class RallyBatch:
         return np.asarray(self.rows.striker == self._other)
 
     def _places(self, position: Ints | None) -> I16:
-        """``[B]`` number of each position among the feasible ones; 0 where none is given.
-
-        Raises:
-            KernelError: wrong shape, not integers, or an infeasible position; or positions that are not needed or missing.
-        """
+        """``[B]`` number of each position among the feasible ones; 0 where none is given."""
         if (position is not None) != (self.game.hides and not self.n_opponents):
             raise KernelError("positions are for rows without opponents in the game with recovery, and needed there")
         if position is None:

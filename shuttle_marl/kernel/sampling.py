@@ -1,12 +1,9 @@
 """Whole rallies of a learner that acts from a table, summed up by state and stroke: millions of strokes a second.
 
-The network is not evaluated at every stroke: few states make up most of the play, so it is evaluated once for each of them, and
-its outputs are stored in a table. Rallies are played from tables alone. A rally that reaches a state whose entry is missing or
-stale waits there; when all rallies are over or wait, the network is evaluated in these states together, and they continue.
-
-A rally is played to its end, so its advantages (Schulman et al. 2016) follow at once from the values of the table. They are
-summed for each state and stroke, positive and negative ones apart: the clipped objective of PPO is linear in each of the two, so
-its gradient over distinct pairs is that over all strokes.
+Few states make up most of the play, so the network is evaluated once for each of them, and its outputs are stored in a table. A
+rally that reaches a state whose entry is missing or stale waits there until the network is evaluated in all such states together.
+Advantages (Schulman et al. 2016) are summed for each state and stroke, positive and negative ones apart: the clipped objective
+of PPO is linear in each of the two, so its gradient over distinct pairs is that over all strokes.
 """
 
 import math
@@ -66,9 +63,8 @@ class RallySampler:
         shaping: Floats | None = None,
     ) -> None:
         if not 0 <= gae_lambda <= 1 or cache_iterations < 1:
-            raise KernelError(
-                f"gae_lambda {gae_lambda}, cache_iterations {cache_iterations}: expected 0 to 1, and 1 iteration or more"
-            )
+            given = f"gae_lambda {gae_lambda}, cache_iterations {cache_iterations}"
+            raise KernelError(f"{given}: expected 0 to 1, and 1 iteration or more")
         self.game, self._gae_lambda, self._cache_iterations = game, float(gae_lambda), cache_iterations
         self._tables = tables_of(game)
         players = empty_players(game, 1 + len(opponents))

@@ -13,12 +13,11 @@ from shuttle_marl.exact.meta_games import alpha_rank, maximal_lottery, nash_aver
 from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.league.ranking import ELO, ExactOdds, Misfit, Standing, misfit, played_cells, prior_wins, wins_of
+from shuttle_marl.league.ranking import ELO, ExactOdds, Misfit, Standing, groups, misfit, played_cells, prior_wins, wins_of
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.policy.registry import tabulated
 
-ANCHOR: Final = "minimax"
-"""Perfect play, which can have all the weight in an equilibrium; meta-games are also solved without it."""
+ANCHOR: Final = "minimax"  # perfect play, which can have all the weight in an equilibrium; meta-games are also solved without it
 _MOST_CYCLES: Final = 20
 _SURE: Final = 5e-7
 _DECIMALS: Final = 6
@@ -59,13 +58,11 @@ class Style:
     Attributes:
         likeness: overlap with ``bc``: sum of the smaller of the two probabilities of every stroke, averaged over the states of
             ``bc`` in self-play; 1 for ``bc``.
-        rally_length: expected number of strokes of a rally against ``bc``.
-        shots: fraction of each of :data:`AXES` among the strokes after the serve, against ``bc``.
     """
 
     likeness: float
-    rally_length: float
-    shots: dict[str, float]
+    rally_length: float  # expected number of strokes of a rally against `bc`
+    shots: dict[str, float]  # fraction of each of `AXES` among the strokes after the serve, against `bc`
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,16 +72,14 @@ class Assessment:
     Attributes:
         win: ``[N, N]`` probability that the row wins a match against the column: exact, else sampled with the prior of the
             ratings, else by the ratings.
-        misfit: of the ratings to the P pairings that were played.
-        games: meta-games by description: of all, and without :data:`ANCHOR`.
         cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
     """
 
     names: tuple[str, ...]
     win: F64
-    misfit: Misfit
+    misfit: Misfit  # of the ratings to the P pairings that were played
     pairs: list[tuple[str, str]]
-    games: dict[str, MetaGame]
+    games: dict[str, MetaGame]  # meta-games by description: of all, and without `ANCHOR`
     cyclic_share: float
     cycles: list[Cycle]
     styles: Mapping[str, Style]
@@ -99,7 +94,8 @@ def assess(
     rating = {standing.player: standing.rating / ELO for standing in standings}
     theta = np.nan_to_num(np.array([rating[name] for name in pool]))
     win = _win(exact, cells, pairs, theta)
-    rated = {standing.player for standing in standings if standing.matches}
+    some = {1} if np.isnan(win).any() else {standing.group for standing in standings}  # what was never compared has no meta-game
+    rated = {standing.player for standing in standings if standing.matches and standing.group in some}
     return Assessment(
         names=pool,
         win=win,
@@ -114,6 +110,8 @@ def assess(
 
 def _win(exact: ExactOdds, cells: F64, pairs: Intp, theta: F64) -> F64:
     win = 1 / (1 + np.exp(theta[None, :] - theta[:, None]))
+    group = groups(pairs, len(win))
+    win[(group[:, None] != group) & (group[:, None] * group > 0)] = np.nan
     wins = wins_of(cells, pairs, len(win))
     wins += prior_wins(wins)
     played = wins + wins.T
@@ -150,9 +148,9 @@ def cyclic_share(win: F64) -> float:
     """Fraction of the squared log-odds of all pairs that no differences of ratings can express; 0 for two entrants.
 
     Args:
-        win: ``[N, N]`` probability that the row wins against the column.
+        win: ``[N, N]`` probability that the row wins against the column; NaN if unknown.
     """
-    p = win.clip(_SURE, 1 - _SURE)
+    p = np.nan_to_num(win, nan=0.5).clip(_SURE, 1 - _SURE)
     odds = np.log(p / (1 - p))
     level = odds.mean(axis=1)
     whole = float((odds**2).sum())

@@ -23,12 +23,9 @@ from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Sampling
 
-MOST_MATCHES: Final = 10_000_000
-"""Largest number of matches of a pairing, whose rallies are held in memory until it is finished."""
-_OWN_PLAYERS: Final = 6
-"""Number of individual players in the default pool; ``--pool`` takes any number."""
-ANCHORS: Final = ("minimax", "best-response:bc")
-"""Solved policies of the default pool, reference points of the scale."""
+MOST_MATCHES: Final = 10_000_000  # largest number of matches of a pairing, whose rallies are held in memory until it is finished
+_OWN_PLAYERS: Final = 6  # number of individual players in the default pool; ``--pool`` takes any number
+ANCHORS: Final = ("minimax", "best-response:bc")  # solved policies of the default pool, reference points of the scale
 TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
 
 
@@ -140,19 +137,13 @@ def default_pool(game: Game) -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Entrant:
-    """One entrant.
-
-    Attributes:
-        table: the policy in every state; None if it reads the score or failed.
-        opposite: the same at seat 1 of the game of a pair; None in other games.
-        failure: reason why the entrant forfeits every match; empty if it does not.
-    """
+    """One entrant."""
 
     name: str
     policy: Policy
-    table: TabulatedPolicy | None = None
-    opposite: TabulatedPolicy | None = None
-    failure: str = ""
+    table: TabulatedPolicy | None = None  # the policy in every state; None if it reads the score or failed
+    opposite: TabulatedPolicy | None = None  # the same at seat 1 of the game of a pair; None in other games
+    failure: str = ""  # reason why the entrant forfeits every match; empty if it does not
 
     @property
     def hash(self) -> str:

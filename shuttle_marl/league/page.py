@@ -36,15 +36,11 @@ _RATING: Final = ("rank", "rating", "rating_low", "rating_high", "rating_exact")
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Curve:
-    """Evaluations of a training run.
-
-    Attributes:
-        settings: of the run, as JSON with sorted keys.
-    """
+    """Evaluations of a training run."""
 
     name: str
     rows: list[dict[str, Any]]
-    settings: str = "{}"
+    settings: str = "{}"  # of the run, as JSON with sorted keys
 
     def points(self, figure: str, by: str) -> list[tuple[float, float]]:
         """Points of a figure over ``seconds`` or ``strokes``; rows without one of the two are left out."""
@@ -85,9 +81,12 @@ def learning_charts(runs: Sequence[Curve]) -> list[tuple[str, Markup]]:
 
 def ranking(standings: Sequence[Standing], styles: Mapping[str, Style] | None = None) -> Table:
     """The ranking, without empty columns."""
+    apart = any(standing.group > 1 for standing in standings)
     likeness = {player: style.likeness for player, style in (styles or {}).items()}
     columns: list[Column[Standing]] = [
         Column("", lambda s: Cell(str(s.rank), s.rank), about="rank", ascending=True),
+        Column("group", lambda s: Cell(str(s.group), s.group) if apart else Cell(), about="groups are not compared",
+               ascending=True),
         Column("player", lambda s: Cell(s.player + (f" (forfeited {s.forfeits})" if s.forfeits else ""), s.player.casefold()),
                left=True),
         Column("rating", lambda s: number(s.rating, "+.0f"), about="Bradley-Terry, in Elo points; mean of the pool 0"),
@@ -128,6 +127,8 @@ def console_table(standings: Sequence[Standing], form: Format = "round-robin") -
     for column in ranked.columns:
         if column.brief:
             shown.add_column(column.heading, justify="left" if column.left else "right", no_wrap=True)
+    if any(standing.group > 1 for standing in standings):
+        shown.caption, shown.caption_justify = _summary(standings), "left"
     for standing, row in zip(standings, ranked.rows, strict=True):
         brief = (cell.text for cell, column in zip(row, ranked.columns, strict=True) if column.brief)
         shown.add_row(*(Text(printable(text)) for text in brief), style="dim" if standing.forfeits else None)
@@ -183,6 +184,8 @@ def page(
 
 def _summary(standings: Sequence[Standing]) -> str:
     """Who is first, in a sentence: all entrants whose 95 % interval of the rank includes 1."""
+    if (last := max((standing.group for standing in standings), default=1)) > 1:
+        return f"{last} groups of entrants have no chain of matches between them: they are ranked apart, and not compared."
     first = [standing.player for standing in standings if standing.rank_low == 1]
     if not first:
         return "No matches were played."

@@ -23,7 +23,7 @@ from shuttle_marl.game.shipped import Profile, model_folder
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.registry import tabulated
-from shuttle_marl.reports.summary import AnalysisError, met, rally_table
+from shuttle_marl.reports.summary import AnalysisError, met
 
 _NORMAL: Final = 1.959964
 _TOLERANCE: Final = 1e-6
@@ -37,23 +37,19 @@ class Prediction:
     """Prediction of one pair, from the side of the first player.
 
     Attributes:
-        players: names.
-        hash: hash of the game of the pair.
-        rally_win: probability of winning a rally, both serving equally often.
         rally_low, rally_high: its 95 % interval over the uncertainty of the skill.
-        match_win: probability of winning a match.
         match_low, match_high: its 95 % interval.
         reasons: the offsets of both players with the largest effects, in points of 100 rallies; positive for the first player.
         rallies, rallies_won: real rallies between the two, and those that the first player won; 0 without data.
         matches, matches_won: the same of matches.
     """
 
-    players: tuple[str, str]
-    hash: str
-    rally_win: float
+    players: tuple[str, str]  # names
+    hash: str  # hash of the game of the pair
+    rally_win: float  # probability of winning a rally, both serving equally often
     rally_low: float
     rally_high: float
-    match_win: float
+    match_win: float  # probability of winning a match
     match_low: float
     match_high: float
     reasons: dict[str, float]
@@ -68,14 +64,12 @@ class PlayerRow:
     """A player in the table of predictions.
 
     Attributes:
-        since: day of the skill in ISO 8601.
-        strokes: strokes of the player in the data of the model.
         rally_win, match_win: mean probabilities of winning against all others.
     """
 
     name: str
-    since: str
-    strokes: int
+    since: str  # day of the skill in ISO 8601
+    strokes: int  # strokes of the player in the data of the model
     rally_win: float
     match_win: float
 
@@ -168,8 +162,7 @@ def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:
 
 def with_results(predictions: Sequence[Prediction], strokes: pa.Table) -> list[Prediction]:
     """Predictions beside the real results of a table of strokes of schema :data:`shuttle_marl.data.schema.STROKES`."""
-    rallies = rally_table(strokes)
-    return [dataclasses.replace(each, **met(rallies, *each.players)._asdict()) for each in predictions]
+    return [dataclasses.replace(each, **met(strokes, *each.players)._asdict()) for each in predictions]
 
 
 def ranked(players: Sequence[str], predictions: Sequence[Prediction], game: str = "default", date: Day = None) -> list[PlayerRow]:

@@ -47,7 +47,7 @@ def bradley_terry(wins: F64, start: F64 | None = None) -> F64:
         start: ``[n]`` initial theta; affects the running time only.
 
     Returns:
-        ``[..., n]`` theta, with mean 0; entrants without matches have 0.
+        ``[..., n]`` theta, with mean 0 in each component, which are not compared; entrants without matches have 0.
     """
     n = wins.shape[-1]
     diagonal = np.eye(n, dtype=bool)
@@ -226,11 +226,8 @@ def misfit(cells: F64, pairs: Intp, theta: F64) -> Misfit:
     within = (cells * (won - share[:, None]) ** 2).sum()
     factor = max(within / independent, 1e-3) if independent else 1.0
     z = (share - expected) / np.sqrt(factor * expected * (1 - expected) / (2 * total))
-    n, (first, second) = len(theta), pairs.T
-    graph = np.zeros((n, n), dtype=bool)
-    graph[first, second] = True
-    links = n - connected_components(graph, directed=False)[0]
-    degrees = len(pairs) - links
+    group = groups(pairs, len(theta))
+    degrees = len(pairs) - int((group > 0).sum()) + int(group.max(initial=0))
     statistic = float((z**2).sum())
     p = float(chi2.sf(statistic, degrees)) if degrees else _NAN
     return Misfit(share=share, expected=expected, z=z, statistic=statistic, degrees=degrees, p=p)
@@ -308,13 +305,14 @@ class Standing:
     """Rank and figures of one entrant. Forfeited pairings count for neither side.
 
     Attributes:
-        rank: from 1; entrants that forfeited are ranked behind all others.
-        rating: Bradley-Terry rating in Elo points, mean of the pool 0; NaN without matches.
+        rank: from 1 in its group; entrants that forfeited are ranked behind all others.
+        rating: Bradley-Terry rating in Elo points, mean of the group 0; NaN without matches.
         rating_low: lower end of its 95 % interval.
         rating_high: upper end.
         rating_exact: limit of the rating for infinitely many matches of every pair, with mean 0 over entrants with a table; NaN
             without a table.
-        rank_low, rank_high: 95 % interval of the rank among entrants with matches; 0 without matches.
+        rank_low, rank_high: 95 % interval of the rank among entrants of the group with matches; 0 without matches.
+        group: from 1; between groups there is no chain of matches, so that their ratings, each with mean 0, cannot be compared.
         share: fraction of matches won; NaN without matches.
         share_low: lower end of its 95 % Wilson interval.
         share_high: upper end.
@@ -343,6 +341,7 @@ class Standing:
     rating_exact: float = math.nan
     rank_low: int = 0
     rank_high: int = 0
+    group: int = 1
 
 
 def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: ExactOdds | None = None) -> list[Standing]:
@@ -354,12 +353,15 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
     rated = np.full((3, len(pool)), np.nan)
     rated[:, present] = np.stack([ELO * theta, *np.percentile(ELO * drawn, _TAILS, axis=0)])[:, present]
     ranks = np.zeros((len(pool), 2), dtype=np.intp)
-    ranks[present] = rank_intervals(theta[present], drawn[:, present])
+    group = np.maximum(groups(pairs, len(pool)), 1)
+    for number in np.unique(group[present]):
+        among = np.intersect1d(present, np.flatnonzero(group == number))
+        ranks[among] = rank_intervals(theta[among], drawn[:, among])
     limits = ELO * exact_ratings(exact.match)
     forfeits = [sum(name in result.forfeit for result in results) for name in pool]
-    order = sorted(range(len(pool)), key=lambda i: (forfeits[i], -np.nan_to_num(rated[0, i], nan=-np.inf), i))
-    found = []
-    for place, i in enumerate(order, 1):
+    order = sorted(range(len(pool)), key=lambda i: (forfeits[i], group[i], -np.nan_to_num(rated[0, i], nan=-np.inf), i))
+    found: list[Standing] = []
+    for i in order:
         name, at = pool[i], exact.names.index(pool[i])
         met = [result for result in played if name in result.names]
         own = [result.seen_by(name) for result in met]
@@ -368,7 +370,8 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
         low, high = binomtest(wins, matches).proportion_ci(method="wilson") if matches else (_NAN, _NAN)
         found.append(
             Standing(
-                rank=place,
+                rank=1 + sum(standing.group == int(group[i]) for standing in found),
+                group=int(group[i]),
                 player=name,
                 rating=float(rated[0, i]),
                 rating_low=float(rated[1, i]),
@@ -391,6 +394,19 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
             )
         )
     return found
+
+
+def groups(pairs: Intp, n: int) -> Intp:
+    """``[n]`` groups of entrants with a chain of matches between them, from 1, the largest first; 0 without matches."""
+    graph = np.zeros((n, n), dtype=bool)
+    graph[pairs[:, 0], pairs[:, 1]] = True
+    part = connected_components(graph, directed=False)[1]
+    met = np.unique(pairs)
+    size = np.bincount(part[met], minlength=n)
+    order = sorted(np.unique(part[met]).tolist(), key=lambda number: (-size[number], number))
+    number = np.zeros(n, dtype=np.intp)
+    number[order] = 1 + np.arange(len(order))
+    return np.asarray(np.where(np.isin(np.arange(n), met), number[part], 0))
 
 
 def played_cells(pool: Sequence[str], results: Sequence[PairResult]) -> tuple[list[PairResult], F64, Intp]:

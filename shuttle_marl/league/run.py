@@ -121,12 +121,7 @@ class _Run:
         return LeagueRun(folder=run.folder, standings=standings, results=self.results)
 
     def read_results(self, *, finished: bool) -> list[PairResult]:
-        """The finished pairings; an incomplete last line of an unfinished run is removed.
-
-        Raises:
-            RunError: a line is damaged.
-            LeagueError: pairings are missing, or a line is of another program.
-        """
+        """The finished pairings; an incomplete last line of an unfinished run is removed."""
         path = self.folder / PAIRINGS
         try:
             results = [msgspec.convert(fields, PairResult) for fields in self.journal.read(finished=finished)]
@@ -135,10 +130,8 @@ class _Run:
         expected = [(pairing.number, pairing.names) for pairing in itertools.chain(*self.stages(results))]
         found = [(result.pairing, result.names) for result in results]
         if found != expected[: len(found)] or (finished and found != expected):
-            raise LeagueError(
-                f"{path}: pairings are missing, out of order, or of another run; restore it from a backup, or play the "
-                "tournament again with --overwrite"
-            )
+            advice = "restore it from a backup, or play the tournament again with --overwrite"
+            raise LeagueError(f"{path}: pairings are missing, out of order, or of another run; {advice}")
         if not finished:
             self.journal.keep(len(results))
         return results

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.optimize import brentq
@@ -19,25 +19,19 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel.matches import Matches, play
+from shuttle_marl.kernel.matches import Matches, play, play_matches
+from shuttle_marl.kernel.players import Players, pack
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers, seat_tables
-
-if TYPE_CHECKING:
-    from shuttle_marl.kernel import Players
 
 COUNTS = ("matches", "wins", "games_won", "games_lost", "points_won", "points_lost", "served", "served_won", "rallies", "strokes")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Pairing:
-    """Two entrants who play each other.
-
-    Attributes:
-        entrants: their indices in the pool, the lower one first.
-    """
+    """Two entrants who play each other."""
 
     number: int
-    entrants: tuple[int, int]
+    entrants: tuple[int, int]  # their indices in the pool, the lower one first
     names: tuple[str, str]
 
     @property
@@ -59,14 +53,13 @@ class PairResult:
         seats: :data:`COUNTS` at seat 0 and at seat 1: matches, wins, games and points of the first entrant and of the second,
             rallies that the first one served and how many of them it won, rallies and strokes.
         cells: numbers of cells in which the first entrant won neither match, one, and both.
-        forfeit: entrants that failed, so that the results of the pairing do not count; empty if none did.
     """
 
     pairing: int
     names: tuple[str, str]
     seats: tuple[dict[str, StoredCount], dict[str, StoredCount]]
     cells: tuple[StoredCount, StoredCount, StoredCount] = (0, 0, 0)
-    forfeit: tuple[str, ...] = ()
+    forfeit: tuple[str, ...] = ()  # entrants that failed, so that the results of the pairing do not count; empty if none did
     reason: str = ""
 
     def seen_by(self, name: str) -> dict[str, int]:
@@ -225,8 +218,7 @@ ERROR: Final = 0.05
 BOUND: Final = math.log((1 - ERROR) / ERROR)
 _CELL_SCORES: Final = np.array([0.0, 0.5, 1.0])
 _LEAST_COUNT: Final = 1e-3  # count of a result that never occurred, as in fishtest
-Block = tuple[PairResult, list[Rallies]]
-"""A finished pairing and those of its rallies that are recorded, in order."""
+Block = tuple[PairResult, list[Rallies]]  # A finished pairing and those of its rallies that are recorded, in order
 
 
 def matches_of(pairing: Pairing, seed: int, first: int, last: int) -> Matches:
@@ -264,30 +256,23 @@ class Tournament:
     """A tournament that is being played.
 
     Attributes:
-        matches: number of matches of every pairing, even.
-        batch: number of matches that are played in one batch.
-        keep_strokes: whether rallies are returned, with their strokes; else only the results are.
-        sample: selects the rallies that are returned; None: all.
         decide: Elo points of the sequential test that stops pairings with an entrant without a table, see :func:`decided`; None:
             all matches are played.
-        workers: number of threads that play pairings of tables; compiled code does not hold the interpreter's lock.
-        cluster: plays them instead of threads; policies without a table play in this process.
-        threads: of compiled code in a pairing; None: one for each core.
     """
 
     game: Game
     entrants: Sequence[Entrant]
     _: dataclasses.KW_ONLY
-    matches: int
+    matches: int  # number of matches of every pairing, even
     seed: int
-    batch: int = 8192
-    keep_strokes: bool = False
-    sample: Callable[[Rallies], Rallies] | None = None
+    batch: int = 8192  # number of matches that are played in one batch
+    keep_strokes: bool = False  # whether rallies are returned, with their strokes; else only the results are
+    sample: Callable[[Rallies], Rallies] | None = None  # selects the rallies that are returned; None: all
     rules: Rules = BWF
     decide: float | None = None
-    workers: int = 1
-    cluster: Cluster | None = None
-    threads: int | None = None
+    workers: int = 1  # number of threads that play pairings of tables; compiled code does not hold the interpreter's lock
+    cluster: Cluster | None = None  # plays them instead of threads; policies without a table play in this process
+    threads: int | None = None  # of compiled code in a pairing; None: one for each core
 
     def __post_init__(self) -> None:
         self.batch = max(2, self.batch - self.batch % 2)
@@ -370,8 +355,7 @@ class Tournament:
         matches = join([matches_of(pairing, self.seed, first, last) for pairing in group])
         if any(self._reads_score(pairing) for pairing in group):  # policies are called for every stroke
             choose, wait = self._strikers.choose, self._strikers.wait
-            rules, keep = self.rules, self.keep_strokes
-            played = play(self.game, matches, choose, wait, rules=rules, keep_strokes=keep).rallies
+            played = play(self.game, matches, choose, wait, rules=self.rules, keep_strokes=self.keep_strokes).rallies
         else:
             played = self._play_tables(matches)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)
@@ -380,26 +364,16 @@ class Tournament:
         return dataclasses.replace(played, pairing=number[in_group], match=(first + match).astype(np.uint32), policy=policy)
 
     def _play_tables(self, matches: Matches) -> Rallies:
-        from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
-
         # The tables of seat 1 in the game of a pair are behind those of seat 0.
         second = (self._table_of >= 0).sum() if self.game.people is not None else 0
         entrant = self._table_of[matches.entrant] + np.array([0, second], dtype=np.int32)
         seated = Matches(entrant=entrant, first_server=matches.first_server, key=matches.key)
-        return play_matches(
-            self.game,
-            seated,
-            self._players,
-            rules=self.rules,
-            keep_strokes=self.keep_strokes,
-            threads=self.threads,
-        ).rallies
+        game, players, rules, keep = self.game, self._players, self.rules, self.keep_strokes
+        return play_matches(game, seated, players, rules=rules, keep_strokes=keep, threads=self.threads).rallies
 
     @functools.cached_property
-    def _players(self) -> "Players":
+    def _players(self) -> Players:
         """The tables of all entrants that have one, in order; see :func:`shuttle_marl.league.entrants.seat_tables`."""
-        from shuttle_marl.kernel import pack  # noqa: PLC0415  numba is slow to import
-
         return pack([table for table in seat_tables(self.game, self.entrants) if table is not None], self.game)
 
     @functools.cached_property

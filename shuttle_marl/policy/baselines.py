@@ -228,7 +228,6 @@ class HistoryPolicy:
         return np.asarray(q / q.sum(axis=1, keepdims=True))
 
     def _shift(self, states: States, strokes: I32) -> F64:
-        """``[B, 39 + 9]`` shifts by ``[B, 2]`` earlier strokes, n for none, and by the stages that are known."""
         lag, catalogue = np.arange(strokes.shape[1]), states.game.catalogue
         values = {name: np.append(getattr(catalogue, name), size)[strokes] for name, size in ATTRIBUTES.items()}
         shift = sum(self.shifts[name][lag, value].sum(axis=1) for name, value in values.items())
@@ -264,47 +263,21 @@ Rules = Callable[[States], F64]
 """Function from a batch of states to ``[B, n]`` points of every stroke; illegal strokes are masked afterwards."""
 
 SERVE: Final = {"short-serve": 2.0, "long-serve": 0.0}  # a long serve can be smashed
+# Attacking, contact above the net: hit down and hard; a clear loses the attack.
 ATTACK_ABOVE: Final = {
-    "smash": 4.0,
-    "net-kill": 4.0,
-    "half-smash": 3.0,
-    "drop": 2.0,
-    "push": 2.0,
-    "drive": 1.5,
-    "net-shot": 1.0,
-    "cross-court-net-shot": 1.0,
-    "block": 0.5,
-    "clear": -1.0,
-}
-"""Attacking, contact above the net: hit down and hard; a clear loses the attack."""
+    "smash": 4.0, "net-kill": 4.0, "half-smash": 3.0, "drop": 2.0, "push": 2.0, "drive": 1.5, "net-shot": 1.0,
+    "cross-court-net-shot": 1.0, "block": 0.5, "clear": -1.0,
+}  # fmt: skip
+# Attacking, contact below the net: keep the shuttle flat or tight, so that the opponent has to lift.
 ATTACK_BELOW: Final = {
-    "net-shot": 2.5,
-    "cross-court-net-shot": 2.5,
-    "push": 2.0,
-    "drive": 2.0,
-    "block": 1.5,
-    "drop": 1.0,
-    "clear": -1.0,
+    "net-shot": 2.5, "cross-court-net-shot": 2.5, "push": 2.0, "drive": 2.0, "block": 1.5, "drop": 1.0, "clear": -1.0,
     "lift": -1.0,
-}
-"""Attacking, contact below the net: keep the shuttle flat or tight, so that the opponent has to lift."""
-
+}  # fmt: skip
+# Defensive: lift high and deep from below; soft strokes from above, except net kills; no risky angles at the net.
 DEFEND: Final = {
-    "short-serve": 2.0,
-    "long-serve": 0.0,
-    "net-kill": 4.0,
-    "lift": 3.5,
-    "drop": 1.5,
-    "net-shot": 2.0,
-    "half-smash": 2.0,
-    "clear": 1.0,
-    "block": 1.0,
-    "push": 0.5,
-    "drive": 0.0,
-    "cross-court-net-shot": 0.0,
-    "smash": 0.0,
-}
-"""Defensive: lift high and deep from below; soft strokes from above, except net kills; no risky angles at the net."""
+    "short-serve": 2.0, "long-serve": 0.0, "net-kill": 4.0, "lift": 3.5, "drop": 1.5, "net-shot": 2.0, "half-smash": 2.0,
+    "clear": 1.0, "block": 1.0, "push": 0.5, "drive": 0.0, "cross-court-net-shot": 0.0, "smash": 0.0,
+}  # fmt: skip
 DEFEND_AGAINST_SMASH: Final = {"lift": 2.0, "block": 1.0, "drive": -1.0}
 """Defensive, in addition, against a smash, half smash or net kill: lift to gain time, or absorb the pace."""
 POWER: Final = ("smash", "half-smash", "net-kill")
@@ -379,5 +352,4 @@ def distance_from_opponent(states: States) -> F64:
 
 
 def _by_shot(points: Mapping[str, float]) -> F64:
-    """``[13]`` points of every shot type, 0 for those that are not named."""
     return np.array([points.get(name, 0.0) for name in SHOTS])

@@ -67,7 +67,7 @@ def minimax_policy(game: Game, kind: str | None = None) -> TabulatedPolicy:
     if not (others := refits_of(game)):
         raise PolicyError("policy minimax:robust needs refits of the game on resampled matches; this game has none")
     key = " ".join(["robust", *(other.hash for other in others)])
-    return cached_table(game, key, lambda: solve_robust([game, *others]).policy)
+    return cached_table(game, key, lambda: solve_robust([game, *others]).policy[0])
 
 
 def best_response_policy(policy: TabulatedPolicy) -> TabulatedPolicy:

@@ -237,7 +237,6 @@ class ProgramPolicy:
         self._program.write(b"".join(json.dumps(message).encode() + b"\n" for message in messages))
 
     def _read(self, probability: F64, number: int) -> None:
-        """Read the answer to a decision into a row of probabilities."""
         line = self._program.read_line()
         try:
             answer = json.loads(line)
@@ -277,7 +276,6 @@ def source_hashes(name: str) -> dict[str, str]:
 
 
 def _hashes(*paths: Path) -> dict[str, str]:
-    """Of files, and of packages by their folders."""
     hashes = {}
     for path in (PACKAGE if path.is_relative_to(PACKAGE) else path for path in paths):
         files = sorted(path.rglob("*.py")) if path.is_dir() else [path]

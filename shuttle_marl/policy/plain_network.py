@@ -155,7 +155,6 @@ def _called(module: Any) -> Callable[[npt.NDArray[Any]], Any]:
 
 
 def _layers(linear: Sequence[tuple[F64, F64]], function: str, seen: npt.NDArray[Any]) -> F64:
-    """``[B, out]`` of the last of a chain of linear layers with weights ``[out, in]`` and biases ``[out]``."""
     x = seen.astype(np.float64)
     for i, (weight, bias) in enumerate(linear):
         x = (FUNCTIONS[function](x) if i else x) @ weight.T + bias
@@ -205,11 +204,7 @@ def save_network(module: Any, path: Path | str) -> None:
 
 
 def _recorded(module: Any, seen: F32) -> list[Any]:
-    """Call a network on ``[B, W]`` inputs and record the modules that it calls: linear ones and activations in turn.
-
-    Raises:
-        ValueError: they are no such chain. The network may raise others.
-    """
+    """Call a network on ``[B, W]`` inputs and record the modules that it calls: linear ones and activations in turn."""
     chain: list[Any] = []
     leaves = [part for part in module.modules() if not list(part.children()) and type(part).__name__ not in _NO_EFFECT]
     hooks = [part.register_forward_hook(lambda part, *_: chain.append(part)) for part in leaves]
@@ -295,12 +290,7 @@ def from_sb3(path: Path | str) -> Policy:
 
 
 def _sb3_function(settings: Any, default: str) -> str:
-    """The activation in the settings of an archive.
-
-    Raises:
-        ValueError: a setting that changes the policy is unknown.
-        LookupError, TypeError, AttributeError: the settings have another form.
-    """
+    """The activation in the settings of an archive."""
     if (module := settings["policy_class"]["__module__"]) not in _SB3_POLICIES:
         raise ValueError(f"a policy class of {module!r:.100}, expected one of {', '.join(_SB3_POLICIES)}")
     chosen = {name: value for name, value in settings["policy_kwargs"].items() if not name.startswith(":")}

@@ -49,6 +49,8 @@ class Family:
     Attributes:
         load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
             unknown argument.
+        names: names for a game that can be listed; None: the key alone.
+        about: description of all names in one line, or a function from a name to its description.
         form: the name with its argument in capitals, such as ``table:FILE``, if not all names can be listed.
         of_policies: whether the argument is the name of another policy, which keeps its own ``@`` suffix.
         from_data: whether names from files may be resolved; then no argument may make ``load`` run code or open a file of its
@@ -56,34 +58,25 @@ class Family:
     """
 
     load: Load
-    names: Names
-    about: Callable[[str], str] = lambda _: ""
+    names: Names | None = None
+    about: str | Callable[[str], str] = ""
     form: str = ""
     of_policies: bool = False
     from_data: bool = False
+
+    def described(self, name: str) -> str:
+        """Description of one of its names."""
+        return self.about(name) if callable(self.about) else self.about
 
 
 _FAMILIES: dict[str, Family] = {}
 
 
-def register(
-    key: str,
-    load: Load,
-    names: Names | None = None,
-    *,
-    about: str | Callable[[str], str] = "",
-    form: str = "",
-    of_policies: bool = False,
-    from_data: bool = False,
-) -> None:
+def register(key: str, family: Family) -> None:
     """Add policies to the registry.
 
     Args:
         key: the part before the colon, or the whole name.
-        load: see :class:`Family`.
-        names: see :class:`Family`; default: only ``key``.
-        about: description of all names in one line, or a function from a name to its description.
-        form, of_policies, from_data: see :class:`Family`.
 
     Raises:
         PolicyError: the key is registered already, or is not a plain word.
@@ -92,40 +85,34 @@ def register(
         raise PolicyError(f"policy key {key!r}: expected a word without ':', '@' and spaces")
     if key in _FAMILIES:
         raise PolicyError(f"policy key {key!r} is registered already; choose another")
-    _FAMILIES[key] = Family(
-        load=load,
-        names=names or (lambda _: (key,)),
-        about=about if callable(about) else lambda _: about,
-        form=form,
-        of_policies=of_policies,
-        from_data=from_data,
-    )
+    _FAMILIES[key] = family
 
 
 def names(game: Game) -> tuple[str, ...]:
     """Names of all policies that can be listed for a game."""
-    return tuple(name for family in _families() for name in family.names(game))
+    return tuple(described_names(game))
 
 
 def described_names(game: Game) -> dict[str, str]:
     """Description of each of :func:`names`, in one line."""
-    return {name: family.about(name) for family in _families() for name in family.names(game)}
+    listed = ((family, (key,) if family.names is None else family.names(game)) for key, family in _families())
+    return {name: family.described(name) for family, names in listed for name in names}
 
 
 def forms() -> dict[str, str]:
     """Names with an argument of the user, such as ``table:FILE``, and their descriptions."""
-    return {family.form: family.about(family.form) for family in _families() if family.form}
+    return {family.form: family.described(family.form) for _, family in _families() if family.form}
 
 
-def _families() -> Iterator[Family]:
-    yield from _FAMILIES.values()
+def _families() -> Iterator[tuple[str, Family]]:
+    yield from _FAMILIES.items()
     for key in _entry_points():
         try:
             family = None if key in _FAMILIES else _plugged_in(key)
         except PolicyError:
             continue  # the import error of a package is raised when its policies are resolved
         if family is not None:
-            yield family
+            yield key, family
 
 
 @functools.cache
@@ -134,7 +121,6 @@ def _entry_points() -> dict[str, importlib.metadata.EntryPoint]:
 
 
 def _family(key: str) -> Family | None:
-    """The family of a key; a registered family takes precedence over an entry point."""
     return _FAMILIES.get(key) or _plugged_in(key)
 
 
@@ -255,7 +241,7 @@ def _plain(key: str, policy: Policy, about: str) -> None:
             raise PolicyError(f"policy {key}:{argument}: {key!r} takes nothing behind a colon; write {key}")
         return policy
 
-    register(key, load, about=about, from_data=True)
+    register(key, Family(load=load, about=about, from_data=True))
 
 
 def _with_argument(
@@ -270,7 +256,7 @@ def _with_argument(
         return load(given, game)
 
     nested = argument == "POLICY"
-    register(key, checked, names, about=about, form=form, of_policies=nested, from_data=nested)
+    register(key, Family(load=checked, names=names, about=about, form=form, of_policies=nested, from_data=nested))
 
 
 _BC_ABOUT: Final = {
@@ -290,31 +276,31 @@ def _bc_names(game: Game) -> list[str]:
     return ["bc", *remembering, *(f"bc:{player}" for player in baselines.players(game))]
 
 
-register(
-    "bc",
-    _load_bc,
-    _bc_names,
+_bc = Family(
+    load=_load_bc,
+    names=_bc_names,
     about=lambda name: _BC_ABOUT.get(name) or f"{name.partition(':')[2]}, imitated",
     from_data=True,
 )
+register("bc", _bc)
 for _key, _rules in STYLES.items():
     _plain(_key, ScriptedPolicy(_rules), f"scripted: {(_rules.__doc__ or '').partition(chr(10))[0]}")
 _plain("random", UniformPolicy(), "every legal stroke equally likely")
-register(
-    "minimax",
-    lambda kind, game: computed.minimax_policy(game, kind),
-    computed.minimax_names,
+_minimax = Family(
+    load=lambda kind, game: computed.minimax_policy(game, kind),
+    names=computed.minimax_names,
     about=lambda name: "best play in the model" if name == "minimax" else "best worst case over the game and its refits",
     from_data=True,
 )
-register(
-    "human",
-    computed.load_human,
-    lambda game: (f"human:{computed.TYPICAL_TAU}",) if baselines.known_for(game) else (),
+register("minimax", _minimax)
+_human = Family(
+    load=computed.load_human,
+    names=lambda game: (f"human:{computed.TYPICAL_TAU}",) if baselines.known_for(game) else (),
     about="strong play at a cost for each nat away from how people play",
     form="human:TAU",
     from_data=True,
 )
+register("human", _human)
 _with_argument(
     "best-response:POLICY", "bc", "the name of a policy", "best response to another policy, solved exactly",
     lambda name, game: computed.best_response_policy(tabulate(resolve(name, game.opposite), game.opposite)),
@@ -322,7 +308,7 @@ _with_argument(
 )  # fmt: skip
 for _key in agents.ALGORITHMS:
     _load, _names = functools.partial(agents.load_shipped, _key), functools.partial(agents.installed, _key)
-    register(_key, _load, _names, about=agents.about, from_data=True)
+    register(_key, Family(load=_load, names=_names, about=agents.about, from_data=True))
 _with_argument(
     "agent:FOLDER", "runs/ppo-0/agent", "the folder of a trained agent", "trained agent, from the folder of its run",
     lambda folder, game: agents.load_agent(Path(folder), game),

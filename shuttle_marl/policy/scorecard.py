@@ -15,10 +15,9 @@ import numpy as np
 from scipy.stats import binomtest
 
 from shuttle_marl.base.arrays import I32, Intp
-from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.exact.match import Odds, normalised_score
+from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.occupancy import Visits, policy_regret, visits
-from shuttle_marl.exact.odds import Spread, best_odds, over
+from shuttle_marl.exact.odds import Spread, best_odds, normalised_score, over
 from shuttle_marl.exact.optimal import Solution, best_response, solve
 from shuttle_marl.exact.play import averaged, cells_of, impossible, lists, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved
@@ -113,25 +112,24 @@ class Scorer:
 
     Args:
         refits: two or more other fits of the game, for figures away from home; empty: no such figures.
-        tolerance: largest acceptable error bound of a value.
 
     Raises:
         PolicyError: the game has no behaviour-cloned players.
     """
 
-    def __init__(self, game: Game, *, refits: Sequence[Game] = (), tolerance: float = TOLERANCE) -> None:
-        self.game, self.refits, self.tolerance = game, tuple(refits), tolerance
+    def __init__(self, game: Game, *, refits: Sequence[Game] = ()) -> None:
+        self.game, self.refits = game, tuple(refits)
         self.reference = tabulate(resolve(REFERENCE, game), game)
 
     @functools.cached_property
     def solution(self) -> Solution:
         """The solved game."""
-        return solve(self.game, tolerance=self.tolerance)
+        return solve(self.game)
 
     @functools.cached_property
     def reference_best(self) -> Odds:
         """Odds of the best response to ``bc`` against it."""
-        return best_odds([self.reference], tolerance=self.tolerance)[0]
+        return best_odds([self.reference])[0]
 
     def normalised(self, rally_win_vs_bc: float) -> float | None:
         """The normalised score of a probability to win a rally against ``bc``; None if nothing beats ``bc``."""
@@ -157,10 +155,10 @@ class Scorer:
 
     def score_table(self, policy: TabulatedPolicy, name: str) -> Scorecard:
         """The exact figures of a tabulated policy."""
-        odds = evaluate(policy, self.reference, tolerance=self.tolerance).odds()
-        answer = best_response(policy, tolerance=self.tolerance)
-        loss = policy_regret(policy, solution=self.solution, tolerance=self.tolerance)
-        seen = visits(policy, self.reference, tolerance=self.tolerance)
+        odds = evaluate(policy, self.reference).odds()
+        answer = best_response(policy)
+        loss = policy_regret(policy, solution=self.solution)
+        seen = visits(policy, self.reference)
         endings = dict(zip(_ENDINGS, seen.endings().values(), strict=True))
         score, best = self.normalised(odds.rally), self.reference_best
         bounds = [
@@ -195,11 +193,9 @@ class Scorer:
         return None if behind is None else float(played[behind[self.game.base_pair_edge] < FEW_STROKES].sum() / played.sum())
 
     def _headlines(self, policy: TabulatedPolicy, refit: Game) -> dict[str, float]:
-        """The figures :data:`HEADLINES` of a policy in a refit."""
         there = moved(policy, refit)
-        tolerance = max(self.tolerance, _AWAY)
-        odds = evaluate(there, moved(self.reference, refit), tolerance=tolerance).odds()
-        gain = best_response(there, tolerance=tolerance).value.odds().value
+        odds = evaluate(there, moved(self.reference, refit), tolerance=_AWAY).odds()
+        gain = best_response(there, tolerance=_AWAY).value.odds().value
         return dict(zip(HEADLINES, (odds.rally, odds.match(), gain), strict=True))
 
     def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:

@@ -41,8 +41,8 @@ MAX_RALLIES: Final = 1 << 16
 MAX_STROKES: Final = 1 << 22
 _MAX_RECORDS: Final = 8  # limit of the records in a chunk: the message, and the channel and its schema in the first chunk
 _RALLY_TIME: Final = 1_000_000  # log time of a rally [ns]: the log time of a batch is the number of its first rally times this
+# Errors that the decoders raise for input that they do not expect.
 _UNDECODABLE: Final = (struct.error, McapError, pa.ArrowException, zstandard.ZstdError, ValueError, LookupError, OverflowError)
-"""Errors that the decoders raise for input that they do not expect."""
 _PROFILE: Final = "shuttle_marl"
 _MAGIC: Final = b"\x89MCAP0\r\n"
 _DATA_END: Final = FRAME.pack(Opcode.DATA_END, 4)

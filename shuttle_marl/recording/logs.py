@@ -1,7 +1,6 @@
-"""Logs of rallies for learning from data: strokes of a behaviour policy against a fixed opponent, also as Minari data sets.
+"""Logs of rallies for learning from data, also as Minari data sets: a behaviour policy against a fixed opponent.
 
-Methods see the rules of the game (states, legal strokes, what follows a return) and no probabilities: :func:`blank` replaces
-those.
+Methods see the rules of the game and no probabilities: :func:`blank` replaces those.
 """
 
 import dataclasses

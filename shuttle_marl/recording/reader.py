@@ -4,7 +4,8 @@ import contextlib
 import dataclasses
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Final, Literal, Self
@@ -153,15 +154,15 @@ class RallyLog:
 
     def rally_table(self) -> pa.Table:
         """All rallies as one table, see :func:`rally_rows`."""
-        return pa.concat_tables([rally_rows(self, *batch) for batch in self._batches_or_none()])
+        return self._table(rally_rows)
 
     def stroke_table(self) -> pa.Table:
         """All strokes as one table, see :func:`stroke_rows`."""
-        return pa.concat_tables([stroke_rows(self, *batch) for batch in self._batches_or_none()])
+        return self._table(stroke_rows)
 
-    def _batches_or_none(self) -> Iterable[tuple[int, Rallies]]:
-        """The batches; an empty batch if there are none, so that tables have their columns."""
-        return self.batches() if len(self.first_rally) else [(0, self.no_rallies())]
+    def _table(self, rows: "Callable[[RallyLog, int, Rallies], pa.Table]") -> pa.Table:
+        batches = self.batches() if len(self.first_rally) else [(0, self.no_rallies())]
+        return pa.concat_tables([rows(self, *batch) for batch in batches])
 
     def no_rallies(self) -> Rallies:
         """An empty batch with the columns of this log."""
@@ -220,10 +221,23 @@ def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[list[LogFil
     for path in sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (bool(re.search(r"\.[1-9]\d{0,8}$", path.stem)), path.name)):
         if not any(path == file.path for log in logs for file in log):
             with contextlib.suppress(OtherFileError):  # such as a scene
-                logs.append(_open_parts(path, opened))
+                parts = _open_parts(path, opened)
+                if same := [log[0].path.name for log in logs if _same(log[0], parts[0])]:
+                    warnings.warn(f"{path}: left out, because it holds the rallies of {same[0]}", stacklevel=3)
+                    continue
+                logs.append(parts)
     if not logs:
         raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does")
     return logs
+
+
+def _same(one: LogFile, other: LogFile) -> bool:
+    """Whether two files hold equal rallies: of one run, and with an equal first batch."""
+    if one.header != other.header or not (len(one.rallies) and len(other.rallies)):
+        return False
+    rows = [to_arrow(file.batch(0)[1], len(file.header.strokes)) for file in (one, other)]
+    n = min(map(len, rows))
+    return bool(rows[0].slice(0, n).equals(rows[1].slice(0, n)))
 
 
 def rally_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:

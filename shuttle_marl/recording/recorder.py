@@ -4,7 +4,6 @@ A file is written to ``FILE.part`` and moved to ``FILE`` when it is closed. Afte
 :meth:`RallyLogWriter.flush` counted; :func:`shuttle_marl.recording.recover` makes a finished file of them.
 """
 
-import abc
 import contextlib
 import dataclasses
 import functools
@@ -37,16 +36,11 @@ T = TypeVar("T")
 _ROWS: Final = 1024
 
 
-class LogContext(abc.ABC):
+class LogContext:
     """Context of a log: finished by ``close`` at the end, and left unfinished by ``abort`` after an error."""
 
-    @abc.abstractmethod
-    def close(self) -> None:
-        """Finish the log."""
-
-    @abc.abstractmethod
-    def abort(self) -> None:
-        """Leave the log unfinished."""
+    close: Callable[[], None]
+    abort: Callable[[], None]
 
     def __enter__(self) -> Self:
         return self

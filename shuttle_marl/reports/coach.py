@@ -24,6 +24,7 @@ from shuttle_marl.data import read_matches
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.data.words import bare
 from shuttle_marl.game.pairs import people_of
+from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import folder_of, is_shipped, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import Rallies, RallyLog
@@ -78,7 +79,13 @@ class Source:
 
 
 def of_file(
-    path: Path, game: Game, match: str | None = None, *, pairing: int = 0, columns: Path | None = None
+    path: Path,
+    game: Game,
+    match: str | None = None,
+    *,
+    pairing: int = 0,
+    columns: Path | None = None,
+    rules: RulesName | None = None,
 ) -> tuple[MatchReport, Source]:
     """The report of a match of a rally log, with the number ``match``, or of annotated matches.
 
@@ -88,15 +95,17 @@ def of_file(
     if not is_log(path):
         if pairing:
             raise ShuttleError(f"--pairing {pairing}: only rally logs have pairings; name the match with --match")
-        return of_strokes(path, game, match, columns)
-    if columns is not None:
-        raise ShuttleError(f"--columns {columns}: {path} is a rally log, which has no columns to map; omit it")
+        return of_strokes(path, game, match, columns, rules)
+    if columns is not None or rules is not None:
+        raise ShuttleError(f"--columns and --rules: {path} is a rally log, which has its own; omit them")
     if match is not None and not match.isdecimal():
         raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
     return of_log(path, game, pairing, int(match or 0))
 
 
-def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path | None = None) -> tuple[MatchReport, Source]:
+def of_strokes(
+    path: Path, game: Game, match: str | None = None, columns: Path | None = None, rules: RulesName | None = None
+) -> tuple[MatchReport, Source]:
     """The report of an annotated match.
 
     Args:
@@ -108,7 +117,7 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         DataError: the file cannot be read.
         AnalysisError: no such match, or several.
     """
-    strokes = read_matches(path, columns)
+    strokes = read_matches(path, columns, rules)
     report = match_report(match_strokes(strokes, match), game=game)
     mapped = columns is not None
     return report, Source(path=path, game=game, match=report.match, people=report.players, strokes=strokes, mapped=mapped)
@@ -239,6 +248,7 @@ def report(
     *,
     game: Game | str | None = None,
     columns: Path | str | None = None,
+    rules: RulesName | None = None,
     clips: Callable[[MatchReport, Source], Clips] | None = None,
 ) -> CoachReport:
     """The report of a match: what decided it, its key moments, and the choices that cost most.
@@ -248,13 +258,15 @@ def report(
         match: words of the name of the match, or its number in a rally log; None: the only match, or the first of a log.
         game: in which strokes are valued; None: the benchmark's.
         columns: column map of a CSV file.
+        rules: of the match; None: those of the table, or of its scores.
         clips: what stages the rallies of the page, ``shuttle_marl.court.clips.match_clips``; None: without rallies.
 
     Raises:
         DataError, RecordingError: the file cannot be read.
         AnalysisError: no such match, or several.
     """
-    found, source = of_file(Path(path), resolve_game(game), match, columns=None if columns is None else Path(columns))
+    mapped = None if columns is None else Path(columns)
+    found, source = of_file(Path(path), resolve_game(game), match, columns=mapped, rules=rules)
     staged = NO_CLIPS if clips is None else clips(found, source)
     return CoachReport(figures=found.as_json(), _page=lambda: match_page(found, source, staged))
 
@@ -264,6 +276,7 @@ def scouting_report(
     opponent: str | None = None,
     *,
     data: Path | str | None = None,
+    rules: RulesName | None = None,
     beside: str | None = None,
     date: str | None = None,
     model: str = "default",
@@ -274,6 +287,7 @@ def scouting_report(
     Args:
         player: who is to win; without an opponent, whose profile it is.
         data: annotated matches, for counted habits; None: those of the model alone.
+        rules: of these matches; None: those of the table, or of its scores.
         beside: another opponent, whose habits are shown beside.
         date: day of the players' skill, such as 2021-07-31; None: the last one known.
         model: name or folder of the model.
@@ -282,7 +296,7 @@ def scouting_report(
     Raises:
         ShuttleError: the model does not know a player, or the data cannot be read.
     """
-    strokes = None if data is None else read_matches(data)
+    strokes = None if data is None else read_matches(data, rules=rules)
     names = (player,) if opponent is None else (opponent, player)
     found = scout(*names, beside=beside, model=model, date=date, data=strokes)
     staged = NO_CLIPS if clips is None else clips(found)

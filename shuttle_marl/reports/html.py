@@ -12,7 +12,7 @@ from typing import Any, Final, Generic, TypeVar
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import isolated, printable
 
 T = TypeVar("T")
 _TEMPLATES: Final = "templates"
@@ -126,7 +126,7 @@ def _environment(package: str) -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=lambda value: printable(value, keep="\n") if type(value) is str else value,
+        finalize=lambda value: isolated(printable(value, keep="\n")) if type(value) is str else value,
     )
 
 

@@ -7,7 +7,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -15,12 +15,14 @@ import pyarrow as pa
 from scipy import stats
 
 from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.data.matches import game_end, real_rallies, rules_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import plays_of, tally
-from shuttle_marl.exact.match import Odds, match_table
+from shuttle_marl.exact.fixed_point import Odds
+from shuttle_marl.exact.odds import match_table
 from shuttle_marl.game.pairs import game_of_people, people_of, without_skill
-from shuttle_marl.game.scoring import BWF, Rules, Score, wins_game
+from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, resolve_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
@@ -90,35 +92,22 @@ class RallyRow:
         return self.after - self.before
 
 
-def _rallies(
-    strokes: pa.Table, frame: pa.Table, added: F64, area: I64, players: tuple[str, str], rules: Rules, chances_of: "Chances"
-) -> list[RallyRow]:
+def _rallies(strokes: pa.Table, frame: pa.Table, added: F64, area: I64, rules: Rules, chances_of: "Chances") -> list[RallyRow]:
     """Rallies with the score and the probabilities of winning the match.
 
     Args:
         frame: table of the rallies.
         added, area: ``[N]`` value and target of each stroke; NaN and -1 where unknown.
     """
-    rows, starts = frame.to_pylist(), frame["first"].to_pylist()
-    column = {
-        name: strokes[name].to_numpy(zero_copy_only=False)
-        for name in ("player", "stroke", "shot", "points", "points_opponent", "clock")
-    }
-    score = Score(rules=rules, server=players.index(rows[0]["server"]))
+    column = {name: strokes[name].to_numpy(zero_copy_only=False) for name in ("player", "stroke", "shot", "clock")}
     out: list[RallyRow] = []
-    for row, start, end in zip(rows, starts, [*starts[1:], strokes.num_rows], strict=True):
-        server = players.index(row["server"])
-        winner = None if row["winner"] is None else players.index(row["winner"])
-        if out and row["game"] != out[-1].key[0] and score.points != (0, 0):
-            # Rallies at the end of a game are missing: the leader won it.
-            while score.points != (0, 0):
-                score = score.after(int(score.points[1] > score.points[0]))
-        score = _as_recorded(score, column, start, players, winner)
-        after = score.after(winner) if winner is not None else score
-        chance = chances_of.of(score, server)
-        chances = (chance, chances_of.of(after, server if winner is None else winner))
+    found = real_rallies(strokes, dict.fromkeys(matches_in(strokes), rules))
+    for row, rally in zip(frame.to_pylist(), found, strict=True):
+        start, end, winner, server = rally.rows[0], rally.rows[-1] + 1, rally.winner, rally.score.server
+        chance = chances_of.of(rally.score)
+        after = chance if winner is None else chances_of.of(rally.score.after(winner))
         decided, own = None, added[start:end]
-        striker = np.array([players.index(name) for name in column["player"][start:end]])
+        striker = np.array([rally.players.index(name) for name in column["player"][start:end]])
         gain = np.nan_to_num(np.where(striker == winner, own, -own))[:-1]
         if winner is not None and len(gain) and gain.max() >= _TURN:
             k = int(gain.argmax())
@@ -127,9 +116,9 @@ def _rallies(
         clock = column["clock"][start]
         out.append(
             RallyRow(
-                key=(row["game"], row["rally"]),
-                points=score.points,
-                games=score.games,
+                key=rally.number,
+                points=rally.score.points,
+                games=rally.score.games,
                 server=server,
                 winner=winner,
                 strokes=row["length"],
@@ -137,24 +126,13 @@ def _rallies(
                 last_shot=SHOTS[row["last_shot"]],
                 last_area=int(area[end - 1]),
                 given=(SHOTS[int(column["shot"][end - 2])], int(area[end - 2])) if end - start > 1 else None,
-                before=chances[0],
-                after=chances[1],
+                before=chance,
+                after=after,
                 decided=decided,
                 seconds=None if clock is None or np.isnan(clock) else float(clock),
             )
         )
-        score = after
     return out
-
-
-def _as_recorded(score: Score, column: Mapping[str, Any], row: int, players: tuple[str, str], winner: int | None) -> Score:
-    """The score before a rally, by the points in the data where there are any, because rallies may be missing."""
-    own, other = column["points"][row], column["points_opponent"][row]
-    if winner is None or own is None or other is None or np.isnan(own) or np.isnan(other):
-        return score
-    points = [int(own), int(other)] if players.index(column["player"][row]) == 0 else [int(other), int(own)]
-    points[winner] -= 1
-    return dataclasses.replace(score, points=(max(0, points[0]), max(0, points[1])))
 
 
 class Chances:
@@ -163,37 +141,24 @@ class Chances:
     def __init__(self, odds: Odds, rules: Rules) -> None:
         self._odds, self._table = odds, match_table(odds.serving, odds.receiving, rules)
 
-    def of(self, score: Score, server: int) -> float:
+    def of(self, score: Score) -> float:
         """At a score; NaN at one that the rules do not allow."""
         if score.over:
-            return float(score.winner == 0)
-        won, lost = self._table.get((*score.games, *score.points, server), (math.nan, math.nan))
-        return lost + (won - lost) * (self._odds.receiving if server else self._odds.serving)
+            return float(score.games[0] > score.games[1])
+        won, lost = self._table.get((*score.games, *score.points, score.server), (math.nan, math.nan))
+        return lost + (won - lost) * (self._odds.receiving if score.server else self._odds.serving)
 
 
 def score_of(rallies: Sequence[RallyRow], rules: Rules) -> tuple[tuple[tuple[int, int], ...], tuple[int, ...]]:
-    """Points of both players at the end of each game, and the numbers of the games whose last rally was inferred.
-
-    A last rally that the data lack is added where the rules leave one end: the leader was one rally away from the game, and did
-    win it, because the leader served first in the next game, or because there is none.
-    """
-    ends: dict[int, tuple[list[int], int | None]] = {}
+    """Points of both players at the end of each game, and the numbers of the games whose last rally was inferred."""
+    ends: dict[int, tuple[tuple[int, int], int | None]] = {}
     for row in rallies:
-        points = list(row.points)
-        if row.winner is not None:
-            points[row.winner] += 1
-        ends[row.key[0]] = points, None
+        ends[row.key[0]] = (row.points[0] + (row.winner == 0), row.points[1] + (row.winner == 1)), None
     for before, row in itertools.pairwise(rallies):
         if row.key[0] != before.key[0] and row.key[1] == 1:
             ends[before.key[0]] = ends[before.key[0]][0], row.server
-    inferred = []
-    for game, (points, served) in ends.items():
-        leader = int(points[1] > points[0])
-        over = wins_game(max(points), min(points), rules)
-        if not over and served in (leader, None) and wins_game(max(points) + 1, min(points), rules):
-            points[leader] += 1
-            inferred.append(game)
-    return tuple((points[0], points[1]) for _, (points, _) in sorted(ends.items())), tuple(inferred)
+    found = {game: game_end(points, served, rules) for game, (points, served) in sorted(ends.items())}
+    return tuple(points for points, *_ in found.values()), tuple(game for game, (*_, added) in found.items() if added)
 
 
 LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))  # classes of rallies by number of strokes
@@ -320,12 +285,15 @@ def matches_in(strokes: pa.Table) -> list[str]:
     return list(strokes["match"].unique().to_pylist())
 
 
-def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = BWF, odds: Odds | None = None) -> MatchReport:
+def match_report(
+    strokes: pa.Table, *, game: Game | None = None, rules: Rules | None = None, odds: Odds | None = None
+) -> MatchReport:
     """Compute a match report.
 
     Args:
         strokes: one match, of schema :data:`shuttle_marl.data.schema.STROKES`.
         game: game of the values; None: the shipped one.
+        rules: of the match; None: those that the table carries, or else its scores tell.
         odds: of the first striker against the other player, for the course of the match; None: those of equal players, because
             what a model says of people has not foretold matches better than a coin.
 
@@ -334,6 +302,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         GameError: a file of the model is damaged.
     """
     match, players = _only_match(strokes)
+    rules = rules or rules_of(strokes)[match]
     base = resolve_game(None) if game is None else game.seats[0].average
     if game is None or game.people is None:
         played = game_of_people(base, players, date_of(match))
@@ -358,7 +327,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     changed = changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
     # The match.
     even = Odds(serving=0.5, receiving=0.5, error_bound=0.0)
-    rallies = _rallies(strokes, frame, added, plays.area, players, rules, Chances(odds or even, rules))
+    rallies = _rallies(strokes, frame, added, plays.area, rules, Chances(odds or even, rules))
     score, inferred = score_of(rallies, rules)
     # Only rallies that the striker lost count, each by how much it decided.
     stakes = np.array([[abs(row.swing) * (row.winner == 1 - player) for row in rallies] for player in (0, 1)])
@@ -408,7 +377,7 @@ def _moments(rallies: Sequence[RallyRow]) -> list[int]:
     No more than two are of one game; else the end of a close game would take all places.
     """
     found: list[int] = []
-    for i in sorted((i for i, row in enumerate(rallies) if row.winner is not None), key=lambda i: -abs(rallies[i].swing)):
+    for i in sorted((i for i in range(len(rallies)) if not math.isnan(rallies[i].swing)), key=lambda i: -abs(rallies[i].swing)):
         counts = not found or 2 * abs(rallies[i].swing) >= abs(rallies[found[0]].swing)
         if counts and len(found) < MOMENTS and sum(rallies[k].key[0] == rallies[i].key[0] for k in found) < _OF_GAME:
             found.append(i)

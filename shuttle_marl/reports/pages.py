@@ -27,7 +27,6 @@ from shuttle_marl.reports.match import MatchReport, ShotValue
 from shuttle_marl.reports.scouting import ScoutingReport
 from shuttle_marl.reports.summary import (
     met,
-    rally_table,
 )
 from shuttle_marl.reports.value import LEAST_REFITS
 from shuttle_marl.reports.waits import LEAST_METRES, Wait
@@ -188,7 +187,7 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
     }
     if source is not None and source.strokes is not None:
         played = source.strokes.filter(pc.equal(source.strokes["match"], str(source.match)))
-        content |= {"met": met(rally_table(source.strokes), *source.people), "gaps": gaps(played)}
+        content |= {"met": met(source.strokes, *source.people), "gaps": gaps(played)}
     return page("match.html.j2", clips, content)
 
 

@@ -43,7 +43,6 @@ from shuttle_marl.reports.summary import (
     Met,
     hand_of,
     met,
-    rally_table,
     with_hands_of_model,
     won_or_lost,
 )
@@ -301,7 +300,7 @@ def scout(
         factor=factor_of(resolve_game(model)),
         brief=page,
         rally=None if found is None else float(earned(np.array(found.home.value.odds().rally))),
-        met=None if data is None or player is None else met(rally_table(strokes), player, opponent),
+        met=None if data is None or player is None else met(strokes, player, opponent),
         season=season(strokes, plays, opponent),
         habits=habits(own, others),
         endings=endings(own, others),
@@ -402,7 +401,6 @@ def earned(rally: F64) -> F64:
 
 def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:
     """Figures of a player in each dated match, in their order."""
-    rallies = rally_table(strokes)
     match, who = (strokes[name].to_numpy(zero_copy_only=False).astype(object) for name in ("match", "player"))
     attack = np.isin(plays.shot, [SHOTS.index(name) for name in ATTACKS]).astype(np.float64)
     found = []
@@ -411,7 +409,7 @@ def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:
         if day is None or not mine.any():
             continue
         against = strokes["opponent"][int(mine.argmax())].as_py()
-        result = met(rallies.filter(pa.compute.equal(rallies["match"], name)), player, against)
+        result = met(strokes.filter(pa.array(match == name)), player, against)
 
         def share(count: float, n: int) -> Estimate:
             return Estimate(count / n, *interval(count / n, n)) if n else Estimate(math.nan, math.nan, math.nan)

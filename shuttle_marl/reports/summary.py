@@ -1,6 +1,7 @@
 """Stroke tables as reports read them: strokes of files and logs, rallies, results, hands, and summaries of play."""
 
 import dataclasses
+import itertools
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -12,6 +13,7 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import ShuttleError, whole_number
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import receiver_hands
+from shuttle_marl.data.matches import real_rallies, winner_of
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
@@ -122,22 +124,15 @@ class Met(NamedTuple):
     matches_won: int
 
 
-def met(rallies: pa.Table, first: str, second: str) -> Met:
-    """Results of two players in a table of rallies (:func:`rally_table`).
-
-    A game goes to the player who won more of its recorded rallies, and a match to the one who won more games, because some
-    rallies are not in the data.
-    """
+def met(strokes: pa.Table, first: str, second: str) -> Met:
+    """Results of two players in a table of strokes; matches that were not finished count for neither."""
     both = pa.array([first, second])
-    sides = [pc.is_in(rallies[name], value_set=both) for name in ("server", "receiver")]
-    games: dict[str, dict[int, int]] = {}
-    won = played = 0
-    for row in rallies.filter(pc.and_(pc.and_(*sides), pc.is_valid(rallies["winner"]))).to_pylist():
-        ahead = games.setdefault(row["match"], {})
-        ahead[row["game"]] = ahead.get(row["game"], 0) + (1 if row["winner"] == first else -1)
-        played, won = played + 1, won + (row["winner"] == first)
-    ahead_in = sum(sum(np.sign([*ahead.values()])) > 0 for ahead in games.values())
-    return Met(played, won, len(games), int(ahead_in))
+    rows = pc.and_(*(pc.is_in(strokes[name], value_set=both) for name in ("player", "opponent")))
+    rallies = [*real_rallies(strokes.filter(rows))]
+    won = [rally.players[rally.winner] == first for rally in rallies if rally.winner is not None]
+    matches = [[*part] for _, part in itertools.groupby(rallies, key=lambda rally: rally.match)]
+    winners = [part[0].players[winner] == first for part in matches if (winner := winner_of(part)) is not None]
+    return Met(len(won), sum(won), len(winners), sum(winners))
 
 
 def with_hands_of_model(strokes: pa.Table, skill: Skill) -> pa.Table:

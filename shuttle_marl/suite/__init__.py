@@ -10,8 +10,7 @@ from shuttle_marl.base.extras import lazily
 if TYPE_CHECKING:
     from shuttle_marl.suite.exploit import PlayerSetting, Trained
     from shuttle_marl.suite.options import SuiteError, SuiteRun
-    from shuttle_marl.suite.registry import TASKS, find_task
-    from shuttle_marl.suite.results import summarise, verify_run
+    from shuttle_marl.suite.results import TASKS, find_task, summarise, verify_run
     from shuttle_marl.suite.run import run_method
     from shuttle_marl.suite.task import Task
 

@@ -10,52 +10,37 @@ import numpy as np
 from shuttle_marl.base.arrays import I8, I32, I64, Bools
 from shuttle_marl.exact.odds import best_odds, pair_odds
 from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, Opponent, families, known, luck, opponent
 from shuttle_marl.suite.task import POINTS, Arena, Case, Outcome, Setting, Task, exploitabilities, gains, required, table_of
 
-CHANGES: Final = (0, 5, 20, 80, 240)
-"""Rallies before which the policy may change."""
-HORIZONS: Final = (20, 100, 500)
-"""Numbers of rallies over which the regret is averaged."""
-RISK_FROM: Final = 20
-"""Rally from which the exploitability of the policies is averaged."""
+CHANGES: Final = (0, 5, 20, 80, 240)  # rallies before which the policy may change
+HORIZONS: Final = (20, 100, 500)  # numbers of rallies over which the regret is averaged
+RISK_FROM: Final = 20  # rally from which the exploitability of the policies is averaged
 _OPPONENTS: Final = 3
-_TOLERANCE: Final = 1e-4
-"""Error bound of values, far below the differences between methods."""
+_TOLERANCE: Final = 1e-4  # error bound of values, far below the differences between methods
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PlayedRally:
-    """A rally that a method observes; its seat is 0.
+    """A rally that a method observes; its seat is 0."""
 
-    Attributes:
-        state: ``[N]`` state of each stroke.
-        pair: ``[N]`` legal pair of the state and the stroke.
-        stroke: ``[N]`` catalogue index.
-        own: ``[N]`` whether the method struck; else the opponent.
-        position: ``[N]`` where the receiver of each stroke waited, the opponent where ``own``; -1 without recovery.
-    """
-
-    state: I32
-    pair: I64
-    stroke: I32
-    own: Bools
-    position: I8
+    state: I32  # [N] state of each stroke
+    pair: I64  # [N] legal pair of the state and the stroke
+    stroke: I32  # [N] catalogue index
+    own: Bools  # [N] whether the method struck; else the opponent
+    position: I8  # [N] where the receiver of each stroke waited, the opponent where `own`; the middle without recovery
     won: bool
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class AdaptSetting(Setting):
-    """Setting of ``adapt``, the argument of a method; nothing tells who the opponent is.
+    """Setting of ``adapt``, the argument of a method; nothing tells who the opponent is."""
 
-    Attributes:
-        known: known opponents by name; the opponent may be none of them.
-    """
-
-    known: Mapping[str, TabulatedPolicy]
+    known: Mapping[str, TabulatedPolicy]  # known opponents by name; the opponent may be none of them
 
 
 class Adapt(Task):
@@ -152,7 +137,7 @@ def observed(game: Game, players: tuple[TabulatedPolicy, TabulatedPolicy], numbe
     rallies = play_rallies(game, players, number, seed=seed)
     state, stroke = rallies.states(game), rallies.stroke.astype(np.int32)
     pair, own = game.pair(state, stroke).astype(np.int64), rallies.striker == 0
-    position = np.full(len(state), -1, np.int8) if rallies.waited is None else rallies.waited
+    position = np.full(len(state), CENTRE, np.int8) if rallies.waited is None else rallies.waited
     for i in range(len(rallies)):
         part = slice(*rallies.first_stroke[[i, i + 1]].tolist())
         won = bool(rallies.winner[i] == 0)

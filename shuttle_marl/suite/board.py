@@ -15,14 +15,11 @@ from shuttle_marl.base import cache
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.reports.html import escaped
 from shuttle_marl.suite.options import ACCESS, SPLITS, SuiteError
-from shuttle_marl.suite.registry import TASKS
-from shuttle_marl.suite.results import CARD, NOT_VERIFIED, Bounds, Row, difference, read, summarise, verify_run
+from shuttle_marl.suite.results import CARD, NOT_VERIFIED, TASKS, Bounds, Row, difference, read, summarise, verify_run
 from shuttle_marl.suite.task import Task
 
-_LONGEST: Final = 60
-"""Characters of a name that are shown."""
-_DIGITS: Final = 6
-"""Decimal places in which scores differ; verification allows less."""
+_LONGEST: Final = 60  # characters of a name that are shown
+_DIGITS: Final = 6  # decimal places in which scores differ; verification allows less
 
 
 def render(rows: Sequence[Row]) -> str:

@@ -23,20 +23,13 @@ Method = Callable[..., Any]
 
 @dataclasses.dataclass(frozen=True)
 class Baseline:
-    """A method of this package.
+    """A method of this package."""
 
-    Attributes:
-        module: of :mod:`.methods`.
-        member: name of its class or function, with hyphens, as ``restricted-nash``.
-        kind: references do not depend on the seed, so one is enough.
-        argument: of the method, if its name has none.
-    """
-
-    module: str
-    member: str
+    module: str  # of `.methods`
+    member: str  # name of its class or function, with hyphens, as `restricted-nash`
     access: Access
-    kind: Kind
-    argument: str | None
+    kind: Kind  # references do not depend on the seed, so one is enough
+    argument: str | None  # of the method, if its name has none
 
 
 def _all(module: str, *names: str, access: Access = "samples", kind: Kind = "method") -> dict[str, Baseline]:

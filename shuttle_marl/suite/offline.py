@@ -25,14 +25,11 @@ from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import luck
 from shuttle_marl.suite.task import POINTS, Arena, Case, Outcome, Setting, Task, exploitabilities, required, table_of
 
-OPPONENT: Final = "human:0.05"
-"""Opponent of all logs: strong enough that a list of strokes by incoming shot is no answer to it."""
+OPPONENT: Final = "human:0.05"  # opponent of all logs: strong enough that a list of strokes by incoming shot is no answer to it
 BEHAVIOURS: Final = ("bc", "bc+0.1*minimax", "attacking@greedy", "minimax", "bc:PLAYER")
 """Behaviour policies of the logs; PLAYER is the first imitated player of the split."""
-_APART: Final = "minimax"
-"""Behaviour that cloning it almost solves, so its logs do not count."""
-_SIGMA: Final = 1.0
-"""Spread of drawn games, so large that play that is perfect in the shipped game is not strong in them."""
+_APART: Final = "minimax"  # behaviour that cloning it almost solves, so its logs do not count
+_SIGMA: Final = 1.0  # spread of drawn games, so large that play that is perfect in the shipped game is not strong in them
 NAMED: Final = (
     "bc", "bc@0.7", "bc@0.4", "bc@greedy", "bc:PLAYER", "attacking", "attacking@greedy", "defensive", "defensive@greedy", "safe",
     "safe@greedy", "minimax", "human:0.05", "human:0.2", "random", "bc+0.5*minimax",
@@ -44,8 +41,7 @@ TRAINED: Final = (
 )  # fmt: skip
 """Targets of ``evaluate`` that methods of ``offline`` trained on the log."""
 _QUICK: Final = 3000
-_FRESH: Final = 1000
-"""Added to the seed of a fresh log."""
+_FRESH: Final = 1000  # added to the seed of a fresh log
 
 
 class LogTask(Task):

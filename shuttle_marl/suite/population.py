@@ -27,8 +27,7 @@ from shuttle_marl.suite.task import Arena
 
 FAMILIES: Final = ("synthetic", "waiting", "human", "counter", "mixture", "switcher", "learner")
 """Families of opponents; all but ``control`` count in the score, and ``waiting`` is of the game with recovery."""
-CONTROL: Final = "control"
-"""Clones of players, against whom a best response to bc is almost optimal already."""
+CONTROL: Final = "control"  # clones of players, against whom a best response to bc is almost optimal already
 ADAPT_RALLIES: Final = 500
 _STYLES: Final = ("attacking", "defensive", "safe", "bc@0.5", "random")
 _TILTS: Final = (-1.0, 1.0)
@@ -37,19 +36,15 @@ _TOLERANCE: Final = 1e-6
 
 def families(game: Game) -> tuple[str, ...]:
     """Families of opponents that a game has."""
-    return tuple(name for name in FAMILIES if game.recovery is not None or name != "waiting")
+    return tuple(name for name in FAMILIES if game.hides or name != "waiting")
 
 
 class Opponent(NamedTuple):
-    """An opponent: policies and the rallies in which they start, from 0.
-
-    Attributes:
-        learns: probability with which each choice is that of the best response to what it met before the last change.
-    """
+    """An opponent: policies and the rallies in which they start, from 0."""
 
     policies: tuple[TabulatedPolicy, ...]
     starts: tuple[int, ...] = (0,)
-    learns: float = 0.0
+    learns: float = 0.0  # probability with which each choice is that of the best response to what it met before the last change
 
     def at(self, rally: int, met: TabulatedPolicy | None = None) -> TabulatedPolicy:
         """What is played in a rally, after ``met`` was played before the last change; None: before any change."""

@@ -1,20 +1,12 @@
-"""Runs: the folder, aggregates, and verification.
+"""Tasks by name, and runs: the folder, aggregates, and verification, which recomputes scores from stored policies and answers.
 
-- Aggregates: mean over cases of interquartile means over seeds, worst case, and differences.
-- Verification: every score is recomputed from the stored policies and answers, and nothing else is proved.
-
-The folder of a run is also a submission:
-
-- ``config.json``: task, method, split, seeds, and the game;
-- ``card.json``: what the author says about the method, see :class:`Card`; edited by hand, never scored;
-- ``entries/CASE-SEED.json``: one unit: fingerprint of the case, hashes of the policies, answers, scores, curve, seconds; with a
-  checksum;
-- ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
-- ``work/FINGERPRINT-SEED/``: files of the method, which nothing reads;
-- ``results.json``: aggregates, which nothing reads.
+- ``config.json``: task, method, split, seeds, and the game; ``card.json``: what the author says, edited by hand, never scored;
+- ``entries/CASE-SEED.json``: one unit, with a checksum; ``policies/HASH.zst``: one table of a policy by the hash of its numbers;
+- ``work/FINGERPRINT-SEED/``: files of the method, and ``results.json``: aggregates, neither of which is read.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, NotRequired, TypedDict
@@ -23,7 +15,7 @@ import msgspec
 import numpy as np
 
 from shuttle_marl.base import cache, runs
-from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.errors import ShuttleError, did_you_mean, printable
 from shuttle_marl.base.files import (
     MAX_JSON,
     FileReadError,
@@ -36,61 +28,117 @@ from shuttle_marl.base.files import (
     replace_sealed,
 )
 from shuttle_marl.base.intervals import combined, estimate
-from shuttle_marl.game.shipped import is_shipped
+from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.game.shipped import RECOVERY, drawn_game, is_shipped, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.computed import StoredPolicies, policy_file
+from shuttle_marl.recording.logs import write_minari
+from shuttle_marl.suite.adapt import Adapt
+from shuttle_marl.suite.exploit import Equilibrium, Exploit, ExploitEntrance
+from shuttle_marl.suite.offline import OPPONENT, Evaluate, LogTask, Offline, log_of_unit
 from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
-from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.population import rng_of
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task
+
+TASKS: Final[dict[str, Task]] = {task.name: task() for task in (Exploit, Equilibrium, Adapt, Offline, Evaluate, ExploitEntrance)}
+
+
+def find_task(name: str) -> Task:
+    """A task by name.
+
+    Raises:
+        SuiteError: there is no such task.
+    """
+    if name not in TASKS:
+        raise SuiteError(f"no task {name!r}{did_you_mean(name, TASKS, 0.4)}; there are: {', '.join(TASKS)}")
+    return TASKS[name]
+
+
+@functools.lru_cache(maxsize=4)
+def arena_of(
+    task: Task, model: str, split: Split, *, quick: bool = False, budget: int | None = None, seed: str | None = None
+) -> Arena:
+    """The game and the split of a task.
+
+    Raises:
+        SuiteError: the seed of a round is missing.
+        GameError: the model does not exist.
+    """
+    if split == "round" and not seed:
+        raise SuiteError("--split round: its games are drawn from a seed that no method knows; name it with --seed")
+    variant = "-".join(filter(None, (task.variants.get(split), RECOVERY if task.recovery else None)))
+    name = f"{model}:{variant}" if variant else model
+    game, base = resolve_game(name), resolve_game(name).hash
+    if sigma := task.drawn.get(split):
+        game = drawn_game(game, rng_of("drawn game", split, seed, "game"), sigma)
+    return Arena(game=game, model=name, base=base, split=split, quick=quick, budget=budget, seed=seed)
+
+
+def write_data(
+    task: str, out: Path, split: Split, model: str, seeds: int | None, *, quick: bool = False, minari: bool = False
+) -> dict[str, str]:
+    """Write the logs of a task as Parquet files or Minari data sets.
+
+    Returns:
+        SHA-256 of the content of each log by its name.
+
+    Raises:
+        SuiteError: the task has no logs.
+    """
+    found = find_task(task)
+    if not isinstance(found, LogTask):
+        raise SuiteError(f"{task} has no logs; offline-v0 and evaluate-v0 have")
+    if seeds is not None and seeds < 1:
+        raise SuiteError(f"--seeds {seeds}: expected 1 or more")
+    arena, hashes = arena_of(found, model, split, quick=quick), {}
+    for case in found.cases(arena):
+        for seed in range(seeds or found.seeds):
+            log = log_of_unit(arena, case, seed)
+            fresh = "-fresh" if case.options.get("log") == "fresh" else ""
+            name = f"{split}-{case.options['behaviour']}-{case.budget}{fresh}".translate(str.maketrans(":*+", "-x-"))
+            if minari:
+                name = f"shuttle_marl/{name}-v{seed}"
+                write_minari(log.transitions, name, out, arena.model, OPPONENT)
+            else:
+                name = f"{name}-{seed}.parquet"
+                write_parquet(out / name, log.table())
+            hashes[name] = log.hash
+    return hashes
+
 
 ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
-Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
-"""A name in a file of a stranger."""
-Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]
-"""A name with at least one letter."""
-Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
-"""A score in a file of a stranger; neither infinite nor NaN."""
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]  # A name in a file of a stranger
+Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]  # A name with at least one letter
+Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]  # A score in a file of a stranger; neither infinite nor NaN
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RunConfig:
-    """Content of ``config.json``: everything that decides the results.
-
-    Attributes:
-        seeds: seeds from 0.
-        model: name or folder of the model of the game.
-        game: hash of its tables.
-    """
+    """Content of ``config.json``: everything that decides the results."""
 
     task: Name
     method: Name
     split: Split
     quick: bool
     budget: StoredCount | None = None
-    seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]
-    model: Name
-    game: Sha256
+    seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]  # seeds from 0
+    model: Name  # name or folder of the model of the game
+    game: Sha256  # hash of its tables
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Card:
-    """Content of ``card.json``.
-
-    Attributes:
-        author: whose row it is; boards refuse a run without one.
-        tuning_strokes: strokes or runs that were used for tuning; None: not stated.
-        access: what it reads; None: not stated.
-    """
+    """Content of ``card.json``."""
 
     method: Name | None = None
-    author: Author | None = None
+    author: Author | None = None  # whose row it is; boards refuse a run without one
     paper: Name | None = None
-    tuning_strokes: StoredCount | Name | None = None
+    tuning_strokes: StoredCount | Name | None = None  # strokes or runs that were used for tuning; None: not stated
     kind: Kind = "method"
-    access: Access | None = None
+    access: Access | None = None  # what it reads; None: not stated
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -98,18 +146,16 @@ class Entry:
     """Content of a file in ``entries``.
 
     Attributes:
-        fingerprint: of the case, see :meth:`shuttle_marl.suite.task.Task.fingerprint`.
         answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.
-        seconds: time of the method, without scoring.
     """
 
     case: Name
     seed: StoredCount
-    fingerprint: Sha256
+    fingerprint: Sha256  # of the case, see `Task.fingerprint`
     policies: Mapping[str, Sha256]
     answers: Mapping[str, Any]
     scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
-    seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]
+    seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]  # time of the method, without scoring
     strokes: StoredCount | None = None
     curve: Annotated[Sequence[tuple[StoredCount, Figure]], msgspec.Meta(max_length=10_000)] = ()
 
@@ -200,12 +246,10 @@ def checked(entry: Entry, case: Case) -> Entry:
     return entry
 
 
-TOLERANCE: Final = 1e-7
-"""Largest difference between a recomputed score and the stored one, in the unit of the score."""
+TOLERANCE: Final = 1e-7  # largest difference between a recomputed score and the stored one, in the unit of the score
 NOT_VERIFIED: Final = ("strokes used", "curves", "tuning", "seconds", "access", "that the method produced these policies")
 """What no recomputation can show."""
-Units = dict[str, dict[str, list[float]]]
-"""Figures by stratum, case and seed."""
+Units = dict[str, dict[str, list[float]]]  # figures by stratum, case and seed
 
 
 class Bounds(TypedDict):
@@ -220,21 +264,14 @@ class Row(TypedDict):
     """Aggregates of a run: a row of a board.
 
     Attributes:
-        author: from the card; empty in the rows of this package.
         cases: hash of the fingerprints of the units of the first seed, from which the others follow; rows of a board have the
             same ones, whether they have one seed, as references, or several.
-        access: what the card says that the method reads.
         metric, score, low, high: the main score with its interval.
-        worst: the main score of the worst case.
         seconds, strokes: sums over all units, as they are declared.
-        remarks: what a reader should know.
-        rank: among the methods of a board of this access; equal scores share one.
-        behind: paired difference to the best method of the board.
-        commit: of this repository, for the rows of its results; None outside of git.
     """
 
     task: str
-    author: str
+    author: str  # from the card; empty in the rows of this package
     method: str
     cases: str
     split: Split
@@ -243,21 +280,21 @@ class Row(TypedDict):
     seeds: int
     game: str
     kind: Kind
-    access: Access
+    access: Access  # what the card says that the method reads
     tuning_strokes: int | str | None
     metric: str
     score: float
     low: float | None
     high: float | None
-    worst: float
+    worst: float  # the main score of the worst case
     seconds: float
     strokes: int
     scores: dict[str, Bounds]
     units: Units
-    remarks: list[str]
-    rank: NotRequired[int]
-    behind: NotRequired[Bounds]
-    commit: NotRequired[str | None]
+    remarks: list[str]  # what a reader should know
+    rank: NotRequired[int]  # among the methods of a board of this access; equal scores share one
+    behind: NotRequired[Bounds]  # paired difference to the best method of the board
+    commit: NotRequired[str | None]  # of this repository, for the rows of its results; None outside of git
 
 
 def task_of_run(config: RunConfig, model: str | None = None, seed: str | None = None) -> tuple[Task, Arena, list[Case]]:
@@ -407,15 +444,11 @@ class Refusal:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Verification:
-    """Verification of a run.
-
-    Attributes:
-        summary: of the run; None if a unit is refused.
-    """
+    """Verification of a run."""
 
     units: int
     refused: list[Refusal]
-    summary: Row | None
+    summary: Row | None  # of the run; None if a unit is refused
 
 
 def verify_run(

@@ -19,8 +19,7 @@ from shuttle_marl.policy.foreign import source_hashes
 from shuttle_marl.suite import results
 from shuttle_marl.suite.method import baseline_of, find, kind_of
 from shuttle_marl.suite.options import SuiteError, SuiteRun
-from shuttle_marl.suite.registry import arena_of, find_task
-from shuttle_marl.suite.results import CARD, Card, Entry, RunConfig, summarise, task_of_run, write_card
+from shuttle_marl.suite.results import CARD, Card, Entry, RunConfig, arena_of, find_task, summarise, task_of_run, write_card
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "msgspec", "zstandard")
 PlayedUnit = tuple[Path, Entry, dict[str, bytes]]

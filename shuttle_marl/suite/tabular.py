@@ -18,11 +18,9 @@ from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.tables import Game, hurry_units
 from shuttle_marl.recording.logs import Log, Transitions
 
-SHRINK = 32.0
-"""Pseudo-observations of the coarser cell."""
+SHRINK = 32.0  # pseudo-observations of the coarser cell
 _SWEEPS = 30
-_LEAST = 64
-"""Least probability that a stroke ends a rally, in units of 1/65536."""
+_LEAST = 64  # least probability that a stroke ends a rally, in units of 1/65536
 
 
 @functools.lru_cache(maxsize=4)
@@ -112,8 +110,7 @@ def _stroke_cells(game: Game) -> tuple[I64, ...]:
     return tuple(np.unique(part, return_inverse=True)[1].astype(np.int64) for part in parts)
 
 
-Backup = Callable[[F64, I32], F64]
-"""Maps Q-values ``[base pairs]`` and base states ``[U]`` to the values of those states."""
+Backup = Callable[[F64, I32], F64]  # maps Q-values ``[base pairs]`` and base states ``[U]`` to the values of those states
 
 
 def by_state(game: Game, values: F64, states: Ints, reduce: np.ufunc) -> F64:

@@ -31,27 +31,18 @@ from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.options import Access, Split, SuiteError
 
-QUICK_STROKES: Final = 20_000
-"""Budget of a quick run, in strokes of the learner."""
+QUICK_STROKES: Final = 20_000  # budget of a quick run, in strokes of the learner
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Case:
-    """One part of a task.
+    """One part of a task."""
 
-    Attributes:
-        name: unique within the task and the split.
-        stratum: exchangeable cases share it, see :func:`shuttle_marl.suite.results.aggregate`; empty: it is alone.
-        counts: whether its scores count in the aggregates; controls do not.
-        budget: number of strokes; 0: the task has no budgets.
-        options: what the task needs to set the case up, as JSON.
-    """
-
-    name: str
-    stratum: str = ""
-    counts: bool = True
-    budget: int = 0
-    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    name: str  # unique within the task and the split
+    stratum: str = ""  # exchangeable cases share it, see `aggregate`; empty: it is alone
+    counts: bool = True  # whether its scores count in the aggregates; controls do not
+    budget: int = 0  # number of strokes; 0: the task has no budgets
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # what the task needs to set the case up, as JSON
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,22 +64,15 @@ class Outcome:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Arena:
-    """Game and split of a run; values that several cases share are computed once.
-
-    Attributes:
-        model: name or folder of the model of the game.
-        base: hash of the game of the model; that of ``game``, unless the split has a game drawn at random.
-        budget: cases of this budget only; None: all.
-        seed: of the split round.
-    """
+    """Game and split of a run; values that several cases share are computed once."""
 
     game: Game
-    model: str = "default"
-    base: str = ""
+    model: str = "default"  # name or folder of the model of the game
+    base: str = ""  # hash of the game of the model; that of `game`, unless the split has a game drawn at random
     split: Split = "dev"
     quick: bool = False
-    budget: int | None = None
-    seed: str | None = None
+    budget: int | None = None  # cases of this budget only; None: all
+    seed: str | None = None  # of the split round
 
     def policy(self, name: str) -> TabulatedPolicy:
         """Table of a policy by name."""
@@ -103,54 +87,37 @@ def named_table(game: Game, name: str) -> TabulatedPolicy:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Setting:
-    """The argument of a method.
-
-    Attributes:
-        model: name or folder of the model; the game of the setting differs from its game where that is drawn.
-        folder: folder for files of the method; it may hold those of an interrupted call.
-    """
+    """The argument of a method."""
 
     game: Game
-    model: str
+    model: str  # name or folder of the model; the game of the setting differs from its game where that is drawn
     seed: int
-    folder: Path
+    folder: Path  # folder for files of the method; it may hold those of an interrupted call
 
 
 class Task(abc.ABC):
     """A versioned task. Its docstring says what is given, what is scored, and the budget, in one sentence each."""
 
     name: ClassVar[str]
-    protocol: ClassVar[str]
-    """What a method is called with and returns, in one line."""
-    metric: ClassVar[str]
-    """Entry of the scores that ranks methods."""
-    unit: ClassVar[str] = "points"
-    """Unit of the metric; a point is one rally in a hundred."""
-    zero: ClassVar[str]
-    """What 0 of the metric is."""
+    protocol: ClassVar[str]  # what a method is called with and returns, in one line
+    metric: ClassVar[str]  # entry of the scores that ranks methods
+    unit: ClassVar[str] = "points"  # unit of the metric; a point is one rally in a hundred
+    zero: ClassVar[str]  # what 0 of the metric is
     higher_is_better: ClassVar[bool] = True
-    recovery: ClassVar[bool] = False
-    """Whether the game is the one with recovery, in which the receiver's position is hidden."""
-    hidden: ClassVar[tuple[str, ...]] = ()
-    """What a player of the task does not know."""
-    access: ClassVar[Access] = "tables"
-    """The least that a method has to read."""
+    recovery: ClassVar[bool] = False  # whether the game is the one with recovery, in which the receiver's position is hidden
+    hidden: ClassVar[tuple[str, ...]] = ()  # what a player of the task does not know
+    access: ClassVar[Access] = "tables"  # the least that a method has to read
     entrance: ClassVar[bool] = False
     """Whether simple rules come near the optimum: an entrance to the suite, scored apart from the other tasks."""
-    budgets: ClassVar[tuple[int, ...]] = ()
-    """Strokes that a learner may play, which methods declare; each has a board of its own."""
-    seeds: ClassVar[int] = 3
-    """Default number of seeds."""
+    budgets: ClassVar[tuple[int, ...]] = ()  # strokes that a learner may play, which methods declare; each has a board of its own
+    seeds: ClassVar[int] = 3  # default number of seeds
     variants: ClassVar[Mapping[str, str]] = {}
     """Variant of the model that a split is played on, such as the game of one discipline."""
     drawn: ClassVar[Mapping[str, float]] = {"round": 0.5}
     """Splits whose game does not ship: it is drawn with this standard deviation, see :func:`drawn_game`."""
-    roles: ClassVar[tuple[str, ...]] = ("player",)
-    """Roles of the policies of an outcome."""
-    answers: ClassVar[tuple[str, ...]] = ()
-    """Names of the answers of an outcome."""
-    optimum: ClassVar[float | None] = None
-    """Score of perfect play; None: the score ``best`` of a unit, if there is one."""
+    roles: ClassVar[tuple[str, ...]] = ("player",)  # roles of the policies of an outcome
+    answers: ClassVar[tuple[str, ...]] = ()  # names of the answers of an outcome
+    optimum: ClassVar[float | None] = None  # score of perfect play; None: the score ``best`` of a unit, if there is one
 
     @property
     def about(self) -> str:
@@ -247,14 +214,10 @@ def _acted(act: Callable[[Any, Any], Any], game: Game, states: States) -> F64:
     return p
 
 
-POINTS: Final = 100.0
-"""Points of certainty."""
-WEIGHT: Final = 0.75
-"""Restriction of the opponent in the objective."""
-STEPS: Final = (0.0, 0.25, 0.5, WEIGHT, 0.9, 1.0)
-"""Restrictions of the points of a frontier."""
-_DIGITS: Final = 5
-"""Decimal places of a frontier, which are exact; + 0.0 makes 0.0 of -0.0."""
+POINTS: Final = 100.0  # points of certainty
+WEIGHT: Final = 0.75  # restriction of the opponent in the objective
+STEPS: Final = (0.0, 0.25, 0.5, WEIGHT, 0.9, 1.0)  # restrictions of the points of a frontier
+_DIGITS: Final = 5  # decimal places of a frontier, which are exact; + 0.0 makes 0.0 of -0.0
 
 
 def exploitabilities(policies: Sequence[TabulatedPolicy], *, tolerance: float) -> list[float]:

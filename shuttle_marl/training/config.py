@@ -35,7 +35,7 @@ SELF: Final = "self"
 SHARP: Final = 0.1
 """Softmax temperature of an agent that is to play the best stroke it knows."""
 AUTO: Final = "auto"
-_NO_EFFECT: Final = ("out", "resume", "overwrite")
+_NO_EFFECT: Final = ("out", "resume", "overwrite", "workers", "ray")
 
 
 class TrainingError(ShuttleError):
@@ -43,7 +43,41 @@ class TrainingError(ShuttleError):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TrainingConfig:
+class RunConfig:
+    """Settings of a run and its game."""
+
+    error: ClassVar[type[TrainingError]] = TrainingError
+
+    seed: Seed = 0
+    """Random seed."""
+    out: Path | None = None
+    """Run folder; default runs/ALGORITHM-SEED, of a league runs/league-training, with a number appended if that exists."""
+    resume: bool = False
+    """Continue the run in --out (or the default folder) from its last checkpoint."""
+    overwrite: bool = False
+    """Replace the run in --out."""
+    record: str = "all"
+    """Rallies in the rally log: all (some 1.8 bytes a stroke), none, or sample:N for one in N; does not change the weights."""
+    game: str = "default"
+    """Model of the game: a shipped one or a folder."""
+    profile: Profile | None = None
+    """Discipline of the game; default: the average of both."""
+
+    def __post_init__(self) -> None:
+        from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
+
+        Sampling.parse(self.record)
+        check_bounds(self, self.error)
+
+    def fixed(self) -> dict[str, Any]:
+        """Settings that determine the result, as JSON."""
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _NO_EFFECT}
+        decisive: dict[str, Any] = json.loads(json.dumps(fields))
+        return decisive
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrainingConfig(RunConfig):
     """Settings that all algorithms share."""
 
     algorithm: ClassVar[str]
@@ -52,23 +86,9 @@ class TrainingConfig:
     """Names of one or more opponents (see `docs/league.md`), or `self` for self-play."""
     strokes: Count = 2_000_000
     """Strokes of the learner in the whole run; in the game with recovery its positions count too."""
-    seed: Seed = 0
-    """Random seed."""
-    out: Path | None = None
-    """Run folder; default runs/ALGORITHM-SEED, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out (or the default folder) from its last checkpoint."""
-    overwrite: bool = False
-    """Replace the run in --out."""
-    record: str = "all"
-    """Rallies in the rally log: all (some 1.8 bytes a stroke), none, or sample:N for one in N; does not change the weights."""
     figures: str = AUTO
     """Rallies of the log whose strokes have the learner's log-probability and value, some 5 bytes a stroke: all, none, sample:N,
     or auto, the first 10,000 and one in a hundred."""
-    game: str = "default"
-    """Model of the game: a shipped one or a folder."""
-    profile: Profile | None = None
-    """Discipline of the game; default: the average of both."""
     bonus: tuple[str, ...] = ()
     """Reward for a shot type, as SHOT=POINTS, for example smash=0.1; a rally is worth 1 (not in self-play)."""
     fault_cost: Weight = 0.0
@@ -108,9 +128,9 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
 
-        for text in (self.record, *(() if self.figures == AUTO else (self.figures,))):
-            Sampling.parse(text)
-        check_bounds(self, TrainingError)
+        super().__post_init__()
+        if self.figures != AUTO:
+            Sampling.parse(self.figures)
         if not self.opponent:
             raise TrainingError("--opponent: expected one or more policies, or self")
         for name in self.opponent:
@@ -203,14 +223,26 @@ class TrainingConfig:
 
     def fixed(self) -> dict[str, Any]:
         """Settings that determine the result, as JSON."""
-        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _NO_EFFECT}
-        decisive: dict[str, Any] = json.loads(json.dumps({"algorithm": self.algorithm, **fields}))
-        return decisive
+        return {"algorithm": self.algorithm, **super().fixed()}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ActorCriticConfig(TrainingConfig):
+    """Settings that PPO and A2C share."""
+
+    learning_rate: Positive = 8e-3
+    """Learning rate of Adam; decays linearly to 1/50."""
+    entropy: Weight = 0.05
+    """Weight of the entropy bonus, which the variant emagnet does not have; decays linearly to 0."""
+    critic: Positive = 1.0
+    """Weight of the value loss."""
+    gradient_norm: Positive = 0.5
+    """Maximum norm of the gradient."""
 
 
 @suggesting
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PPOConfig(TrainingConfig):
+class PPOConfig(ActorCriticConfig):
     """Proximal policy optimisation (Schulman et al. 2017), and variants of self-play (:mod:`shuttle_marl.training.self_play`)."""
 
     algorithm: ClassVar[str] = "ppo"
@@ -235,25 +267,17 @@ class PPOConfig(TrainingConfig):
     magnet_rate: FractionOrZero = 0.025
     """Rate per iteration of the moving average of parameters that is the reference policy of the variants magnet and emagnet; 1:
     the policy at the start of the iteration, 0: the initial one."""
-    learning_rate: Positive = 8e-3
-    """Learning rate of Adam; decays linearly to 1/50."""
     clip: Fraction = 0.4
     """Clipping parameter epsilon of the probability ratio."""
-    entropy: Weight = 0.05
-    """Weight of the entropy bonus, which the variant emagnet does not have; decays linearly to 0."""
     anneal_after: FractionOrZero | None = None
     """Fraction of the run after which the softmax temperature of rollouts decreases from 1; 1: never. Default: 0.2 in self-play,
     else 1."""
     final_temperature: Fraction = 0.25
     """Softmax temperature of rollouts at the end of the run."""
-    critic: Positive = 1.0
-    """Weight of the value loss."""
     epochs: Count = 1
     """Passes over the strokes of an iteration."""
     minibatches: Count = 3
     """Minibatches per epoch; each holds all strokes of a subset of the states."""
-    gradient_norm: Positive = 0.5
-    """Maximum norm of the gradient."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -265,7 +289,7 @@ class PPOConfig(TrainingConfig):
 
 @suggesting
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class A2CConfig(TrainingConfig):
+class A2CConfig(ActorCriticConfig):
     """Advantage actor-critic (Mnih et al. 2016), synchronous, with generalised advantages."""
 
     algorithm: ClassVar[str] = "a2c"
@@ -274,14 +298,6 @@ class A2CConfig(TrainingConfig):
     growth: Growth = 0.03
     evaluate_every: Count = 50
     checkpoint_every: Count = 100
-    learning_rate: Positive = 8e-3
-    """Learning rate of Adam; decays linearly to 1/50."""
-    entropy: Weight = 0.05
-    """Weight of the entropy bonus; decays linearly to 0."""
-    critic: Positive = 1.0
-    """Weight of the value loss."""
-    gradient_norm: Positive = 0.5
-    """Maximum norm of the gradient."""
 
 
 @suggesting

@@ -24,8 +24,8 @@ from shuttle_marl.base.files import StoredCount
 from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.base.runs import check_interrupt, interrupts_held
-from shuttle_marl.exact.match import Odds, normalised_score
-from shuttle_marl.exact.odds import best_odds, pair_odds
+from shuttle_marl.exact.fixed_point import Odds
+from shuttle_marl.exact.odds import best_odds, normalised_score, pair_odds
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import InducedChain, evaluate, evaluate_chains, induced
 from shuttle_marl.game import draws
@@ -88,7 +88,6 @@ class Evaluator:
 
     @functools.cached_property
     def _scales(self) -> list[tuple[Odds, Odds]]:
-        """Odds of ``bc`` and of the best response against each opponent."""
         reference = pair_odds([(self._reference, opponent) for opponent in self._opponents])
         return list(zip(reference, best_odds(self._opponents), strict=True))
 
@@ -294,11 +293,9 @@ class _Training(Callback):
         self.self_play.update(learner.iteration)
 
     def collected(self, learner: Learner) -> None:
-        """Record the rallies, while the learner learns from them."""
         self.log.record(learner.collector.sampler, self.segment, learner.iteration - 1)
 
     def learned(self, learner: Learner, losses: dict[str, float]) -> None:
-        """Show the progress; evaluate, stop and save if it is time."""
         self.log.settle()
         config, at, (task,) = self.config, self.at, self.bar.tasks
         at.seconds = time.monotonic() - self.begun

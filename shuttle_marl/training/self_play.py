@@ -78,7 +78,6 @@ class SelfPlayOpponents:
         self._assign(len(self._pool))
 
     def _assign(self, opponents: int) -> None:
-        """Distribute the opponents evenly over the fraction of the rallies."""
         rallies = round(self._config.fraction * _HUNDRED)
         count = np.floor(np.arange(1, opponents * _HUNDRED + 1) * rallies / _HUNDRED).astype(np.int64)
         chosen = np.diff(count, prepend=0) > 0

@@ -63,7 +63,7 @@ def test_late_strikers_are_found_in_matches_of_the_fit_and_in_others(fitted: tup
     rows, late, hurry = fitted
     elsewhere = dataclasses.replace(rows, matches=tuple(f"other {name}" for name in rows.matches))
     own = hurry.bits(rows)
-    for part, bits in ((rows, own), (elsewhere, hurry.bits(elsewhere))):
+    for bits in (own, hurry.bits(elsewhere)):
         known = bits >= 0
         assert (known == np.isfinite(rows.movement).all(axis=1)).all()
         assert (bits[known] == 1).mean() == pytest.approx(SHARE, abs=0.02)

@@ -117,7 +117,7 @@ def test_restricted_and_robust_play(seed: int) -> None:
     other = with_recovery(dataclasses.replace(game, recovery=None, hurry=game.hurry // 2), seed)
     robust = solve_robust([game, other])
     for each in (game, other):
-        worst = 1 - best_response(moved(robust.policy, each)).value.odds().rally
+        worst = 1 - best_response(moved(robust.policy[0], each)).value.odds().rally
         assert worst >= robust.odds().rally - 1e-4
     assert solve_robust([game]).odds().rally == pytest.approx(0.5, abs=1e-9)
 

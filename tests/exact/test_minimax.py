@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.exact import ExactError, Solution, least_gain, nash_conv, solve
-from shuttle_marl.exact.match import match_table
+from shuttle_marl.exact.odds import match_table
 from shuttle_marl.game import default_game
 from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.scoring import Rules, match_win_probability

@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pytest
 
 from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
-from shuttle_marl.exact.match import normalised_score
+from shuttle_marl.exact.odds import normalised_score
 from shuttle_marl.game.policy import PolicyError, States, tabulate
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.league import LeagueConfig, run_league

@@ -40,7 +40,7 @@ def test_human_play_has_names() -> None:
 
 
 def test_robust_play_needs_refits() -> None:
-    assert np.array_equal(cumulative("minimax:robust"), solve_robust([GAME, *refits_of(GAME)]).policy.cumulative)
+    assert np.array_equal(cumulative("minimax:robust"), solve_robust([GAME, *refits_of(GAME)]).policy[0].cumulative)
     with pytest.raises(PolicyError, match="needs refits of the game on resampled matches"):
         resolve("minimax:robust", hand_made())
     assert ["minimax:robust" in registry.names(game) for game in (GAME, hand_made())] == [True, False]

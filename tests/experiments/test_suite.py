@@ -10,7 +10,7 @@ from docs.tools.results import RESULTS as LISTED
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.suite import TASKS
 from shuttle_marl.suite.method import baseline_of
-from shuttle_marl.suite.registry import arena_of
+from shuttle_marl.suite.results import arena_of
 from tests.experiments.commands import run
 from tests.reduced import reduced_model
 

@@ -18,7 +18,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import agents, baselines, registry
 from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.policy.foreign import FunctionPolicy
-from shuttle_marl.policy.registry import resolve, resolve_recorded
+from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 
@@ -153,7 +153,7 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
         asked.append(argument)
         return resolve("random", GAME)
 
-    registry.register("mirror", load, lambda _: ["mirror:left", "mirror:right"])
+    registry.register("mirror", Family(load=load, names=lambda _: ["mirror:left", "mirror:right"]))
     assert set(registry.names(GAME)) >= {"mirror:left", "mirror:right"}
     resolve("mirror:left", GAME)
     resolve("mirror@0.5", GAME)
@@ -161,10 +161,10 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(PolicyError, match="did you mean mirror:left"):
         resolve("mirorleft", GAME)
     with pytest.raises(PolicyError, match="registered already"):
-        registry.register("mirror", load)
+        registry.register("mirror", Family(load=load))
     for key in ("", "a b", "a:b", "a@b"):
         with pytest.raises(PolicyError, match="expected a word"):
-            registry.register(key, load)
+            registry.register(key, Family(load=load))
 
 
 PLUGGED = """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.exact import evaluate, solve
-from shuttle_marl.exact.match import match_table
+from shuttle_marl.exact.odds import match_table
 from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Rules

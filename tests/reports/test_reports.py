@@ -271,7 +271,8 @@ def test_rallies_are_counted_by_length_and_server(reported: MatchReport) -> None
 def test_chances_follow_the_score() -> None:
     rules = Rules(points=1, clear=1, cap=1, games=1)
     chances, score = Chances(Odds(serving=0.8, receiving=0.4, error_bound=0.0), rules), Score(rules=rules)
-    assert [chances.of(score, 0), chances.of(score, 1), chances.of(score.after(1), 1)] == pytest.approx([0.8, 0.4, 0.0])
+    scores = score, Score(rules=rules, server=1), score.after(1)
+    assert [*map(chances.of, scores)] == pytest.approx([0.8, 0.4, 0.0])
 
 
 def row(game: int, rally: int, points: tuple[int, int], server: int, winner: int | None) -> RallyRow:

@@ -34,7 +34,7 @@ from shuttle_marl.suite.methods.adapters import (
 )
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import FAMILIES, families, known, opponent, waiting
-from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.results import arena_of, find_task
 from shuttle_marl.suite.task import WEIGHT, Arena, Case, Outcome, exploitabilities, gains
 from tests import golden
 from tests.exact.exact_games import THREE_STROKES, hand_made, random_policy

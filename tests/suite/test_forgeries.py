@@ -21,8 +21,7 @@ from shuttle_marl.suite import results
 from shuttle_marl.suite.board import called, render, rows_of, shown
 from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.registry import TASKS, arena_of
-from shuttle_marl.suite.results import Row
+from shuttle_marl.suite.results import TASKS, Row, arena_of
 from tests.reduced import reduced_model
 from tests.suite.small import run, summary, verified
 

@@ -8,7 +8,7 @@ import pytest
 from shuttle_marl.suite.exploit import Equilibrium, Exploit
 from shuttle_marl.suite.method import BASELINES, find
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.registry import TASKS, arena_of, find_task
+from shuttle_marl.suite.results import TASKS, arena_of, find_task
 from shuttle_marl.suite.run import new_submission
 from shuttle_marl.suite.task import Arena
 from tests.reduced import reduced_game, reduced_model

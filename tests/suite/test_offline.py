@@ -32,7 +32,7 @@ from shuttle_marl.suite.methods.logs import (
 )
 from shuttle_marl.suite.offline import OPPONENT, behaviour, errors, generate, in_game
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.results import arena_of, find_task
 from shuttle_marl.suite.tabular import (
     best_of,
     by_state,

@@ -16,7 +16,7 @@ from shuttle_marl.suite.adapt import CHANGES
 from shuttle_marl.suite.exploit import opponent_of
 from shuttle_marl.suite.offline import OPPONENT, targets
 from shuttle_marl.suite.population import ADAPT_RALLIES, opponent
-from shuttle_marl.suite.registry import TASKS, arena_of
+from shuttle_marl.suite.results import TASKS, arena_of
 from shuttle_marl.suite.task import Outcome
 from tests.reduced import reduced_model
 from tests.suite.small import run

@@ -20,8 +20,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import results
 from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.registry import TASKS
-from shuttle_marl.suite.results import summarise, task_of_run, verify_run
+from shuttle_marl.suite.results import TASKS, summarise, task_of_run, verify_run
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified

@@ -20,7 +20,7 @@ from shuttle_marl.suite.exploit import opponent_of
 from shuttle_marl.suite.offline import OPPONENT, targets
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import opponent
-from shuttle_marl.suite.registry import TASKS, arena_of
+from shuttle_marl.suite.results import TASKS, arena_of
 from shuttle_marl.suite.task import STEPS, WEIGHT, Arena, Case, Outcome, frontier
 from tests import golden
 from tests.reduced import reduced_game, reduced_model

@@ -15,7 +15,7 @@ from shuttle_marl.suite.exploit import PlayerSetting
 from shuttle_marl.suite.method import find
 from shuttle_marl.suite.offline import generate
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.registry import arena_of, find_task, write_data
+from shuttle_marl.suite.results import arena_of, find_task, write_data
 from shuttle_marl.suite.run import new_submission
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, verified

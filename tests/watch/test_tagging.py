@@ -395,6 +395,16 @@ def test_after_a_full_disk_tagging_continues(tmp_path: Path, written: int, monke
     assert tag_file(tmp_path).facts().inputs == ["[0]", "[1]", "[2]", "[4]"]
 
 
+def test_another_film_does_not_continue_the_strokes(tmp_path: Path) -> None:
+    file = tag_file(tmp_path)
+    save(file, "[0]")
+    file.close()
+    (tmp_path / "other.webm").write_bytes(bytes(5000))
+    with pytest.raises(TaggingError, match=r"of the film 'match.webm' of 4 bytes, not of .*other.webm of 5,000"):
+        TagFile(tmp_path / "other.webm", tmp_path / "match.csv")
+    assert tag_file(tmp_path).facts().inputs == ["[0]"]
+
+
 def test_a_journal_of_another_kind_is_refused(tmp_path: Path) -> None:
     journal = tmp_path / "match.inputs.jsonl"
     journal.write_bytes(seal({"input": 3}, indent=None))

@@ -1,7 +1,4 @@
-"""Topics and frames of reference of a scene, schemas of its JSON messages, constructors of messages, and all shapes.
-
-``docs/foxglove.md`` describes every topic.
-"""
+"""Topics (``docs/foxglove.md``), frames and JSON schemas of a scene, constructors of messages, and all shapes."""
 
 import itertools
 import math
@@ -37,12 +34,11 @@ STATE: Final = "/rally/state"
 SUMMARY: Final = "/rally/summary"
 
 WORLD: Final = "court"  # frame of reference of the court, on which all others are placed
-BOARDS: Final = {
+BOARDS: Final = {  # one scoreboard a camera: frame of reference, and centre [m] at the upper left
     "/scene/board_broadcast": (WORLD, (-4.878, -0.036, 4.041)),
     "/scene/board_side": (WORLD, (-2.389, -5.321, 4.67)),
     "/scene/board_follow": ("player_0", (-2.203, -0.925, 2.666)),
 }
-"""Scoreboards, one for each camera: frame of reference and centre [m], at the upper left in the camera's picture."""
 SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, *BOARDS)  # topics of the 3D panel
 SHUTTLE_FRAME: Final = "shuttle"  # moves and turns with the shuttle; the cork points along z
 SHUTTLE_FLOOR: Final = "shuttle_floor"  # on the floor below the shuttle
@@ -81,7 +77,7 @@ _STROKE: Final = _object(
     "number contact_height speed_kmh flight_time",
     "string end waited",
 )
-SCHEMAS: Final[dict[str, dict[str, Any]]] = {
+SCHEMAS: Final[dict[str, dict[str, Any]]] = {  # of the topics that plots and tables read
     SCORE: _object(
         "shuttle_marl.Score",
         "integer rally match",
@@ -99,7 +95,6 @@ SCHEMAS: Final[dict[str, dict[str, Any]]] = {
         "shuttle_marl.Summary", "integer rally", "string winner reason", strokes={"type": "array", "items": _STROKE}
     ),
 }
-"""JSON schemas of the topics that plots and tables read."""
 
 
 Message = fox.SceneUpdate | fox.FrameTransforms | fox.Log | dict[str, Any]
@@ -201,14 +196,13 @@ def name_lines(name: str, width: int = 22) -> list[str]:
 
 _WHITE: Final = colour(0.96, 0.96, 0.94)
 _BODY: Final = {"skin": colour(0.85, 0.65, 0.51), "hair": colour(0.16, 0.11, 0.08), "shoe": _WHITE}
-_KITS: Final = (
+_KITS: Final = (  # blue and red, as in the live court
     _BODY | {"shirt": colour(0.19, 0.44, 0.81), "shorts": colour(0.90, 0.90, 0.91)},
     _BODY | {"shirt": colour(0.85, 0.22, 0.25), "shorts": colour(0.19, 0.19, 0.25)},
 )
-"""Colours of seats 0 and 1: blue and red, as in the live court."""
 _NAME_COLOURS: Final = (colour(0.55, 0.75, 1.0), colour(1.0, 0.55, 0.50))
 _SIDES: Final = (("Left", -1.0), ("Right", 1.0))
-_LIMBS: Final = (
+_LIMBS: Final = (  # bone, next bone, share of the way to it, radius at both ends [m], colour
     ("Arm", "ForeArm", 1.0, 0.044, 0.040, "skin"),
     ("Arm", "ForeArm", 0.6, 0.064, 0.060, "shirt"),
     ("ForeArm", "Hand", 1.0, 0.040, 0.029, "skin"),
@@ -216,7 +210,6 @@ _LIMBS: Final = (
     ("UpLeg", "Leg", 0.6, 0.098, 0.092, "shorts"),
     ("Leg", "Foot", 1.0, 0.054, 0.036, "skin"),
 )
-"""Limbs of each side: bone, next bone, share of the way to it, radius at both ends [m], colour."""
 _TRUNK: Final = (
     ("Hips", (0.0, 0.0, -0.02), (0.35, 0.23, 0.26), "shorts"),
     ("Spine1", (0.0, 0.01, -0.02), (0.31, 0.21, 0.36), "shirt"),
@@ -225,11 +218,10 @@ _TRUNK: Final = (
     ("Head", (0.0, 0.025, 0.09), (0.155, 0.20, 0.235), "skin"),
     ("Head", (0.0, 0.0, 0.115), (0.165, 0.20, 0.21), "hair"),
 )
-_ENDS: Final = (
+_ENDS: Final = (  # of the right side; as in _TRUNK: bone, centre from its start at rest, diameters [m], colour
     ("Hand", (0.03, 0.03, -0.03), (0.085, 0.085, 0.10), "skin"),
     ("Foot", (0, 0.075, -0.04), (0.10, 0.29, 0.094), "shoe"),
 )
-"""Ellipsoids of the trunk, and of the right hand and foot: bone, centre from the bone's start at rest, diameters [m], colour."""
 
 _GRIP, _SHAFT = colour(0.35, 0.35, 0.33), colour(0.80, 0.82, 0.84)
 _RIM, _STRINGS = colour(0.80, 0.10, 0.10), colour(0.95, 0.95, 0.90, 0.35)
@@ -275,12 +267,11 @@ def _shadow(width: float) -> fox.CylinderPrimitive:
     return disc(width, width, 0.002, at((0, 0, 0.012)), _SHADOW)
 
 
-DRAWN: Final = (
+DRAWN: Final = (  # bones that have a shape
     *dict.fromkeys(bone for bone, *_ in _TRUNK),
     *dict.fromkeys(f"{side}{bone}" for side, _ in _SIDES for bone, *_ in (*_LIMBS, *_ENDS)),
     "Racket",
 )
-"""Bones that have a shape."""
 
 
 def _body(motion: Motion, seat: int, kit: dict[str, fox.Color]) -> dict[str, dict[str, list[Any]]]:

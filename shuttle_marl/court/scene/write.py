@@ -38,17 +38,15 @@ from shuttle_marl.reports.rally import Resolve
 
 EPOCH: Final = 1_735_689_600 * SECOND  # start of every scene, 2025-01-01: recorded rallies have no date, and viewers need one
 MOST_FPS: Final = 50
-LAYOUTS: Final = tuple(
+LAYOUTS: Final = tuple(  # of the panels, for a rally (``layout``) and a match; attached to every scene
     Path(__file__).parent / "layouts" / f"{scope}.{viewer}.json"
     for scope in ("layout", "match")
     for viewer in ("lichtblick", "foxglove")
 )
-"""Layouts of the viewers' panels, for a rally (``layout``) and for a match; attached to every scene."""
 CUT: Final = SECOND // 1000  # time between two rallies [ns]: too short for a visible interpolation
 _COLUMNS, _LEAST_ROWS = 28, 7  # characters in a line of the board, and its rows, so that its height is the same at every stroke
 _GRID: Final = 2.0**13  # numbers are rounded to 1/8192: 0.12 mm and 0.014 degrees, and compress to a third
-_TOLERANCE: Final = 0.006
-"""Largest distance from a transform that viewers interpolate to one that is left out [m or half radians]."""
+_TOLERANCE: Final = 0.006  # distance of a transform from the interpolated one below which it is left out [m or half radians]
 _PACKET: Final = 1.0  # time covered by one message of transforms [s]
 _TRAIL, _TRAIL_STEP = 0.48, 0.08  # length of the trail of the shuttle, and time between its points [s]
 _TOP: Final = 5  # number of strokes of a policy that are listed

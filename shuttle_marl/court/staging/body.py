@@ -1,11 +1,7 @@
 """One player over the whole rally: feet, hips, racket on the shuttle, and all bones.
 
-Heels rise and hips sink so that the legs reach the planted feet.
-
-Key poses are bent so that the strings meet the shuttle at the speed and in the direction of the stroke. At a contact the joints
-of the arm turn so fast that the middle of the strings moves at a fraction of the shuttle's launch velocity, less the velocity
-that hips and trunk give it already. A stroke is a swing about that instant: from the load to the contact the joints accelerate
-evenly, after it they slow down, so that the racket is fastest when it strikes.
+A stroke is a swing about the contact: joints accelerate evenly from the load on, so that the strings then move at a fraction of
+the shuttle's launch velocity, less what hips and trunk give, and slow down after it.
 """
 
 import dataclasses
@@ -39,25 +35,17 @@ from shuttle_marl.court.staging.skeleton import (
 from shuttle_marl.court.staging.timeline import Hit, Keys, Past, Timeline
 from shuttle_marl.court.staging.trajectory import Trajectory
 
-NECK_LIMITS: Final[F64] = np.radians([(-72, 72), (-50, 55)])
-"""``[2, 2]`` limits of yaw and pitch of the head against the chest [rad]."""
+NECK_LIMITS: Final[F64] = np.radians([(-72, 72), (-50, 55)])  # of yaw and pitch of the head against the chest [rad]
 _JOINT: Final = 9  # frames over which a continued motion blends into the previous one
-_TRIES, _SLIP = 3, 3e-3
-"""Maximum number of corrections of slipping feet, and tolerated displacement of the ball of a planted foot [m]."""
+_TRIES, _SLIP = 3, 3e-3  # most corrections of slipping feet, and tolerated slip [m]
 _EVEN: Final = 6  # half width of the moving mean of the height of the hips [frames]
-_COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])
-"""Cost of the speed of each joint; shoulder, elbow and forearm turn most, the grip does not turn."""
-_FASTEST: Final = np.array([7.0, 7.0, 24.0, 24.0, 36.0, 32.0, 36.0, 24.0, 14.0, 0.0])
-"""Greatest speed of each joint [rad/s]; internal rotation of the shoulder and pronation are the fastest in smashes."""
+_COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])  # of the speed of each joint
+_FASTEST: Final = np.array([7.0, 7.0, 24.0, 24.0, 36.0, 32.0, 36.0, 24.0, 14.0, 0.0])  # of each joint [rad/s]
 _ROOM: Final = 2.2
 _MOST_LEAN: Final = np.radians(18)
 _TOLERANCE: Final = 2e-3
-_YIELD: Final = 0.35
-"""Fraction by which the shaft yields to the direction that the strings face. With 1, a net shot from a lunge would be played with
-a hanging racket head and a high hand."""
-_CLEAR, _COMING = 0.06, 0.20
-"""Half width of the window around an own contact without idle movement, and fade-out before it [s]: no effect before the
-opponent's contact, the branch of a continued motion."""
+_YIELD: Final = 0.35  # by which the shaft yields to the strings; with 1, net shots from a lunge have a hanging racket head
+_CLEAR, _COMING = 0.06, 0.20  # time around an own contact without idle movement, and fade-out before it [s]
 _IN_PLAY, _CALM = 0.4, 0.5  # amplitude during the rally, as a fraction, and duration of the transition between rest and play [s]
 _BREATH: Final = (3.4, 1.7)  # duration of a breath, rested and tired [s]
 _MOST_EFFORT: Final = 6  # number of attacks in a rally until full fatigue

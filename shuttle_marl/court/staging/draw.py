@@ -1,10 +1,8 @@
 """Random trajectory of a rally: place and time of every contact, and the flights in between.
 
-Each number is drawn from the measured tables by a counter, so that the k-th stroke of a rally depends only on the seed and
-the strokes up to it. Several points and times are drawn for each stroke. The first one within the bounds of its shot type that
-the receiver can reach is used; otherwise the closest one. Where a flight would leave the bounds, its time gives way. A hurried
-receiver gets the one that leaves them the least time, from a quick and low flight, and strikes before their hips are where they
-are for a calm stroke.
+A stroke depends on the seed and the strokes up to it alone. Of several drawn points and times the first one is used that the
+bounds of the shot type and the receiver's reach allow, else the closest; a hurried receiver gets the one that leaves the least
+time.
 """
 
 import dataclasses
@@ -31,33 +29,23 @@ if TYPE_CHECKING:
     from shuttle_marl.court.staging.motion import Branch
 
 _QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
-_TRIES, _AS_DRAWN = 10, 5
-"""Number of tries, and of those whose points are as drawn; the points of later ones are nearer to the receiver."""
+_TRIES, _AS_DRAWN = 10, 5  # tries, and how many of them are as drawn; later ones are nearer to the receiver
 _ACCELERATION, _REACTION = 10.0, 0.06
 _CLEAR, _KILL = SHOTS.index("clear"), SHOTS.index("net-kill")
 _FURTHER_BACK: Final = 0.3  # contact of a clear: distance behind the contact of a smash [m]
 _SHORT_SERVE, _BACKHAND = SHOTS.index("short-serve"), TECHNIQUES.index("backhand")
+# Expected shot types of the next striker, by height (below, above) and depth of the area.
 _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
-"""Expected shot types of the next striker, by height (below, above) and depth of the area."""
-_QUICK: Final = 0.5
-"""Times and heights of contacts of hurried players, and places of net kills: share of the range of all, from its lower end."""
+_QUICK: Final = 0.5  # of hurried players, and places of net kills: share of the range from its lower end
 _LOW_FROM: Final = 1.2  # distance from the net above which hurried players strike lower [m]
-_SHORT, _STRETCH = 0.08, 0.35
-"""Distance that the hips of a hurried player are short of their place at the contact [m], with more the arm is straight and
-cannot swing; and their additional reach, where 1 is the widest."""
+_SHORT, _STRETCH = 0.08, 0.35  # how far the hips of a hurried player are short [m], and their additional reach (1: widest)
 _STEEP: Final = 1.3
-_STEEPEST: Final = {"push": 0.7, "drive": 0.35}
-"""Slope from a contact below the net to its top, at most: of most shot types, and of flat ones."""
+_STEEPEST: Final = {"push": 0.7, "drive": 0.35}  # greatest slope from a contact below the net to its top
 _FLAT: Final = frozenset(map(SHOTS.index, ("smash", "half-smash", "drive")))
-_BODY: Final = 0.3
-"""Distance beside the middle of a defender within which a fast shuttle is at the body, and met with the backhand [m]."""
-_TIMES: Final = (np.ones(1), np.linspace(0.55, 1.6, 36), np.linspace(1.6, 4.0, 25))
-"""Times of flight that are tried one after the other, relative to the drawn one."""
-_UNTIMELY, _STRICT = 0.2, 4.0
-"""Cost of a time outside the quartiles of the matches [m/s], and weight of a distance from the bounds of the shot type, beside
-that by which the receiver is late."""
-_FITS, _GOOD = 1e-6, 0.02
-"""Costs below which all fits, and below which no other point is tried: a tenth of a second outside the quartiles."""
+_BODY: Final = 0.3  # distance from the middle of a defender within which a fast shuttle is met with the backhand [m]
+_TIMES: Final = (np.ones(1), np.linspace(0.55, 1.6, 36), np.linspace(1.6, 4.0, 25))  # relative to the drawn time
+_UNTIMELY, _STRICT = 0.2, 4.0  # cost of a time outside the quartiles [m/s], and weight of a distance from the bounds
+_FITS, _GOOD = 1e-6, 0.02  # costs below which all fits, and below which no other point is tried
 _POOR: Final = 1.0  # cost above which even a much longer flight is tried
 _SLOT: Final = 8  # number of draws reserved for each try of a stroke
 

@@ -1,9 +1,7 @@
 """Footwork: place and time of every step; planted feet never slide.
 
-A foot is described by the point under its ball, its heading, and the pitch of the heel about the ball. The point is fixed
-while the foot is planted, and swings from one place to the next in between. The places come from the stances
-at the strokes (a lunge, a wide defence, the landing of a jump), from the split step when the opponent strikes, and from
-steps in between, alternately left and right, under the hips as they travel.
+A foot is the point under its ball, its heading, and the pitch of the heel. Places come from stances and split steps; steps in
+between alternate under the hips as they travel.
 """
 
 import dataclasses
@@ -16,11 +14,9 @@ from shuttle_marl.court.staging.geometry import ease
 from shuttle_marl.court.staging.skeleton import LEFT, RIGHT
 
 _STEP_TIME, _SWING = 0.17, 0.28  # shortest duration of a step, and longest swing of a foot in it [s]
-_CROSSED, _WIDTH = 0.30, 0.15
-"""Largest distance of a foot beyond the middle of the body, and half the width between the feet in steps [m]."""
+_CROSSED, _WIDTH = 0.30, 0.15  # reach of a foot across the middle of the body, and half the width of steps [m]
 _STRIDE, _STAYS = 1.25, 0.14  # longest step of a pair of steps, and distance below which a foot does not step [m]
-_SOON, _SETTLED = 5, 12
-"""Frames within which a foot in the air lands after a branch, and additional frames before it for moving means."""
+_SOON, _SETTLED = 5, 12  # frames until a foot lands after a branch, and further ones for moving means
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -1,15 +1,10 @@
 """Flight of a shuttle with quadratic drag, the launch that reaches a point at a given time, and the bounds of each shot type.
 
-    dv/dt = -g - |v| v / L,    L = U² / g
+    dv/dt = -g - |v| v / L,    L = U² / g,    U = 6.8 m/s (Cohen et al., New Journal of Physics 17, 2015)
 
-with the terminal speed U = 6.8 m/s (6.7 to 7.0 m/s in the literature: Cohen, Darbois Texier, Quéré & Clanet, "The physics of
-badminton", New Journal of Physics 17, 2015). Lengths are scaled by L and times by U/g, so
-that the equation has no parameter. Time steps grow so that drag alone would cover equal distances in each: 16 of them
-keep a smash and a clear within millimetres. A flight lies in a vertical plane.
-
-Bounds are those of height over the net, launch speed and apex. Matches tell when and roughly where a shuttle is met, but not how
-high. Heights and times that are drawn independently can contradict the shot type. Within :data:`BOUNDS` a flight looks like what
-players call it.
+Lengths are scaled by L and times by U/g. Time steps grow so that drag alone would cover equal distances: 16 of them are exact
+to millimetres. Heights and times that are drawn independently can contradict the shot type; bounds keep a flight what players
+call it.
 """
 
 import dataclasses

@@ -1,7 +1,7 @@
-"""Vectors, rotations and curves.
+"""Vectors, rotations and curves; quaternions are ``(x, y, z, w)``.
 
-Compiled functions of single vectors and matrices take arrays too and give tuples, which stay in registers; the others take arrays
-of any leading shape. Quaternions are ``(x, y, z, w)``, as in glTF. scipy's Euler angles would take several times as long here.
+Compiled functions of single vectors take arrays too and give tuples, which stay in registers; the others take any leading
+shape.
 """
 
 import math

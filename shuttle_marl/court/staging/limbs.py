@@ -1,14 +1,8 @@
 """Arms and legs: bones from joint angles or targets, within the limits of the joints.
 
-An arm has ten angles: two of the collar bone, three of the shoulder, one each of elbow and forearm, two of the wrist, and the
-roll of the handle in the fingers, which is how a player changes the grip. The shoulder is a swing (a rotation vector across the
-arm, from an arm held out to the right and forward) after a twist about the arm, so that no pose that a player takes lies near
-a singularity. All other joints are hinges. The free arm is the mirror image of the same model.
-
-Inverse kinematics is damped least squares with the geometric Jacobian (Buss & Kim 2005), each step clipped to the limits. A
-step that does not bring the arm nearer is taken again with more damping (Marquardt 1963): without that the arm jumps between
-its limits where no pose reaches the goal, and rounding decides where it stops. A leg reaches for its place on the floor with two
-bones; heels rise and hips sink until it does.
+The shoulder is a swing (a rotation vector across the arm) after a twist about the arm, so that no pose of a player is near a
+singularity; other joints are hinges, and the roll of the handle changes the grip. Inverse kinematics is damped least squares
+(Buss & Kim 2005; damping by Marquardt 1963, without which rounding decides where an arm stops), each step within the limits.
 """
 
 import functools
@@ -42,14 +36,11 @@ from shuttle_marl.court.staging.geometry import (
 )
 from shuttle_marl.court.staging.skeleton import LEFT, RIGHT, SWEET_SPOT, Skeleton
 
+# Angles: collar bone up and forward, two of the shoulder's swing, its twist, elbow, forearm, two of the wrist, and the grip.
 RAISE, FORWARD, SWING_1, SWING_2, TWIST, ELBOW, PRONATION, BEND, DEVIATION, ROLL = range(10)
-"""Angles: collar bone up and forward, two of the shoulder's swing, its twist, elbow, forearm, two of the wrist, and the grip."""
-LIMITS: Final[F64] = np.radians(
+LIMITS: Final[F64] = np.radians(  # normal range of motion (AAOS 1965), wrists as measured in racket players [rad]
     [(-10, 35), (-25, 30), (-125, 125), (-125, 125), (-95, 95), (0, 150), (-85, 85), (-70, 75), (-25, 40), (-80, 80)]
 )
-"""``[10, 2]`` least and greatest angle [rad]. Elbow, forearm and wrist: the normal range of motion (American Academy of
-Orthopaedic Surgeons 1965), ulnar deviation and extension as measured in racket players; wrist bend is positive towards the
-palm, deviation towards the little finger, pronation positive."""
 SWING_LIMIT: Final = np.radians(125)  # greatest angle between the upper arm and its middle direction [rad]
 MIDDLE: Final = geometry.unit(np.array([0.80, 0.58, 0.12]))  # the middle direction of the upper arm, seen from the chest
 RELAXED: Final[F64] = np.radians([5, 5, 0, 0, 0, 50, 0, -10, 5, 0])  # preferred angles of the solver [rad]
@@ -350,16 +341,12 @@ def sweet_spot_jacobian(arm: Arm, angles: F64) -> F64:
 
 
 KNEE_LIMITS: Final = tuple(np.radians((2.0, 150.0)))  # limits of the bend of the knee [rad]
-HIP_LIMITS: Final = np.radians([(-45, 130), (-45, 65), (-65, 65)])
-"""``[3, 2]`` thigh forward, outward, turned outward against the hips [rad]."""
-ANKLE_LIMITS: Final = np.radians([(-55, 38), (-45, 45), (-50, 50)])
-"""``[3, 2]`` toes up, foot tilted, foot turned against the shank [rad] (with the joints of the hindfoot)."""
+HIP_LIMITS: Final = np.radians([(-45, 130), (-45, 65), (-65, 65)])  # thigh forward, outward, turned outward [rad]
+ANKLE_LIMITS: Final = np.radians([(-55, 38), (-45, 45), (-50, 50)])  # toes up, foot tilted, turned [rad]
 TOE_LIMITS: Final = np.radians((-25.0, 70.0))  # toes bent up against the foot [rad]
 _OUT, _FOLDED = 0.10, 0.45  # outward turn of the knees, and least share of the length of a leg between hip and ankle
 _ROUNDS, _LIFTS = 4, 12  # maximum numbers of solutions of a leg in a frame, and of further ones for toes under the floor
-_UNDER, _DROP = 1e-3, 8
-"""Depth of the toes under the floor above which a leg is drawn up [m], and half width of the window over which the hips sink
-towards a distant foot [frames]."""
+_UNDER, _DROP = 1e-3, 8  # depth of toes under the floor [m], and half width of the window in which hips sink [frames]
 _USED: Final = 0.985  # used fraction of the length of a leg: knees never lock
 _HEELS: Final = np.linspace(0, np.radians(62), 9)  # pitches of a raised heel [rad]
 _TURN: Final = np.radians(48)

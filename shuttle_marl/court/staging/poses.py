@@ -1,12 +1,8 @@
-"""Kinds of stroke motions, contact heights, stances, and key poses as joint angles of an athlete.
+"""Kinds of stroke motions, contact heights, stances, and key poses (``poses.json``) as joint angles of an athlete.
 
-The matches say whether a contact was above or below the net, not how high. The heights below are choices within that:
-clears at full reach, smashes as high as a jump brings them, serves under 1.15 m (BWF Law 9), other strokes at typical heights.
-
-A *stroke frame* has its origin on the floor under the hips; y points where the player strides or faces (the net, but for strides
-into a corner), x to the right. Key poses are in ``poses.json``: hips and spine as angles, both hands as places and directions
-in the *facing frame* (y where the hips face). All is written for a right-hander of 1.79 m; others scale, and a left-hander is the
-mirror image.
+A *stroke frame* has its origin on the floor under the hips, y where the player strides or faces, x to the right; hands are
+given in the *facing frame* (y where the hips face). All is written for a right-hander of 1.79 m: others scale, left-handers are
+mirrored.
 """
 
 import dataclasses
@@ -35,6 +31,7 @@ from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 
 SERVE_BACKHAND, SERVE_FOREHAND, OVERHEAD, AROUND, OVERHEAD_BACKHAND = range(5)
 KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND, SIDE, SIDE_BACKHAND, DEFENCE, DEFENCE_BACKHAND = range(5, 13)
+# Kinds of motion.
 MOTIONS: Final = (
     "backhand serve",
     "forehand serve",
@@ -50,7 +47,6 @@ MOTIONS: Final = (
     "defence",
     "backhand defence",
 )
-"""Kinds of motion."""
 OVERHEADS: Final = frozenset({OVERHEAD, AROUND, OVERHEAD_BACKHAND})  # motions that may be played from a jump
 LUNGES: Final = frozenset({LUNGE, LUNGE_BACKHAND})
 STRIDES: Final = LUNGES | {KILL, KILL_BACKHAND}  # motions whose stroke frame turns towards the shuttle
@@ -86,8 +82,7 @@ MANNERS: Final = {
     "block": Manner((0.55, 1.20), (1.60, 1.85), 0.30, 0.75),
     "cross-court-net-shot": Manner((0.75, 1.38), (1.60, 1.72), 0.36, 0.7),
 }
-_FLAT, _FLAT_OVERHEAD = (1.58, 1.70), (2.12, 2.22)
-"""Range of the contact height above the net for flat shuttles, which do not rise far over it [m]: at the shoulder, overhead."""
+_FLAT, _FLAT_OVERHEAD = (1.58, 1.70), (2.12, 2.22)  # contact heights of flat shuttles above the net [m]: shoulder, overhead
 _LOWER: Final = (0.0, 0.14, 0.05)  # contact height of overhead strokes below that of the forehand [m], by technique
 OVERHEAD_FROM: Final = 2.1  # height of the contact above which a stroke is overhead [m]
 _NET_ZONE: Final = 2.7  # distance from the net below which a low contact is a lunge [m]
@@ -154,9 +149,7 @@ def stance_of(motion: int, contact: F64, base: F64, right_handed: bool, natural:
 
 
 Triple = tuple[float, float, float]
-CONTACT: Final = 3
-"""Number of the contact among the key poses of a stroke: prepare, take back, load, contact, follow through, finish. It has no
-position of the grip, which follows from the shuttle."""
+CONTACT: Final = 3  # among the key poses: prepare, take back, load, contact, follow through, finish
 
 
 class Key(msgspec.Struct, frozen=True, kw_only=True):
@@ -197,17 +190,14 @@ _N_ARM: Final = 10
 TRUNK, RACKET_ARM = slice(0, N_TRUNK), slice(N_TRUNK, N_TRUNK + _N_ARM)
 FREE_ARM: Final = slice(N_TRUNK + _N_ARM, N_TRUNK + 2 * _N_ARM)
 N_POSE: Final = N_TRUNK + 2 * _N_ARM  # size of a pose without legs and head: trunk, racket arm, free arm
-_NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())
-"""Contact heights above the natural one at which each motion is solved [m]."""
+_NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())  # heights above the natural one at which motions are solved [m]
 _UP: Final = (0.0, 0.0, 1.0)
-_CROUCH: Final = (
+_CROUCH: Final = (  # by contact height: share of the hips, their least and greatest change [m], pitch [°/m]
     (OVERHEADS, (0.55, -0.16, 0.0, 0.0)),
     (LUNGES, (0.48, -0.10, 0.21, 40.0)),
     ({DEFENCE, DEFENCE_BACKHAND, SIDE, SIDE_BACKHAND}, (0.40, -0.14, 0.14, 36.0)),
     (range(len(MOTIONS)), (0.35, -0.10, 0.12, 20.0)),
 )
-"""Adaptation of the trunk to the contact height: fraction taken up by the hips, least and greatest change of their height [m],
-and additional pitch per metre [degrees]."""
 
 
 def bent(trunk_pose: F64, motion: int, need: F64) -> F64:

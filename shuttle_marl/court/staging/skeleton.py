@@ -1,8 +1,7 @@
 """Skeletons of the athletes: bones, rest pose, limits of the joints and the trunk; dimensions of racket and shuttle.
 
-Axes of a body: x to its right, y forward, z up, metres; the soles of the athlete at rest stand on z = 0. Every bone is
-aligned with these axes at rest, so the rotation of a bone is relative to its rest pose. The bones are those of the
-``.glb`` files (Mixamo's names) without the fingers, and one for the racket.
+Axes of a body: x to its right, y forward, z up [m], soles at z = 0; every bone is aligned with them at rest. Bones are those of
+the ``.glb`` files (Mixamo's names) without the fingers, and the racket.
 """
 
 import dataclasses
@@ -23,37 +22,34 @@ class StagingError(ShuttleError):
     """A rally that cannot be staged, or an invalid option."""
 
 
-BONES: Final = (
+BONES: Final = (  # parents before children; ``Racket`` begins in the middle of the grip
     *("Hips", "Spine", "Spine1", "Spine2", "Neck", "Head"),
     *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("Shoulder", "Arm", "ForeArm", "Hand")),
     *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("UpLeg", "Leg", "Foot", "ToeBase")),
     "Racket",
 )
-"""Names of the bones, parents before children; ``Racket`` begins in the middle of the grip."""
 N_BONES: Final = len(BONES)
 BONE: Final = {name: i for i, name in enumerate(BONES)}
 FLIP: Final = np.array([-1.0, 1.0, 1.0])  # signs of a mirror between left and right
+# ``[23]`` index of the bone on the other side.
 MIRROR: Final = np.array([BONE[b.replace("Left", "*").replace("Right", "Left").replace("*", "Right")] for b in BONES])
-"""``[23]`` index of the bone on the other side."""
 LEFT, RIGHT = 0, 1
 
 ATHLETES: Final = ("male", "female")
 _FOLDER: Final = Path(__file__).parent / "athletes"
-_FINGERS: Final = {
+_FINGERS: Final = {  # bend of the joints, closed and open [degrees]
     "Index": ((44, 62, 40), (16, 20, 14)),
     "Middle": ((58, 72, 48), (20, 24, 16)),
     "Ring": ((62, 74, 50), (24, 26, 18)),
     "Pinky": ((62, 72, 48), (26, 28, 18)),
     "Thumb": ((-26, -20, -10), (-6, -8, -6)),
 }
-"""Bend of the joints of each finger, closed and open [degrees]."""
 _REFERENCE: Final = 1.787
 
 RACKET_LENGTH: Final = 0.675  # length of a racket (BWF Law 4: at most 0.680 m) [m]
 RACKET_BUTT: Final = -0.10  # position of the lower end along the shaft, from the middle of the grip [m]
 SWEET_SPOT: Final = 0.45  # distance from the middle of the grip to the middle of the strings, where the shuttle is struck [m]
-RACKET_HEAD: Final = (RACKET_LENGTH + RACKET_BUTT - SWEET_SPOT, 0.105)
-"""Half the length and half the width of the strung head (at most 0.14 m and 0.11 m) [m]."""
+RACKET_HEAD: Final = (RACKET_LENGTH + RACKET_BUTT - SWEET_SPOT, 0.105)  # half length and half width (at most 0.14 and 0.11 m) [m]
 SHUTTLE_SCALE: Final = 1.9  # scale at which a shuttle is drawn: at its true size it cannot be seen across the court
 CORK: Final = 0.0131  # radius of the cork (Law 2: 25 to 28 mm across) [m]
 FEATHERS: Final = 16
@@ -63,8 +59,7 @@ distance behind the middle of the cork [m]."""
 
 HIPS_HEIGHT, HIPS_YAW, HIPS_PITCH, HIPS_ROLL, SPINE_YAW, SPINE_PITCH, SPINE_ROLL = range(7)
 N_TRUNK = 7  # size of a trunk pose: height of the hips [m] and six angles [rad], in this order
-SPINE_LIMITS: F64 = np.radians([(-45, 45), (-30, 60), (-35, 35)])
-"""``[3, 2]`` limits of yaw, pitch and roll of the chest against the hips [rad] (thoracic and lumbar spine)."""
+SPINE_LIMITS: F64 = np.radians([(-45, 45), (-30, 60), (-35, 35)])  # yaw, pitch, roll of the chest [rad]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

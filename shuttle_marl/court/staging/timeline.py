@@ -1,7 +1,4 @@
-"""Timeline of a player: key poses, contacts, jumps, and stands of the feet, on the clock of a rally.
-
-All values are in the player's own frame, mirrored for a left-hander.
-"""
+"""Timeline of a player, in their own frame and mirrored for a left-hander: key poses, contacts, jumps, stands of the feet."""
 
 import dataclasses
 from typing import Final
@@ -24,18 +21,15 @@ _BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
 _HURRIED: Final = 0.7  # times before the contact of a hurried player, as a fraction of those of others
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
 _REACTION: Final = 0.675  # strength of the reactions to the end of the rally, from 0 to 1
-_SPLIT_HOP, _WAY_TO_SPLIT = 0.035, 0.25
-"""Height of the hop, and distance of the hips from the feet below which a split step begins without a step [m]."""
+_SPLIT_HOP, _WAY_TO_SPLIT = 0.035, 0.25  # height of the hop, and way of the hips from which a step precedes it [m]
 _HIGHEST_JUMP, _LEAST_JUMP = 0.48, 0.12  # height of a jump, the least one for an attack that could be played from the floor [m]
 _TIME_TO_JUMP: Final = 0.6  # time since the opponent's contact above which an attack is jumped [s]
-_STRETCH, _SINK = 0.08, 0.14
-"""Height gained by standing on the toes in an overhead stroke, and depth to which the hips sink after a jumped one [m]."""
+_STRETCH, _SINK = 0.08, 0.14  # gain on the toes overhead, and depth after a jump [m]
 _LEANT: Final = 2.0  # backward lean of the racket in an overhead stroke per sine of the launch angle
 _FULL_SWING: Final = 38.0  # launch speed of the shuttle above which the swing is full [m/s]
 _PUSH, _ABSORB = 15.0, 17.0  # greatest upward acceleration of a take-off, and of a landing [m/s²]
 _DIP, _RISE = 12.0, 7.0  # greatest acceleration while sinking into the crouch, and while rising again after a landing [m/s²]
-LANDING: Final = np.array([(-0.16, -0.26, 22), (0.14, 0.26, -6)])
-"""After a jump: the legs have scissored, the racket foot lands in front."""
+LANDING: Final = np.array([(-0.16, -0.26, 22), (0.14, 0.26, -6)])  # after a jump: scissored legs
 SPLIT: Final = np.array([(-0.29, 0.03, 14), (0.29, 0.00, -14)])  # in the split step
 WAIT: Final = np.array([(-0.10, 0.24, 0), (0.12, -0.22, -28)])  # the receiver before the serve, the free foot in front
 

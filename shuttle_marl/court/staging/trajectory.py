@@ -1,12 +1,11 @@
 """Trajectory of a rally: times and places of all strokes, flights, the path of the shuttle, and the travel of the players.
 
-The hips travel over the court on the smoothest path that is where it must be and breaks no limit:
+The hips travel on the smoothest path that is at the root of each stance and near the base when the opponent strikes:
 
     minimise   Σ w_a |p̈|² + Σ w_b |base - p|² + Σ w_v |ṗ|² + Σ W |root - p|²    subject to |ṗ| ≤ V, |p̈| ≤ A
 
-over the positions of all frames: at each own stroke the hips are at the root of its stance, when the opponent strikes
-they wait near their base, slow enough for a split step. Solved by the alternating direction method of multipliers (Boyd,
-Parikh, Chu, Peleato & Eckstein 2011): one pentadiagonal system, factored once, and projections onto discs.
+Solved by the alternating direction method of multipliers (Boyd et al. 2011): one pentadiagonal system, and projections onto
+discs.
 """
 
 import dataclasses
@@ -23,8 +22,7 @@ from shuttle_marl.game.rally import Rally
 
 LEAD_IN: Final = 1.2  # time before the serve [s]
 RETURN, WIN, OUT, NET, OPEN = range(5)
-ENDS: Final = ("returned", "winner", "out", "net", "open")
-"""Ends of a stroke; *open*: it will be returned, but the reply is not chosen yet."""
+ENDS: Final = ("returned", "winner", "out", "net", "open")  # open: the reply is not chosen yet
 
 RESTING: Final = 0.014  # height of a shuttle that lies on the floor [m]
 _BY_STROKE: Final = ("time", "contact", "end", "end_time", "chosen_point", "end_point", "base")
@@ -34,8 +32,7 @@ _MARGIN: Final = 0.90  # fraction of the limits that the solver aims at
 _SPEED_PENALTY, _ACCELERATION_PENALTY = 2e-2, 3e-3  # penalties of what is above the limits
 _ROUNDS, _MOST_ROUNDS = 240, 4000  # iterations after which the margin is given up, and their maximum number
 _STIFFER: Final = (400, 1200)  # iterations at which the penalties grow twelvefold
-_SLACK, _LATE_SLACK = 1.02, 0.995 / _MARGIN
-"""Factors of the aim below which a path is accepted: paths that want to break the limits converge slowly."""
+_SLACK, _LATE_SLACK = 1.02, 0.995 / _MARGIN  # factors of the aim below which a path is accepted
 _PINNED: Final = 1e11
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 _LATE: Final = 0.12  # time after the contact at which a hurried player brakes [s]

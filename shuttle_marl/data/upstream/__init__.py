@@ -96,18 +96,33 @@ def discipline(player: str) -> str | None:
     return _by_key("players.json").get(player)
 
 
+_MONTHS: Final = 12
+
+
 @functools.cache
 def _dates() -> dict[str, datetime.date]:
     return {match: datetime.date.fromisoformat(date) for match, date in json.loads(_text("dates.json")).items()}
 
 
+_YEAR: Final = r"((?:19|20)\d\d)"
+_DATE: Final = re.compile(rf"(?<!\d)(?:{_YEAR}([-./_ ]?)(\d\d)\2(\d\d)|(\d\d?)([-./_])(\d\d?)\6{_YEAR})(?!\d)")
+
+
 def date_of(match: str) -> datetime.date | None:
-    """Date of a match: of a published one as listed, of another the ISO date (``2025-03-01``) in its name; None without one."""
+    """Date of a match: of a published one as listed, of another that in its name; None without one.
+
+    Forms are ``2025-03-01``, ``20250301``, ``01.03.2025``, and ``31/03/2025`` where the day cannot be a month.
+    """
     if match in _dates():
         return _dates()[match]
-    for text in re.findall(r"(?<!\d)\d{4}-\d{2}-\d{2}(?!\d)", match):
+    for found in _DATE.finditer(match):
+        year, month, day = found.group(1, 3, 4) if found[1] else found.group(8, 7, 5)
+        if not found[1] and found[6] != "." and int(month) > _MONTHS:
+            month, day = day, month
+        elif not found[1] and found[6] != "." and month != day and int(day) <= _MONTHS:
+            continue  # nobody knows which of them is the month
         with contextlib.suppress(ValueError):  # not a day of the calendar
-            return datetime.date.fromisoformat(text)
+            return datetime.date(int(year), int(month), int(day))
     return None
 
 

@@ -24,22 +24,14 @@ from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
 from shuttle_marl.suite.tabular import cloned, normalised
 from shuttle_marl.suite.task import WEIGHT
 
-TOLERANCE = 1e-4
-"""Error bound of responses, far below the error of a model of the opponent."""
-FORGET = 0.01
-"""Fraction of the posterior that returns to the prior after every rally (fixed share, Herbster & Warmuth 1998)."""
-_FLOOR = 1e-4
-"""Least probability of a stroke or a position in a likelihood."""
-_RARE: Final = 1e-3
-"""Posterior probability below which a known type is left out of the mean."""
-_SHRINK: Final = 6.0
-"""Pseudo-observations of a position after each shot type."""
-_SHRINK_STROKES: Final = 8.0
-"""Pseudo-observations of the coarser cell of a stroke."""
-_SPREAD: Final = 0.3
-"""Standard deviation of a tilt, before anything is seen."""
-_LARGEST: Final = 3.0
-"""Largest difference of log-probabilities that is a feature."""
+TOLERANCE = 1e-4  # error bound of responses, far below the error of a model of the opponent
+FORGET = 0.01  # fraction of the posterior that returns to the prior after every rally (fixed share, Herbster & Warmuth 1998)
+_FLOOR = 1e-4  # least probability of a stroke or a position in a likelihood
+_RARE: Final = 1e-3  # posterior probability below which a known type is left out of the mean
+_SHRINK: Final = 6.0  # pseudo-observations of a position after each shot type
+_SHRINK_STROKES: Final = 8.0  # pseudo-observations of the coarser cell of a stroke
+_SPREAD: Final = 0.3  # standard deviation of a tilt, before anything is seen
+_LARGEST: Final = 3.0  # largest difference of log-probabilities that is a feature
 
 
 class Adapter:
@@ -105,8 +97,6 @@ class Population(Adapter):
         """``[types]`` log-likelihood of what the opponent chose."""
         pair = rally.pair[~rally.own]
         found = np.array([np.log(np.maximum(each.probability_of(pair), _FLOOR)).sum() for each in self.types])
-        if self.game.recovery is None:
-            return found
         state, place = rally.state[rally.own], rally.position[rally.own]
         for i, each in enumerate(self.types):
             chance = position_shares(each.waiting_table[state])[np.arange(len(state)), place]
@@ -179,13 +169,8 @@ def counted(prior: StatePolicy, seen: Sequence[PlayedRally]) -> PairPolicy:
     return PairPolicy(game=prior.game, probability=probability, positions=waited(prior, seen))
 
 
-def waited(prior: StatePolicy, seen: Sequence[PlayedRally]) -> F64 | None:
-    """``[S, 9]`` positions of an opponent: those of a prior, tilted towards what was seen after each shot type that it played.
-
-    None without recovery.
-    """
-    if prior.game.recovery is None:
-        return None
+def waited(prior: StatePolicy, seen: Sequence[PlayedRally]) -> F64:
+    """``[S, 9]`` positions of an opponent: those of a prior, tilted towards what was seen after each shot type that it played."""
     state = np.concatenate([np.zeros(0, np.int32), *(rally.state[rally.own] for rally in seen)])
     place = np.concatenate([np.zeros(0, np.int8), *(rally.position[rally.own] for rally in seen)])
     return tilted_positions(positions_of(prior), prior.game, state, place)
@@ -216,31 +201,21 @@ def mean_of(types: Sequence[TabulatedPolicy], weight: F64, *, least: float = 0.0
         weight: ``[K]`` of the types.
         least: weight of a type from which on its positions count.
     """
-    game, positions, kept = types[0].game, None, np.where(weight > least, weight, 0)
-    if game.recovery is not None:
-        parts = [share * positions_of(policy) for policy, share in zip(types, kept / kept.sum(), strict=True) if share]
-        positions = np.sum(parts, axis=0)
-    return PairPolicy(game=game, probability=weight @ chances(tuple(types)), positions=positions)
+    kept = np.where(weight > least, weight, 0)
+    parts = [share * positions_of(policy) for policy, share in zip(types, kept / kept.sum(), strict=True) if share]
+    return PairPolicy(game=types[0].game, probability=weight @ chances(tuple(types)), positions=np.sum(parts, axis=0))
 
 
-_ANSWERED: Final = ("bc", "attacking", "defensive", "safe")
-"""Known types whose best responses are types too."""
+_ANSWERED: Final = ("bc", "attacking", "defensive", "safe")  # known types whose best responses are types too
 _TAUS: Final = (0.03, 0.07, 0.15)
-_SHARE: Final = 0.3
-"""Prior probability of the levels together."""
-_STRENGTH: Final = 10.0
-"""Strokes that the posterior over types counts as, the prior mean of the weights."""
+_SHARE: Final = 0.3  # prior probability of the levels together
+_STRENGTH: Final = 10.0  # strokes that the posterior over types counts as, the prior mean of the weights
 _SWEEPS: Final = 60
-_LIKELIHOOD: Final = 1e-6
-"""Least likelihood of a stroke under a type of the mixture."""
-_CHANGES: Final = 32
-"""Number of rallies at which a change is considered."""
-_LEAST: Final = 200
-"""Strokes from which on a change is considered."""
-_LITTLE: Final = 0.01
-"""Weight of a type from which on its positions count."""
-_GAIN: Final = 12.0
-"""Difference of log-likelihoods from which on a change is believed."""
+_LIKELIHOOD: Final = 1e-6  # least likelihood of a stroke under a type of the mixture
+_CHANGES: Final = 32  # number of rallies at which a change is considered
+_LEAST: Final = 200  # strokes from which on a change is considered
+_LITTLE: Final = 0.01  # weight of a type from which on its positions count
+_GAIN: Final = 12.0  # difference of log-likelihoods from which on a change is believed
 
 
 class Mixture(Population):

@@ -223,10 +223,8 @@ def described_pairs(game: Game) -> I16:
     return np.stack([*columns, game.contact(state), game.hurried(state)], axis=1).astype(np.int16)
 
 
-_LARGEST = 10.0
-"""Largest ratio of a stroke."""
-_RIDGE: Final = 1.0
-"""Observations of each cell that change nothing."""
+_LARGEST = 10.0  # largest ratio of a stroke
+_RIDGE: Final = 1.0  # observations of each cell that change nothing
 
 
 def ratios(data: Transitions, policy: TabulatedPolicy) -> F64:

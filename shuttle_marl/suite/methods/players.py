@@ -1,11 +1,8 @@
 """Methods of ``exploit`` and ``equilibrium``: references, methods that estimate, and learners.
 
 References compute from the tables of the game, and use no strokes. The other methods estimate something from play, and solve what
-they estimated. The argument is the restriction of the response, or what the function says. Strokes are those of the learner, and
-with recovery its positions too, one for each stroke of the opponent.
-
-Learners are PPO, A2C and SAC of :mod:`shuttle_marl.training` with its default settings, against the opponent or in self-play.
-They train in the game of a model, so not in the drawn game of a round.
+they estimated. Strokes are those of the learner, and with recovery its positions too, one for each stroke of the opponent.
+Learners are those of :mod:`shuttle_marl.training`, which train in the game of a model, so not in the drawn game of a round.
 """
 
 import dataclasses
@@ -35,20 +32,14 @@ from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.tabular import SHRINK, cloned, estimated_game, game_of
 from shuttle_marl.suite.task import WEIGHT, Setting
 
-_STEPS: Final = 30
-"""Iterations of fictitious play."""
-_COUNTED: Final = 300_000
-"""Strokes from which on more counts of an opponent change little."""
-_FITTED: Final = 400_000
-"""The same for trees."""
-_STROKES: Final = 8
-"""More strokes of both players than rallies have on average."""
+_STEPS: Final = 30  # iterations of fictitious play
+_COUNTED: Final = 300_000  # strokes from which on more counts of an opponent change little
+_FITTED: Final = 400_000  # the same for trees
+_STROKES: Final = 8  # more strokes of both players than rallies have on average
 _TYPES: Final = ("bc", "bc@0.5", "attacking", "defensive", "safe", "human:0.05", "random")
 """Policies that opponents may be mixtures of."""
-_EXPLORE: Final = 0.2
-"""Fraction of random strokes in the second half of the play."""
-_MARGIN: Final = 200
-"""Strokes that are left for the end of the last rally."""
+_EXPLORE: Final = 0.2  # fraction of random strokes in the second half of the play
+_MARGIN: Final = 200  # strokes that are left for the end of the last rally
 
 
 def named(setting: PlayerSetting, argument: str) -> Trained:  # noqa: ARG001
@@ -89,12 +80,11 @@ def fictitious_play(setting: PlayerSetting) -> Trained:
     """Fictitious play with exact best responses, averaged state by state (Sayin, Parise & Ozdaglar 2022, arXiv 2010.04223)."""
     game = setting.game
     first = setting.policy("bc")
-    mean, places = first.pair_probabilities(), None if game.recovery is None else positions_of(first)
+    mean, places = first.pair_probabilities(), positions_of(first)
     for step in range(_STEPS):
         answer = exact_response(PairPolicy(game=game, probability=mean, positions=places), tolerance=1e-6).policy
         mean += (answer.pair_probabilities() - mean) / (step + 2)
-        if places is not None:
-            places += (positions_of(answer) - places) / (step + 2)
+        places = places + (positions_of(answer) - places) / (step + 2)
     return Trained(player=tabulated_pairs(PairPolicy(game=game, probability=mean, positions=places)), strokes=0)
 
 
@@ -108,7 +98,7 @@ def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT), names
     seen = list(observed(game, (minimax_policy(game), setting.against), number, setting.seed))
     weight = mixture_weights(chances(types)[:, struck(seen) % game.n_base_pairs], np.ones(len(types)))[0]
     prior = mean_of(types, weight)
-    used = sum(len(rally.own) if game.recovery is not None else int(rally.own.sum()) for rally in seen)
+    used = sum(len(rally.own) if game.hides else int(rally.own.sum()) for rally in seen)
     return Trained(player=respond(counted(prior, seen), float(argument)), strokes=used)
 
 
@@ -139,7 +129,7 @@ def _random_log(setting: PlayerSetting, opponent: TabulatedPolicy) -> tuple[Log,
     """A log of random play within the budget in a game without positions, and the strokes of the learner."""
     game, both = setting.game, setting.opponent is None
     # A position, or a stroke of the other side, for each stroke.
-    share = (2 if both or game.recovery is not None else 1) * (2 if both and game.recovery is not None else 1)
+    share = (1 + both) * (1 + game.hides)
     log = play_log((setting.policy("random"), opponent), min(setting.budget, share * _FITTED) * 9 // (10 * share), setting.seed)
     used = int(log.own.sum()) if share == 1 else len(log) * share // 2
     return dataclasses.replace(log, game=dataclasses.replace(log.game, recovery=None)), used
@@ -151,7 +141,7 @@ def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
     The model has no positions, which it does not see: it waits as people do.
     """
     game, uniform = setting.game, setting.policy("random")
-    plain, hidden = dataclasses.replace(game, recovery=None), game.recovery is not None
+    plain, hidden = dataclasses.replace(game, recovery=None), game.hides
     player, rows, used = uniform, [], 0
     budget = min(setting.budget // (1 + hidden), _FITTED)
     for turn in range(2):
@@ -169,12 +159,10 @@ def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
 
 _SHARE: Final = 0.94
 """Fraction of the budget that is planned; the rest is for the ends of rallies, and for choices that are not the learner's."""
-_LESS: Final = 0.97
-"""Factor of the planned strokes until they fit."""
+_LESS: Final = 0.97  # factor of the planned strokes until they fit
 _SHARES: Final = {50_000: 0.5, 200_000: 0.65}
 """The same of budgets up to these: rallies become longer while a player learns, and few batches follow late."""
-_ITERATIONS: Final = 12
-"""Iterations of a run with a small budget."""
+_ITERATIONS: Final = 12  # iterations of a run with a small budget
 
 
 def learner(setting: PlayerSetting, argument: str, **options: Any) -> Trained:

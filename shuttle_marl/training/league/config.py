@@ -1,16 +1,13 @@
 """Settings of league training. This module does not import torch."""
 
 import dataclasses
-import json
 import os
-from pathlib import Path
-from typing import Annotated, Any, Final, Literal, get_args
+from typing import Annotated, ClassVar, Final, Literal, get_args
 
 import msgspec
 
-from shuttle_marl.base.files import Count, CountOrZero, FractionOrZero, Positive, Seed, Weight, check_bounds
-from shuttle_marl.game.shipped import Profile
-from shuttle_marl.training.config import TrainingError
+from shuttle_marl.base.files import Count, CountOrZero, FractionOrZero, Positive, Weight
+from shuttle_marl.training.config import RunConfig, TrainingError
 
 Variant = Literal["plain", "fictitious", "prioritised", "psro"]
 Algorithm = Literal["ppo", "a2c", "sac"]
@@ -21,7 +18,6 @@ VARIANTS: Final[tuple[Variant, ...]] = get_args(Variant)
 POOL: Final = ("bc", "attacking", "defensive", "safe")
 MOST_WORKERS: Final = 1024
 _MOST_ROUNDS: Final = 60
-_NO_EFFECT: Final = ("out", "resume", "overwrite", "workers", "ray")
 
 
 class LeagueTrainingError(TrainingError):
@@ -29,8 +25,10 @@ class LeagueTrainingError(TrainingError):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LeagueTrainingConfig:
+class LeagueTrainingConfig(RunConfig):
     """Settings of league training, see ``docs/league_training.md``."""
+
+    error: ClassVar[type[TrainingError]] = LeagueTrainingError
 
     variant: Variant = "prioritised"
     """Opponents of the main agents: plain (themselves), fictitious (also all earlier policies, uniformly), prioritised (also
@@ -67,8 +65,6 @@ class LeagueTrainingConfig:
     """Iterations between updates of the best response to a main agent."""
     pool: tuple[str, ...] | None = None
     """Names of the initial policies (docs/league.md); default: bc and the scripted styles."""
-    seed: Seed = 0
-    """Random seed."""
     entropy: Weight = 0.1
     """Weight of the entropy bonus of ppo and a2c; decays linearly to 0."""
     learning_rate: Positive | None = None
@@ -82,24 +78,9 @@ class LeagueTrainingConfig:
     ray: str | None = None
     """Ray cluster that replaces the workers: local (Ray on this machine), auto (the cluster of this machine), HOST:PORT of its
     head, or ray://HOST:PORT; it does not change the result."""
-    record: str = "all"
-    """Rallies of the learners in rally logs: all (some 1.8 bytes a stroke), none, or sample:N for one in N."""
-    game: str = "default"
-    """Model of the game: a shipped one or a folder."""
-    profile: Profile | None = None
-    """Discipline of the game; default: the average of both."""
-    out: Path | None = None
-    """Run folder; default runs/league-training, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out (or the default folder) after its last round."""
-    overwrite: bool = False
-    """Replace the run in --out."""
 
     def __post_init__(self) -> None:
-        from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
-
-        Sampling.parse(self.record)
-        check_bounds(self, LeagueTrainingError)
+        super().__post_init__()
         if self.response_fraction + self.past_fraction > 1:
             flags = f"--response-fraction {self.response_fraction} --past-fraction {self.past_fraction}"
             raise LeagueTrainingError(f"{flags}: expected fractions that add up to 1 or less")
@@ -120,9 +101,3 @@ class LeagueTrainingConfig:
     def n_rounds(self) -> int:
         """Number of rounds."""
         return self.rounds or (_MOST_ROUNDS if self.exact_oracle else min(_MOST_ROUNDS, max(6, round(self.strokes / 3e7))))
-
-    def fixed(self) -> dict[str, Any]:
-        """Settings that determine the result, as JSON."""
-        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _NO_EFFECT}
-        decisive: dict[str, Any] = json.loads(json.dumps(fields))
-        return decisive

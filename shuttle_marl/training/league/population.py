@@ -1,7 +1,7 @@
 """State of a league: frozen policies by the hashes of their tables, their exact payoffs, learners, and the turns of a round."""
 
-import collections
 import dataclasses
+import functools
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Final
@@ -12,7 +12,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.files import FileReadError, FractionOrZero, Sha256, StoredCount, read_json, replace_sealed
-from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
 from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.training.league.config import LeagueTrainingError
@@ -20,7 +20,7 @@ from shuttle_marl.training.league.config import LeagueTrainingError
 TABLES: Final = "tables"
 LEAGUE: Final = "league.json"
 TOLERANCE: Final = 1e-5  # error bound of payoffs and exploitability, far below the noise of training
-_CHAIN_BYTES: Final = 2 << 30
+_CHAINS: Final = 256  # kept at most; each takes some megabytes
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,12 +47,11 @@ class Payoffs:
     """
 
     def __init__(self, tables: StoredPolicies, cells: Mapping[str, Sequence[float]] = {}) -> None:
-        self._tables = tables
         self._cells: dict[tuple[str, str], tuple[float, float]] = {}
         for pair, (first, second) in cells.items():
             a, _, b = pair.partition(" ")
             self._cells[a, b] = (float(first), float(second))
-        self._chains: collections.OrderedDict[str, InducedChain] = collections.OrderedDict()
+        self._chain = functools.lru_cache(_CHAINS)(lambda name: induced(tables.read(name)))
         self.solved = 0
         """Number of solved pairs, without those in ``cells``."""
 
@@ -89,15 +88,6 @@ class Payoffs:
         """``[K]`` probabilities that a policy wins a match against others."""
         return np.array([odds.match() for odds in self.odds(policy, others)])
 
-    def _chain(self, name: str) -> InducedChain:
-        if name in self._chains:
-            self._chains.move_to_end(name)
-            return self._chains[name]
-        chain = self._chains[name] = induced(self._tables.read(name))
-        while len(self._chains) > 2 and sum(map(_bytes, self._chains.values())) > _CHAIN_BYTES:
-            self._chains.popitem(last=False)
-        return chain
-
 
 def _pair(a: str, b: str) -> tuple[str, str]:
     return (a, b) if a < b else (b, a)
@@ -106,10 +96,6 @@ def _pair(a: str, b: str) -> tuple[str, str]:
 def _serving_odds(chains: tuple[InducedChain, InducedChain]) -> tuple[float, float]:
     value = evaluate_chains(*chains, tolerance=TOLERANCE)
     return value.odds(0).serving, value.odds(1).serving
-
-
-def _bytes(chain: InducedChain) -> int:
-    return sum({id(part): part.nbytes for part in chain.chance}.values())
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -143,7 +129,6 @@ class TurnResult:
     member: str
     hash: Sha256
     strokes: StoredCount
-    iterations: StoredCount
 
 
 @dataclasses.dataclass(kw_only=True)

@@ -128,7 +128,6 @@ class _Turn(Callback):
             self.learner.collector.sampler.assign(order([*turn.fractions, *responses]))
 
     def take(self) -> TurnResult:
-        """Train until the turn is over, then save."""
         turn = self.turn
         others = [Player(name=f"frozen-{name[:12]}", hash=name) for name in turn.opponents]
         others += [Player(name="best-response")] if turn.response_fraction else []
@@ -156,19 +155,13 @@ class _Turn(Callback):
         learner.collector.sampler.replace_opponent(len(self.turn.opponents), ready.result())
 
     def collected(self, learner: Learner) -> None:
-        """Record the rallies, while the learner learns from them."""
         self.log.record(learner.collector.sampler, 0, learner.iteration - 1)
 
     def learned(self, learner: Learner, losses: dict[str, float]) -> None:  # noqa: ARG002
-        """Wait for the rallies."""
         self.log.settle()
 
     def _restore(self) -> None:
-        """Restore the state of the learner after the previous round.
-
-        Raises:
-            LeagueTrainingError: the state is missing or damaged.
-        """
+        """Restore the state of the learner after the previous round."""
         path, about = (turn_file(self.folder, self.turn.member, self.turn.round - 1, kind) for kind in (_STATE, _ABOUT))
         try:
             self.learner.load_state_dict(load(read_hashed(path, hash_in(read_sealed(about), path.name))))
@@ -183,7 +176,7 @@ class _Turn(Callback):
         )
         name = self.tables.save(tabulated(policy, self.game))
         replace_file(network_path, save(weights_of(policy)))
-        result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes, iterations=learner.iteration)
+        result = TurnResult(member=turn.member, hash=name, strokes=learner.strokes)
         about = {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)}
         replace_with_card(about_path, about, {state_path.name: stored(state)})
         return result
@@ -194,7 +187,6 @@ def _best_response(weights: dict[str, Any], game: Game) -> TabulatedPolicy:
 
 
 def _first_stroke(game: Game) -> TabulatedPolicy:
-    """The policy that plays the first legal stroke in every state."""
     return TabulatedPolicy(game=game, cumulative=np.full(game.n_pairs, np.iinfo(np.uint16).max, np.uint16))
 
 
@@ -256,11 +248,7 @@ class Workers:
         return [take_turn(folder, config, turn) for turn in turns]
 
     def _submit(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
-        """Submit a call to the pool, which is started if there is none.
-
-        Raises:
-            BrokenProcessPool: a worker died.
-        """
+        """Submit a call to the pool, which is started if there is none."""
         try:
             if self._pool is None:
                 self._pool = WorkerPool(self._count)

@@ -248,7 +248,11 @@ export class Tagging {
       return;
     }
     const acts = this.acts();
-    const act = acts[event.key] ?? acts[event.key.toLowerCase()];
+    // Keys of the keypad and letters of another alphabet count by their place.
+    const [, digit, letter] = /^(?:Numpad(\d)|Key([A-Z]))$/.exec(event.code) ?? [];
+    const latin = /^[\x20-\x7e]$/.test(event.key);
+    const key = digit ?? (latin || !letter ? event.key : letter.toLowerCase());
+    const act = acts[key] ?? acts[key.toLowerCase()];
     if (act) {
       event.preventDefault();
       act(event.shiftKey);
