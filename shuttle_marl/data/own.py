@@ -438,8 +438,8 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
     before = np.array([[0, 0]] + [[sum(each.games), sum(map(sum, each.finished))] for each in scores[usually[0]]])[:-1]
     before[rallies.fresh[first]] = 0
     games, played = before[rallies.group].T
-    for name, values in ((_GAME, games + 1), (_COUNTED, rallies.rally - played)):
-        sheet.columns[name] = tuple(map(str, values.tolist()))
+    for header, values in ((_GAME, games + 1), (_COUNTED, rallies.rally - played)):
+        sheet.columns[header] = tuple(map(str, values.tolist()))
     sheet.map = dataclasses.replace(sheet.map, columns={**sheet.map.columns, "game": _GAME, "rally": _COUNTED})
     told = f"games, numbered by the rules {usually[0]}: {int((games + 1)[rallies.first & (games > 0)].max(initial=1))} in a match"
     return sheet.take(np.ones(len(sheet), dtype=bool)), [told]
