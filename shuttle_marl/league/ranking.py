@@ -355,8 +355,8 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
     ranks = np.zeros((len(pool), 2), dtype=np.intp)
     group = np.maximum(groups(pairs, len(pool)), 1)
     for number in np.unique(group[present]):
-        at = np.intersect1d(present, np.flatnonzero(group == number))
-        ranks[at] = rank_intervals(theta[at], drawn[:, at])
+        rated_there = np.intersect1d(present, np.flatnonzero(group == number))
+        ranks[rated_there] = rank_intervals(theta[rated_there], drawn[:, rated_there])
     limits = ELO * exact_ratings(exact.match)
     forfeits = [sum(name in result.forfeit for result in results) for name in pool]
     order = sorted(range(len(pool)), key=lambda i: (forfeits[i], group[i], -np.nan_to_num(rated[0, i], nan=-np.inf), i))
