@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.commands import cli
@@ -25,12 +26,13 @@ def description() -> dict[str, Any]:
     """The description of the sample as JSON-LD."""
     about: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
     conforms = ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"]
+    held = pq.read_schema(FILE.with_name(_TABLE)).names
     records = {
         "@type": "cr:RecordSet",
         "@id": "strokes",
         "name": "strokes",
         "description": "One row per stroke.",
-        "field": [_field(field) for field in named(STROKES.empty_table()).schema],
+        "field": [_field(field) for field in named(STROKES.empty_table()).schema if field.name in held],
     }
     return {
         "@context": about["context"],

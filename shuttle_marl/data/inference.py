@@ -280,7 +280,26 @@ def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[st
 
 
 _MISSING: Final = frozenset(
-    {"nan", "none", "null", "nil", "nat", "na", "<na>", "undefined", "missing", "ref!", "value!", "name?", "div0!", "num!", "inf"}
+    {
+        "nan",
+        "none",
+        "null",
+        "nil",
+        "nat",
+        "na",
+        "<na>",
+        "undefined",
+        "missing",
+        "ref!",
+        "value!",
+        "name?",
+        "div0!",
+        "num!",
+        "inf",
+        "tbd",
+        "tba",
+        "bye",
+    }
 )
 """Words that programs write for a missing value, as :func:`bare` gives them."""
 _ROLES: Final = frozenset(

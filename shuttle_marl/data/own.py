@@ -210,6 +210,8 @@ def _serves_next(rallies: Rallies) -> I64:
     odd, fresh, rally, game = rallies.stroke[first] % 2 == 1, rallies.fresh[first], rallies.rally[first], rallies.game[first]
     server = np.where(odd, rallies.player[first], rallies.opponent[first])[1:]
     same = rallies.match[first][1:] == rallies.match[first][:-1]
+    if all(end_of(name) for name in np.unique(rallies.player)):  # another person in the next game
+        same &= ~fresh[1:]
     followed = same & np.where(fresh[1:], (np.diff(game) == 1) & (rally[1:] == 1), np.diff(rally) == 1)
     starter = rallies.player[rallies.start[first]][:-1]
     return np.r_[np.where(followed, server != starter, -1), -1].astype(np.int64)

@@ -403,7 +403,7 @@ def groups(pairs: Intp, n: int) -> Intp:
     part = connected_components(graph, directed=False)[1]
     met = np.unique(pairs)
     size = np.bincount(part[met], minlength=n)
-    order = sorted(np.unique(part[met]).tolist(), key=lambda number: (-size[number], number))
+    order = sorted(np.unique(part[met]).tolist(), key=lambda each: (-size[each], each))
     number = np.zeros(n, dtype=np.intp)
     number[order] = 1 + np.arange(len(order))
     return np.asarray(np.where(np.isin(np.arange(n), met), number[part], 0))
