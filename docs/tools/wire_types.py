@@ -6,10 +6,12 @@ Fields whose default is None or an empty collection are optional. ``--check`` wr
 """
 
 import dataclasses
+import json
 import re
 import sys
 import types
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -22,11 +24,14 @@ from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.commands import cli
 from shuttle_marl.court.messages import REPLIES
 from shuttle_marl.court.staging import flight
-from shuttle_marl.game.scoring import BWF
+from shuttle_marl.game.scoring import RULES
 
 TARGET: Final = ROOT / "shuttle_marl/court/page/src/wire.gen.ts"
-_CONSTANTS: Final = {
-    "RULES": ("The rules of a match, as in shuttle_marl.game.scoring", dataclasses.asdict(BWF)),
+_CONSTANTS: Final[dict[str, tuple[str, Mapping[str, object]]]] = {
+    "RULES": (
+        "Rules of a match, as in shuttle_marl.game.scoring",
+        {name: dataclasses.asdict(rules) for name, rules in RULES.items()},
+    ),
     "FLIGHT": (
         "The flight of a shuttle [m/s, m/s²], as in shuttle_marl.court.staging.flight",
         {"terminal": flight.TERMINAL, "gravity": flight.GRAVITY, "steps": flight.STEPS},
@@ -84,9 +89,8 @@ def _interface(kind: type[Struct], structs: dict[str, type[Struct]]) -> str:
     return "\n".join([*lines, "}"])
 
 
-def _constant(name: str, comment: str, values: dict[str, float]) -> str:
-    fields = ", ".join(f"{field}: {value}" for field, value in values.items())
-    return f"/** {comment}. */\nexport const {name} = {{ {fields} }};\n"
+def _constant(name: str, comment: str, values: Mapping[str, object]) -> str:
+    return f"/** {comment}. */\nexport const {name} = {json.dumps(values)};\n"
 
 
 def wire_types() -> str:

@@ -85,7 +85,7 @@ class RallyOptions:
         replay: rally log to show.
         real: annotated matches to show: a stroke table, or a folder with the raw files.
         rally: number of the rally to show first, from 0.
-        rules: of the annotated matches, such as 15, 11 or 21x1; default: those of the table, or of its scores.
+        rules: of the annotated or tagged matches, such as 15, 11 or 21x1; default: those of the table, or of its scores.
     """
 
     replay: Path | None = None
@@ -106,13 +106,13 @@ class TagOptions:
     tag: Path | None = None
     out: Path | None = None
 
-    def open(self) -> "TagFile | None":
+    def open(self, rules: RulesName | None = None) -> "TagFile | None":
         """The files; None: no video is tagged."""
         from shuttle_marl.court.tagging import TagFile  # noqa: PLC0415
 
         if (self.tag is None) != (self.out is None):
             raise WatchError("--tag and --out belong together: a video, and the table of its strokes")
-        return None if self.tag is None or self.out is None else TagFile(self.tag, self.out)
+        return None if self.tag is None or self.out is None else TagFile(self.tag, self.out, rules)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -173,9 +173,9 @@ def watch(
     from shuttle_marl.court.server import Server, application, bind, hosts_of  # noqa: PLC0415
 
     console = cli.console(stderr=True)
-    if rallies.rules is not None and rallies.real is None:
-        raise WatchError(f"--rules {rallies.rules}: are of annotated matches, --real; a tagged match is counted to 21")
-    tags = tagging.open()
+    if rallies.rules is not None and rallies.real is None and tagging.tag is None:
+        raise WatchError(f"--rules {rallies.rules}: are of annotated matches, --real, or of a tagged one, --tag")
+    tags = tagging.open(rallies.rules)
     game = _game(match, rallies, model)
     plan, policies = match.plan(game), PolicyTables(game, match.policies(game))
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0

@@ -18,6 +18,7 @@ from msgspec import Meta, Struct
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.plan import DUEL, MAX_RALLIES, CatalogueIndex, Person, Plan, RallyNumber, StrokeNumber, Tried
 from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 Point = tuple[float, float, float]
@@ -127,6 +128,7 @@ class TagRow(TagStroke, forbid_unknown_fields=True, frozen=True, kw_only=True):
 
     match: Name
     discipline: Literal["MS", "WS"]
+    rules: RulesName
     game: Count
     rally: Count
     stroke: Count
@@ -266,6 +268,7 @@ class TagFacts(Struct):
     after: str  # hash of the inputs
     name: str  # pattern of the names that the table takes
     longest_name: int
+    rules: RulesName  # of the match, unless its inputs say others
 
 
 class Hello(Struct):

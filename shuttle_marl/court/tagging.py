@@ -4,6 +4,7 @@ The page holds the state; it follows from the inputs alone.
 """
 
 import contextlib
+import json
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ from shuttle_marl.court.values import arrivals
 from shuttle_marl.data.matches import TaggedStrokes, content_hash, nearest_stroke
 from shuttle_marl.game.court import Hands
 from shuttle_marl.game.policy import Policy, States, checked_probabilities
+from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import ROOT, Game
 
@@ -31,17 +33,24 @@ class TagFile:
 
     Args:
         out: the table, a CSV file; continued if its journal exists.
+        rules: of the match; None: those of the journal, or else of the sport.
 
     Raises:
-        WatchError: the video does not exist.
+        WatchError: the video does not exist, or the match was begun by other rules.
         TaggingError, RunError: as :class:`~shuttle_marl.data.matches.TaggedStrokes`.
     """
 
-    def __init__(self, video: Path, out: Path) -> None:
+    def __init__(self, video: Path, out: Path, rules: RulesName | None = None) -> None:
         if not video.is_file():
             raise WatchError(f"--tag {video}: no such file; expected a video that the browser plays, such as .mp4 or .webm")
         self.video, self._lock = video, threading.Lock()
-        self._strokes = TaggedStrokes(out, TagRow.__struct_fields__, video)
+        self._strokes, self._rules = TaggedStrokes(out, TagRow.__struct_fields__, video), rules or "21"
+        begun = rules
+        with contextlib.suppress(IndexError, KeyError, TypeError, ValueError):  # the first input is the setup
+            begun = json.loads(self._strokes.inputs[0])["rules"]
+        if rules not in (None, begun):
+            self.close()
+            raise WatchError(f"--rules {rules}: {out} was begun by the rules {begun!s:.20}; continue it without --rules")
 
     def close(self) -> None:
         """Let other processes write the table."""
@@ -58,6 +67,7 @@ class TagFile:
                 after=self._shown(),
                 name=NAME,
                 longest_name=LONGEST_NAME,
+                rules=self._rules,
             )
 
     def save(self, request: TagRequest) -> Saved:

@@ -33,12 +33,15 @@ from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, HANDS
-from shuttle_marl.game.scoring import BWF
+from shuttle_marl.game.scoring import RULES, RulesName
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.policy.registry import resolve
 from tests.watch.conftest import Viewer, get, run_script, running, serving
 
-SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "hands": [None, "left"], "server": 0}
+SETUP: dict[str, Any] = {
+    "kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "hands": [None, "left"], "server": 0,
+    "rules": "21",
+}  # fmt: skip
 CLICKS = ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))
 
 
@@ -157,18 +160,21 @@ def test_places_of_clicks_are_metres(tmp_path: Path) -> None:
     assert (lift["contact_x"], lift["contact_y"]) == (-serve["landing_x"], -serve["landing_y"])
 
 
-def test_the_score_serves_and_changes_ends(tmp_path: Path) -> None:
-    inputs: list[dict[str, Any]] = [SETUP]
-    for number in range(2 * BWF.points):
-        near = number < BWF.points  # ends change after the first game
-        right = number % BWF.points % 2 == 0
+@pytest.mark.parametrize("name", ["21", "15", "11"])
+def test_the_score_serves_and_changes_ends(name: RulesName, tmp_path: Path) -> None:
+    inputs: list[dict[str, Any]] = [SETUP | {"rules": name}]
+    points, games = RULES[name].points, RULES[name].games
+    for number in range(games * points):
+        near = number // points % 2 == 0  # ends change after every game
+        right = number % points % 2 == 0
         inputs += [shot("long-serve", number), cell((7 if right else 9) if near else (3 if right else 1)), end("landed")]
     found = tagged(tmp_path, inputs)
     assert found["refused"] == []
     assert found["phases"][-1] == "over"
-    assert found["games"] == [2, 0]
-    assert found["near"] == 1
-    assert [(row["game"], row["rally"]) for row in found["rows"]] == [(g, r) for g in (1, 2) for r in range(1, 22)]
+    assert found["games"] == [games, 0]
+    assert found["near"] == (games - 1) % 2
+    assert [(row["game"], row["rally"]) for row in found["rows"]] == [(g + 1, r + 1) for g in range(games) for r in range(points)]
+    assert {row["rules"] for row in found["rows"]} == {name}
     assert {AREAS[row["area"]] for row in found["rows"]} == {"back-right", "back-left"}
 
 
@@ -238,8 +244,8 @@ def requests(rows: list[dict[str, Any]]) -> list[TagRow]:
 
 
 NO_ROW = dict.fromkeys(TagRow.__struct_fields__) | {
-    "shot": 0, "technique": 0, "height": 0, "match": "club", "discipline": "WS", "game": 1, "rally": 1, "stroke": 1,
-    "opponent": "Bea", "seconds": 1.0, "frame": 30,
+    "shot": 0, "technique": 0, "height": 0, "match": "club", "discipline": "WS", "rules": "21", "game": 1, "rally": 1,
+    "stroke": 1, "opponent": "Bea", "seconds": 1.0, "frame": 30,
 }  # fmt: skip
 
 
@@ -393,6 +399,15 @@ def test_after_a_full_disk_tagging_continues(tmp_path: Path, written: int, monke
     save(file, "[4]")
     file.close()
     assert tag_file(tmp_path).facts().inputs == ["[0]", "[1]", "[2]", "[4]"]
+
+
+def test_other_rules_do_not_continue_the_strokes(tmp_path: Path) -> None:
+    file = tag_file(tmp_path)
+    save(file, json.dumps(SETUP | {"rules": "15"}))
+    file.close()
+    with pytest.raises(WatchError, match=r"--rules 21: .*match.csv was begun by the rules 15; continue it without --rules"):
+        TagFile(tmp_path / "match.webm", tmp_path / "match.csv", "21")
+    TagFile(tmp_path / "match.webm", tmp_path / "match.csv", "15").close()
 
 
 def test_another_film_does_not_continue_the_strokes(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ import {
   line,
   mapped,
   Refused,
+  type Rules,
   receivers,
   reduce,
   replay,
@@ -28,7 +29,7 @@ import {
   type State,
   striker,
 } from "./tagging";
-import type { HallFacts, Hello, Suggestion, TagFacts, TagRequest, TagRow } from "./wire.gen";
+import { type HallFacts, type Hello, RULES, type Suggestion, type TagFacts, type TagRequest, type TagRow } from "./wire.gen";
 
 const SHOT_KEYS = "sgcldsavpknbx"; // in the order of the vocabulary; s serves or smashes
 const END_KEYS: Record<Ending, string> = { out: "o", net: "t", short: "r", foul: "f", let: "e", landed: "i", misjudged: "m" };
@@ -177,6 +178,7 @@ export class Tagging {
       ["right", say("tag.hand_right")],
       ["left", say("tag.hand_left")],
     ];
+    const ordered = [this.file.rules, ...Object.keys(RULES).filter((name) => name !== this.file.rules)];
     return h(
       "form",
       {
@@ -186,7 +188,8 @@ export class Tagging {
           const discipline = of("discipline") as "MS" | "WS";
           const players: [string, string] = [of("near"), of("far")];
           const hands = [of("near_hand") || null, of("far_hand") || null] as [Hand, Hand];
-          this.enter({ kind: "setup", match: of("match"), discipline, players, hands, server: Number(of("server")) as 0 | 1 });
+          const [server, rules] = [Number(of("server")) as 0 | 1, of("rules") as Rules];
+          this.enter({ kind: "setup", match: of("match"), discipline, players, hands, server, rules });
         },
       },
       h("h1", {}, say("tag.heading")),
@@ -204,6 +207,11 @@ export class Tagging {
         ["MS", say("disciplines.men")],
         ["WS", say("disciplines.women")],
       ]),
+      select(
+        "rules",
+        say("tag.rules"),
+        ordered.map((name) => [name, name]),
+      ),
       h("button", { type: "submit" }, say("tag.begin")),
     );
   }

@@ -9,10 +9,19 @@ type Seat = 0 | 1;
 type Point = [number, number];
 type Discipline = TagRow["discipline"];
 export type Hand = TagRow["hand"];
+export type Rules = TagRow["rules"];
 
 /** What a person enters; x and y are fractions of the picture, seat 0 is the player who is near in the first game. */
 export type Input =
-  | { kind: "setup"; match: string; discipline: Discipline; players: [string, string]; hands: [Hand, Hand]; server: Seat }
+  | {
+      kind: "setup";
+      match: string;
+      discipline: Discipline;
+      players: [string, string];
+      hands: [Hand, Hand];
+      server: Seat;
+      rules: Rules;
+    }
   | { kind: "corner"; x: number; y: number }
   | { kind: "shot"; shot: number; time: number; technique: number; height: number; probability: number | null }
   | { kind: "way"; technique: number; height: number }
@@ -29,6 +38,7 @@ interface Setup {
   players: [string, string];
   /** Racket hands; null: not known, taken for the right. */
   hands: [Hand, Hand];
+  rules: Rules;
 }
 
 /** A stroke; `place` is where it was met or fell, in the frame of its striker [m]; null: only the area is known. */
@@ -150,12 +160,12 @@ function waiting(state: State): string {
   return state.phase === "ask" ? state.question : say(`refusal.${state.phase}`);
 }
 
-function begun(state: State, { match, discipline, players, hands, server }: Input & { kind: "setup" }): State {
+function begun(state: State, { match, discipline, players, hands, server, rules }: Input & { kind: "setup" }): State {
   if (!match || !players[0] || !players[1] || players[0] === players[1]) {
     refuse(say("refusal.players"));
   }
   const rally: Rally = { game: 1, number: 1, server, points: [0, 0], strokes: [], ending: null };
-  return { ...state, phase: "shot", setup: { match, discipline, players, hands }, rallies: [rally] };
+  return { ...state, phase: "shot", setup: { match, discipline, players, hands, rules }, rallies: [rally] };
 }
 
 function withRally(state: State, change: Partial<Rally>): State {
@@ -261,13 +271,15 @@ function singlesWidth(hall: HallFacts): number {
 }
 
 /** Whether the first of two point scores has won the game. */
-export function winsGame(own: number, other: number): boolean {
-  return own >= RULES.cap || (own >= RULES.points && own - other >= RULES.clear);
+export function winsGame(own: number, other: number, rules: Rules): boolean {
+  const { points, clear, cap } = RULES[rules];
+  return own >= cap || (own >= points && own - other >= clear);
 }
 
 /** The next rally: its score, server and ends (Laws of Badminton, 7, 8 and 14). */
 function afterRally(state: State): State {
   const rally = current(state);
+  const { rules } = state.setup!;
   const winner = winnerOf(rally);
   if (winner === null) {
     return { ...state, rallies: [...state.rallies, { ...rally, number: rally.number + 1, strokes: [], ending: null }] };
@@ -275,13 +287,14 @@ function afterRally(state: State): State {
   const points: Point = [rally.points[0], rally.points[1]];
   points[winner] += 1;
   const next = { game: rally.game, number: rally.number + 1, server: winner, points, strokes: [], ending: null };
-  if (!winsGame(points[winner]!, points[1 - winner]!)) {
-    const interval = rally.game === 3 && points[winner] === 11 && points[1 - winner]! < 11;
+  if (!winsGame(points[winner]!, points[1 - winner]!, rules)) {
+    const [deciding, half] = [2 * RULES[rules].games - 1, Math.ceil(RULES[rules].points / 2)];
+    const interval = rally.game === deciding && points[winner] === half && points[1 - winner]! < half;
     return { ...state, near: interval ? other(state.near) : state.near, rallies: [...state.rallies, next] };
   }
   const games: Point = [state.games[0], state.games[1]];
   games[winner] += 1;
-  if (games[winner] === RULES.games) {
+  if (games[winner] === RULES[rules].games) {
     return { ...state, games, phase: "over" };
   }
   const fresh = { ...next, game: rally.game + 1, number: 1, points: [0, 0] as Point };
@@ -394,7 +407,7 @@ export function rows(state: State): TagRow[] {
   return state.rallies.flatMap((rally) => rowsOf(rally, state.setup!)).slice(0, state.phase === "place" ? -1 : undefined);
 }
 
-function rowsOf(rally: Rally, { match, discipline, players, hands }: Setup): TagRow[] {
+function rowsOf(rally: Rally, { match, discipline, players, hands, rules }: Setup): TagRow[] {
   const winner = winnerOf(rally);
   const after = rally.points.map((points, seat) => points + Number(seat === winner));
   return rally.strokes.map((stroke, i) => {
@@ -403,6 +416,7 @@ function rowsOf(rally: Rally, { match, discipline, players, hands }: Setup): Tag
     return {
       match,
       discipline,
+      rules,
       game: rally.game,
       rally: rally.number,
       stroke: i + 1,

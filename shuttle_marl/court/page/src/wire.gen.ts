@@ -4,11 +4,11 @@
 export type Vec3 = [number, number, number];
 export type Quat = [number, number, number, number];
 
-/** The rules of a match, as in shuttle_marl.game.scoring. */
-export const RULES = { points: 21, clear: 2, cap: 30, games: 2 };
+/** Rules of a match, as in shuttle_marl.game.scoring. */
+export const RULES = {"21": {"points": 21, "clear": 2, "cap": 30, "games": 2}, "15": {"points": 15, "clear": 2, "cap": 21, "games": 2}, "11": {"points": 11, "clear": 2, "cap": 15, "games": 3}, "21x1": {"points": 21, "clear": 2, "cap": 30, "games": 1}, "21x5": {"points": 21, "clear": 2, "cap": 30, "games": 3}, "15x1": {"points": 15, "clear": 2, "cap": 21, "games": 1}, "15x5": {"points": 15, "clear": 2, "cap": 21, "games": 3}, "11x1": {"points": 11, "clear": 2, "cap": 15, "games": 1}, "11x3": {"points": 11, "clear": 2, "cap": 15, "games": 2}};
 
 /** The flight of a shuttle [m/s, m/s²], as in shuttle_marl.court.staging.flight. */
-export const FLIGHT = { terminal: 6.8, gravity: 9.81, steps: 16 };
+export const FLIGHT = {"terminal": 6.8, "gravity": 9.81, "steps": 16};
 
 /** First request of a page. */
 export type HelloRequest = object;
@@ -143,6 +143,7 @@ export interface TagFacts {
   after: string;
   name: string;
   longest_name: number;
+  rules: "21" | "15" | "11" | "21x1" | "21x5" | "15x1" | "15x5" | "11x1" | "11x3";
 }
 
 /** Strokes and motion of a rally. */
@@ -482,6 +483,7 @@ export interface TagRow {
   area: number | null;
   match: string;
   discipline: "MS" | "WS";
+  rules: "21" | "15" | "11" | "21x1" | "21x5" | "15x1" | "15x5" | "11x1" | "11x3";
   game: number;
   rally: number;
   stroke: number;
