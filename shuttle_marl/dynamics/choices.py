@@ -26,7 +26,7 @@ from shuttle_marl.dynamics.models import labelled, labels_of, softmax, unseen
 from shuttle_marl.dynamics.modules import Ensemble
 from shuttle_marl.game.court import N_AREAS, mirrored
 from shuttle_marl.game.policy import STAGES, stages_of
-from shuttle_marl.game.shipped import HISTORY, read_model
+from shuttle_marl.game.shipped import HISTORY, readable
 from shuttle_marl.game.stroke import N_SHOTS
 
 MIN_STROKES: Final = 1000
@@ -204,10 +204,8 @@ def load_history(folder: Path) -> Arrays:
     Raises:
         ModelError: the file is missing, or differs from the model card.
     """
-    try:
-        return read_model(folder, HISTORY).arrays
-    except (OSError, KeyError, ValueError) as error:
-        raise ModelError(f"{folder / HISTORY}: no readable choices ({error}); fit or install the model again") from error
+    with readable(folder, HISTORY, "choices", ModelError) as tensors:
+        return tensors.arrays
 
 
 def _choices(name: str, network: Ensemble, rows: Rows, folds: int | None) -> tuple[F64, I64, I64]:

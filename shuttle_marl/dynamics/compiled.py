@@ -417,13 +417,10 @@ def load_support(folder: Path, *, opposite: bool = False) -> Support:
         GameError: the model card cannot be read.
     """
     prefix = f"{shipped.OPPOSITE}." if opposite else ""
-    try:
-        arrays = shipped.read_model(folder, shipped.SUPPORT).arrays
+    with shipped.readable(folder, shipped.SUPPORT, "support", ModelError) as (_, arrays):
         edges = arrays[f"{prefix}strokes"].shape[:1]
         shapes = {name: (*edges, 2) if name.endswith("range") else edges for name in _SUPPORT}
         return Support(**{name: checked(arrays[prefix + name], np.float64, shape) for name, shape in shapes.items()})
-    except (OSError, KeyError, ValueError) as error:
-        raise ModelError(f"{folder / shipped.SUPPORT}: no readable support ({error}); fit or install the model again") from error
 
 
 class ModelStepper(Stepper):

@@ -34,7 +34,7 @@ from shuttle_marl.base.tensor_files import Tensors, checked, tensor_bytes
 from shuttle_marl.data.hands import receiver_hands
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game.court import N_AREAS, area_of, mirrored
-from shuttle_marl.game.shipped import HURRY, folder_of, read_model
+from shuttle_marl.game.shipped import HURRY, folder_of, readable
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
 
@@ -506,13 +506,10 @@ def load_hurry(folder: Path) -> Hurry | None:
         ShuttleError: the file differs from the model card, or is invalid.
         GameError: the model card cannot be read.
     """
-    path = folder / HURRY
-    if not path.is_file():
+    if not (folder / HURRY).is_file():
         return None
-    try:
-        return Hurry.checked(read_model(folder, HURRY))
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise ShuttleError(f"{path}: no readable index of hurried strikers ({error}); fit or install the model again") from error
+    with readable(folder, HURRY, "index of hurried strikers", ShuttleError) as tensors:
+        return Hurry.checked(tensors)
 
 
 def hurry_of(game: Game) -> Hurry | None:

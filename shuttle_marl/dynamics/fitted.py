@@ -31,7 +31,7 @@ from shuttle_marl.dynamics.modules import (
     in_chunks,
 )
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.shipped import NETWORKS, model_folder, read_model
+from shuttle_marl.game.shipped import NETWORKS, model_folder, readable
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 
@@ -195,9 +195,7 @@ class FittedModels:
             ModelError: the file is missing, differs from the model card, or is invalid.
             GameError: the model card cannot be read.
         """
-        path = folder / NETWORKS
-        try:
-            header, arrays = read_model(folder, NETWORKS)
+        with readable(folder, NETWORKS, "model", ModelError) as (header, arrays):
             described = parsed(header["model"])
             networks = {name: _network(name, arrays) for name in SPECS}
             players = tuple(map(str, described["players"]))
@@ -221,8 +219,6 @@ class FittedModels:
                     area=checked(arrays["players.area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
                 ),
             )
-        except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError) as error:
-            raise ModelError(f"{path}: no readable model ({error}); fit or install it again") from error
 
 
 def load_models(name: str = "default") -> FittedModels:

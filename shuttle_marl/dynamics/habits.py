@@ -27,7 +27,7 @@ from shuttle_marl.data.schema import DISCIPLINES, Outcome
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.game.court import AREAS, N_AREAS, N_SIDES
 from shuttle_marl.game.layout import GameError
-from shuttle_marl.game.shipped import HABITS, read_model
+from shuttle_marl.game.shipped import HABITS, readable
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS
 
 NONE: Final = N_SHOTS  # code of a previous stroke that does not exist; larger codes are unknown
@@ -241,8 +241,7 @@ def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
         raise GameError(
             f"{folder}: this model has no habits of players ({HABITS}); fit the model again, or name one that has them"
         )
-    try:
-        tensors = read_model(folder, HABITS)
+    with readable(folder, HABITS, "habits of players") as tensors:
         (text,) = tensors.metadata.values()
         names = parsed(text)["players"]
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -258,8 +257,6 @@ def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
             name: checked(tensors.arrays[name], dtype, (len(names), *shape)).astype(np.float32)
             for name, (dtype, shape) in wanted.items()
         }
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise GameError(f"{folder / HABITS}: no readable habits of players ({error}); fit or install the model again") from error
     counts, ends, dispersion = arrays["counts"], arrays["ends"], arrays["dispersion"]
     found = {}
     for i, name in enumerate(names):

@@ -18,7 +18,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, U16, Bools, Ints
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import Tensors, checked, tensor_bytes
 from shuttle_marl.dynamics.features import Rows
@@ -26,9 +25,8 @@ from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recovery, position_of
-from shuttle_marl.game.shipped import POSITIONS, read_model, read_model_card
+from shuttle_marl.game.shipped import POSITIONS, read_model_card, readable
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
@@ -132,10 +130,8 @@ def load_recovery(folder: Path) -> FittedRecovery | None:
     """
     if not (folder / POSITIONS).is_file():
         return None
-    try:
-        return FittedRecovery.checked(read_model(folder, POSITIONS))
-    except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
-        raise GameError(f"{folder / POSITIONS}: no readable positions ({error}); fit or install the model again") from error
+    with readable(folder, POSITIONS, "positions") as tensors:
+        return FittedRecovery.checked(tensors)
 
 
 def fit_recovery(rows: Rows, predicted: Mapping[str, Predicted]) -> FittedRecovery | None:

@@ -34,7 +34,7 @@ from shuttle_marl.game.shipped import (
     moved,
     origin_named,
     origin_of,
-    read_model,
+    readable,
     steps_between,
     variant_of,
     variants,
@@ -162,8 +162,7 @@ def load_skill(folder: Path) -> Skill:
     """
     if not has_skill(folder):
         raise GameError(f"{folder}: this model has no skill of players ({SKILL}); fit the model again, or name one that has it")
-    try:
-        tensors = read_model(folder, SKILL)
+    with readable(folder, SKILL, "skill of players") as tensors:
         (text,) = tensors.metadata.values()
         names = parsed(text)["players"]
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or AVERAGE in names:
@@ -187,8 +186,6 @@ def load_skill(folder: Path) -> Skill:
         ):
             if not np.isin(numbers, range(least, end)).all():
                 raise ValueError("a group of shot types, a discipline or a hand that does not exist")
-    except (OSError, KeyError, ValueError) as error:
-        raise GameError(f"{folder / SKILL}: no readable skill of players ({error}); fit or install the model again") from error
     return skill
 
 

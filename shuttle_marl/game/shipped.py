@@ -6,11 +6,12 @@ differ from those of the model: of a fault, of a winner given a good stroke, of 
 hurried receiver given a return from below and from above; in whole numbers, the same on every machine.
 """
 
+import contextlib
 import dataclasses
 import functools
 import itertools
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -148,11 +149,8 @@ def load_positions(folder: Path) -> Recovery:
     """
     if not (folder / POSITIONS).is_file():
         raise GameError(f"{folder}: a model without positions of receivers; fit it to strokes that have them")
-    try:
-        tensors = read_model(folder, POSITIONS)
+    with readable(folder, POSITIONS, "positions") as tensors:
         return Recovery.checked(tensors)
-    except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
-        raise GameError(f"{folder / POSITIONS}: no readable positions ({error}); fit or install the model again") from error
 
 
 @functools.cache
@@ -375,6 +373,24 @@ def read_model(folder: Path, name: str) -> Tensors:
     return read_tensors(folder / name, hash_in(card, name))
 
 
+@contextlib.contextmanager
+def readable(folder: Path, name: str, what: str, error: type[ShuttleError] = GameError) -> Iterator[Tensors]:
+    """Context that reads a file of a model folder as :func:`read_model` does, and in which what it holds is checked.
+
+    Args:
+        what: the file holds, for messages.
+
+    Raises:
+        GameError: the model card cannot be read.
+        error: the file cannot be read, is not the one of the model card, or a check failed.
+    """
+    card = read_model_card(folder)
+    try:
+        yield read_tensors(folder / name, hash_in(card, name))
+    except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError, ShuttleError) as reason:
+        raise error(f"{folder / name}: no readable {what} ({reason}); fit or install the model again") from reason
+
+
 class Estimate(NamedTuple):
     """An estimate with its 95 % interval."""
 
@@ -525,10 +541,8 @@ def real_strokes(game: Game) -> F64 | None:
     if origin is None or not (origin.folder / SUPPORT).is_file():
         return None
     name = f"{OPPOSITE}.strokes" if hands_of_variant(origin.variant)[1] else "strokes"
-    try:
-        return frozen(checked(read_model(origin.folder, SUPPORT).arrays[name], np.float64, (len(game.edge_own),)))
-    except (OSError, KeyError, ValueError) as error:
-        raise GameError(f"{origin.folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
+    with readable(origin.folder, SUPPORT, "support") as tensors:
+        return frozen(checked(tensors.arrays[name], np.float64, (len(game.edge_own),)))
 
 
 def least_support(game: Game) -> int:

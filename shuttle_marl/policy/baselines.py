@@ -14,9 +14,10 @@ Scripted styles play the softmax of points: a stroke with one more point is play
 shot types, target areas, contact, incoming shot, and the position of the opponent, who struck where one's own last stroke landed.
 """
 
+import contextlib
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,7 +26,7 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F32, F64, I16, I32
 from shuttle_marl.base.files import parsed
-from shuttle_marl.base.tensor_files import checked
+from shuttle_marl.base.tensor_files import Tensors, checked
 from shuttle_marl.game.court import BACK, N_AREAS, area_centre, mirrored, third_of
 from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.layout import GameError
@@ -41,7 +42,7 @@ from shuttle_marl.game.shipped import (
     hands_of_variant,
     load_game,
     origin_of,
-    read_model,
+    readable,
 )
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game
@@ -105,9 +106,7 @@ def clones(folder: Path) -> BehaviourClones:
     Raises:
         PolicyError: the file is missing or damaged.
     """
-    path = folder / BC
-    try:
-        header, arrays = read_model(folder, BC)
+    with _readable(folder, BC, "behaviour-cloned players") as (header, arrays):
         players = parsed(header["players"])
         if not isinstance(players, list) or not all(isinstance(player, str) for player in players):
             raise ValueError("the players are not a list of names")
@@ -122,10 +121,15 @@ def clones(folder: Path) -> BehaviourClones:
             style=checked(arrays["style"], np.float64, (m, N_SHOTS + 2, len(HEIGHTS), N_SHOTS, N_TECHNIQUES)),
             area=checked(arrays["area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
         )
-    except GameError as error:
+
+
+@contextlib.contextmanager
+def _readable(folder: Path, name: str, what: str) -> Iterator[Tensors]:
+    try:
+        with readable(folder, name, what, PolicyError) as tensors:
+            yield tensors
+    except GameError as error:  # of the model card
         raise PolicyError(str(error)) from error
-    except (OSError, KeyError, ValueError) as error:
-        raise PolicyError(f"{path}: no readable behaviour-cloned players ({error}); fit or install the model again") from error
 
 
 def _log(units: I16) -> F32:
@@ -251,12 +255,8 @@ def load_remembering(game: Game) -> HistoryPolicy:
     base, folder = load(None, game), folder_of(game)
     if folder is None or not remembers(game):
         raise PolicyError(f"policy {REMEMBERING}: the model of this game has no {HISTORY}; fit the model again, or use bc")
-    try:
-        return HistoryPolicy.of(base, read_model(folder, HISTORY).arrays)
-    except GameError as error:
-        raise PolicyError(str(error)) from error
-    except (OSError, KeyError, ValueError) as error:
-        raise PolicyError(f"{folder / HISTORY}: no readable choices ({error}); fit or install the model again") from error
+    with _readable(folder, HISTORY, "choices") as tensors:
+        return HistoryPolicy.of(base, tensors.arrays)
 
 
 Rules = Callable[[States], F64]
