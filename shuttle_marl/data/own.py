@@ -23,7 +23,7 @@ from shuttle_marl.data.matches import copies, with_rules
 from shuttle_marl.data.schema import RANGES, REASONS, Account, Cleaned, DataError, Outcome, Problem, shown
 from shuttle_marl.data.sheet import Sheet, listed
 from shuttle_marl.data.upstream import date_of, player_id
-from shuttle_marl.data.words import COLUMNS, FAULTS, STOPS, WINNERS, WORDS, ColumnMap, Words
+from shuttle_marl.data.words import COLUMNS, FAULTS, STOPS, WINNERS, WORDS, ColumnMap, Words, whole
 from shuttle_marl.game import court
 from shuttle_marl.game.scoring import RULES, RulesName, Score
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
@@ -447,6 +447,15 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
     return sheet.take(np.ones(len(sheet), dtype=bool)), [told]
 
 
+def _rules_of(sheet: Sheet) -> list[str | None]:
+    """Rules that a column gives; None: those that the scores tell."""
+    if "rules" not in sheet:
+        return [None] * len(sheet)
+    codes = {text: [*RULES, ""].index(whole(text)) for text in set(sheet.text("rules")) if whole(text) in (*RULES, "")}
+    found = sheet.codes("rules", codes, len(RULES), lambda _: f"expected one of {', '.join(RULES)}")
+    return [[*RULES, None][code] for code in found]
+
+
 def _seen_by_left_handers(strokes: pa.Table) -> pa.Table:
     """The table with the inferred areas, which are where right-handers meet the shuttle, mirrored for left-handed receivers."""
     left = [name for name, player in hands_of(strokes).items() if player.hand == court.HANDS.index("left")]
@@ -476,6 +485,7 @@ def _strokes_of(sheet: Sheet, rallies: Rallies) -> pa.Table:
     values: dict[str, Any] = {
         "source": np.full(len(sheet), sheet.map.source),
         "discipline": disciplines(sheet, rallies.player, rallies.opponent),
+        "rules": _rules_of(sheet),
         **{name: getattr(rallies, name) for name in ("match", "game", "rally", "stroke", "player", "opponent", "shot")},
         "hand": np.ma.masked_less(hands_given(sheet, rallies.player), 0),
         "height": np.where(height >= 0, height, np.isin(shot, _ABOVE)),

@@ -142,3 +142,16 @@ def test_a_score_that_the_rules_do_not_allow_is_refused(tmp_path: Path) -> None:
     assert set(strokes["rules"].to_pylist()) == {"21"}
     with pytest.raises(DataError, match="give other --rules"):
         read_matches(tmp_path / "match.csv", tmp_path / "map.toml", "15")
+
+
+def test_a_column_names_the_rules(tmp_path: Path) -> None:
+    rallies, _ = played("15", np.random.default_rng(5))
+
+    def told(name: str) -> pa.Table:
+        head, *rows = table(rallies, {"game", "winner"}).splitlines()
+        return imported("\n".join([f"{head},rules", *(f"{row},{name}" for row in rows), ""]), tmp_path)
+
+    assert set(told("15")["rules"].to_pylist()) == {"15"}
+    assert set(told("15.0")["rules"].to_pylist()) == {"15"}, "as a spreadsheet writes it"
+    with pytest.raises(DataError, match=r"unknown rules '16'; expected one of 21, 15, 11"):
+        told("16")
