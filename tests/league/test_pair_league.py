@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
+from shuttle_marl.data import read_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import pairs as pairs_module
 from shuttle_marl.game.pairs import Skill, load_skill, pair_game
@@ -99,22 +99,15 @@ def test_players_by_their_results_against_all_others() -> None:
     golden.check("pair", {"ranked": [dataclasses.asdict(row) for row in rows]})
 
 
-def test_real_results(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two matches between the first two, of which one went to B by games although A won as many rallies."""
-    wins = [("m", 1, A), ("m", 1, A), ("m", 2, B), ("m", 3, B), ("n", 1, A), ("o", 1, None), ("p", 1, A)]
-    others = {"p": "somebody-else"}
-    rallies = pa.table(
-        {
-            "match": [match for match, _, _ in wins],
-            "game": [game for _, game, _ in wins],
-            "server": [A for _ in wins],
-            "receiver": [others.get(match, B) for match, _, _ in wins],
-            "winner": [winner for _, _, winner in wins],
-        }
-    )
-    monkeypatch.setattr("shuttle_marl.league.pairs.rally_table", lambda _: rallies)
-    first, second, _ = with_results(some_predictions(), rallies)
-    assert (first.rallies, first.rallies_won, first.matches, first.matches_won) == (5, 3, 2, 1)
+def test_real_results(tmp_path: Path) -> None:
+    """Three rallies of an unfinished match between the first two, and one of a match with somebody else."""
+    lines = ["match,rally,stroke,player,opponent,shot,area,winner"]
+    for match, rally, other, winner in (("m", 1, B, A), ("m", 2, B, A), ("m", 3, B, B), ("p", 1, "somebody-else", A)):
+        lines.append(f"{match},{rally},1,{A},{other},short serve,front-centre,{winner}")
+    (tmp_path / "matches.csv").write_text("\n".join([*lines, ""]))
+    (tmp_path / "map.toml").write_text('discipline = "MS"\n[columns]\n' + "".join(f'{k} = "{k}"\n' for k in lines[0].split(",")))
+    first, second, _ = with_results(some_predictions(), read_matches(tmp_path / "matches.csv", tmp_path / "map.toml"))
+    assert (first.rallies, first.rallies_won, first.matches, first.matches_won) == (3, 2, 0, 0)
     assert (second.rallies, second.matches) == (0, 0)
 
 
