@@ -46,6 +46,9 @@ _LETTERS: Final = {"THORN": "th", "ETH": "d"}
 _LOOKS_LIKE: Final = str.maketrans("авекмнорстухіјѕαβεζηικμνορτυχ", "abekmhopctyxijsabezhikmnoptyx")
 """Latin letters by the Cyrillic and Greek ones that look like them."""
 _DIGRAPH: Final = re.compile("([aou])e|(?<=a)a")
+_BESIDE: Final = re.compile(
+    r"\s*(?:\[[^]]*\]|\([^)]*\))|['\u2019\u02bc`]"
+)  # what stands beside a name, or in it as an apostrophe
 _SCORE: Final = re.compile(r"\s*(\d{1,2})\s*[-:/\N{EN DASH}\N{EM DASH} ]\s*(\d{1,2})\s*")
 
 POINTS: Final = ("landing", "contact", "striker", "receiver")
@@ -158,6 +161,8 @@ def _folded(name: str) -> str:
 def warn_alike(sheet: Sheet, seen: dict[str, str], names: Sequence[str], what: str) -> None:
     """Warn of names that differ only in capitals, accents, width, or the order of words, or mix alphabets.
 
+    Names of players are alike too with a seed or a country in brackets, an initial, other apostrophes, or without a space.
+
     Args:
         seen: names so far; the new ones are added.
         what: ``match`` or ``player``.
@@ -165,7 +170,22 @@ def warn_alike(sheet: Sheet, seen: dict[str, str], names: Sequence[str], what: s
     for row in sorted({name: row for row, name in reversed(list(enumerate(names)))}.values()):
         name = str(names[row])
         words = player_id(_folded(name)).split("-")
-        other = seen.setdefault(f"{what} {words if what == 'match' else sorted(words)}", name)
+        if what == "match":
+            other = seen.setdefault(f"match {words}", name)
+        else:
+            words = player_id(_BESIDE.sub("", _folded(name))).split("-")
+            full, joined = f"player {sorted(words)}", f"player {''.join(words)}"
+            short = [
+                f"player {sorted([*words[:k], words[k][:1], *words[k + 1 :]])}"
+                for k in range(len(words) if len(words) > 1 else 0)
+            ]
+            initials = [f"initials of {full}"] if any(len(word) == 1 for word in words) else short
+            found = (seen.get(key) for key in (full, joined, *initials))
+            other = next((told for told in found if told is not None), name)
+            for key in (full, joined, *(f"initials of {key}" for key in short)):
+                seen.setdefault(key, name)
+            if len(name) == 1 and sum(key.startswith("match ") for key in seen) > 1:
+                sheet.warn([row], f"{shown(name)} is the name of a player in several matches: is it one person in all of them?")
         if other != name and (what == "match" or player_id(other) != player_id(name)):
             sheet.warn([row], f"{shown(name)} and {shown(other)} are alike: are they one {what}?")
             continue
