@@ -84,7 +84,9 @@ def read_badminton_db(path: Path, content: bytes, value: Any) -> Sheet:
                     if seats[at].get("Status", _STATUS[at == seat]) != _STATUS[at == seat]:
                         doubt(f"{player} serves, and {_SEATS[at]} is a {seats[at]['Status']!r:.50}")
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
-            raise DataError(path, f"{name}: no point of BadmintonDB ({type(error).__name__}: {error})") from error
+            why = f"{error} is missing" if isinstance(error, KeyError) else "a value is of another kind"
+            form = f"PointInfo with Point and Score of {' and '.join(_SEATS)}, and a Rally of strokes with StrokeBegin"
+            raise DataError(path, f"{name}: no point of BadmintonDB, {why}; expected {form}") from error
         points.append(found)
     return _sheet_of(path, content, points, told, format="BadmintonDB JSON", unit="stroke")
 
