@@ -16,7 +16,7 @@ PLAN: dict[str, Any] = {"seed": 1, "sides": [BC, {"policy": "random"}]}
 RALLY: dict[str, Any] = {"id": 3, "op": "rally", "plan": PLAN, "rally": 0}
 STROKE = {"shot": 0, "technique": 0, "height": 0, "area": None}
 ROW: dict[str, Any] = {
-    **STROKE, "match": "Final", "discipline": "MS", "game": 1, "rally": 1, "stroke": 1, "player": "Ada", "opponent": "Bea",
+    **STROKE, "match": "Final", "discipline": "MS", "rules": "21", "game": 1, "rally": 1, "stroke": 1, "player": "Ada", "opponent": "Bea",
     "hand": None, "landing_x": None, "landing_y": None, "contact_x": None, "contact_y": None, "seconds": 0.0, "frame": 0,
     "ending": None, "winner": None, "points": None, "points_opponent": None,
 }  # fmt: skip
@@ -61,6 +61,7 @@ LIMITS: dict[str, tuple[Any, tuple[Any, ...], tuple[Any, ...]]] = {
         ("", "x" * 101, "=1", "+1", "-1", "@a", " a", "a\nb", "a\u200b"),
     ),
     "discipline": (lambda value: row("discipline", value), ("MS", "WS"), ("XD", "")),
+    "rules": (lambda value: row("rules", value), ("21", "15x5"), ("16", "")),
     "strokes of a line": (lambda value: {"id": 1, "op": "suggest", "line": [STROKE] * value}, (0, 300), (301,)),
 }  # fmt: skip
 """For each field: the request with a value, the values that are accepted, and those that are refused."""
