@@ -16,7 +16,8 @@ PLAN: dict[str, Any] = {"seed": 1, "sides": [BC, {"policy": "random"}]}
 RALLY: dict[str, Any] = {"id": 3, "op": "rally", "plan": PLAN, "rally": 0}
 STROKE = {"shot": 0, "technique": 0, "height": 0, "area": None}
 ROW: dict[str, Any] = {
-    **STROKE, "match": "Final", "discipline": "MS", "rules": "21", "game": 1, "rally": 1, "stroke": 1, "player": "Ada", "opponent": "Bea",
+    **STROKE, "match": "Final", "discipline": "MS", "rules": "21", "game": 1, "rally": 1, "stroke": 1, "player": "Ada",
+    "opponent": "Bea",
     "hand": None, "landing_x": None, "landing_y": None, "contact_x": None, "contact_y": None, "seconds": 0.0, "frame": 0,
     "ending": None, "winner": None, "points": None, "points_opponent": None,
 }  # fmt: skip
