@@ -317,6 +317,8 @@ def clean(sheet: Sheet, given: ColumnMap, rules: RulesName | None = None) -> Cle
     path, total, rules = sheet.path, sheet.total, rules or cast("RulesName", given.rules) or None
     sheet.map = _mapped(sheet, given)
     sheet.require(sheet.map.columns.values())
+    if rules is None and len(named := {*filter(None, _rules_of(sheet))}) == 1:
+        (rules,) = named
     told, sheet.warnings = sheet.warnings, []
     read = {"source": sheet.map.source, "format": sheet.format, "file": path.name, "sha256": content_hash(sheet.content)}
     unread = [name for name in sheet.header if name and name not in sheet.map.columns.values()]
@@ -431,7 +433,7 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
     if not several[usual] or (unsure and longest <= 2 * RULES[usual].cap - 1):
         return None
     possible = [name for name in scores if not wrong[name]]
-    best = [name for name in possible if finished[name] == max(map(finished.get, possible))]  # type: ignore[type-var]
+    best = [name for name in possible if finished[name] == max(finished[other] for other in possible)]
     usually = [name for name in ("21", "15", "11") if name in best] or best
     if unsure or len(usually) != 1:
         why = "who won some rallies is not known" if unsure else f"by {', '.join(usually) or 'all rules'} they differ"
@@ -447,7 +449,7 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
     return sheet.take(np.ones(len(sheet), dtype=bool)), [told]
 
 
-def _rules_of(sheet: Sheet) -> list[str | None]:
+def _rules_of(sheet: Sheet) -> list[RulesName | None]:
     """Rules that a column gives; None: those that the scores tell."""
     if "rules" not in sheet:
         return [None] * len(sheet)

@@ -148,11 +148,12 @@ def test_a_score_that_the_rules_do_not_allow_is_refused(tmp_path: Path) -> None:
 def test_a_column_names_the_rules(tmp_path: Path) -> None:
     rallies, _ = played("15", np.random.default_rng(5))
 
-    def told(name: str) -> pa.Table:
-        head, *rows = table(rallies, {"game", "winner"}).splitlines()
+    def told(name: str, columns: Collection[str] = ("game", "winner")) -> pa.Table:
+        head, *rows = table(rallies, columns).splitlines()
         return imported("\n".join([f"{head},rules", *(f"{row},{name}" for row in rows), ""]), tmp_path)
 
     assert set(told("15")["rules"].to_pylist()) == {"15"}
     assert set(told("15.0")["rules"].to_pylist()) == {"15"}, "as a spreadsheet writes it"
+    assert told("15", ("winner",))["game"].to_pylist()[-1] == rallies[-1][0], "they number the games"
     with pytest.raises(DataError, match=r"unknown rules '16'; expected one of 21, 15, 11"):
         told("16")
