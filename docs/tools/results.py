@@ -35,7 +35,7 @@ class Result:
     estimate: str = ""
     speeds: tuple[str, ...] = ()
     compared: bool = True
-    earlier: bool = False  # whether it is of an earlier game and has not been made again
+    earlier: bool = False  # whether an earlier game gave it
 
 
 _HERE: Final = Path(__file__).parent

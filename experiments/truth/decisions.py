@@ -43,7 +43,7 @@ class Promises:
     fault: F64  # [N] probability that the stroke is a fault, averaged like the advantage over the areas that `bc` chooses
     returned: F64  # [N] probability that the stroke, to its recorded area, is returned if it is good
     above: F64  # [N] probability that the stroke, to its recorded area, is met above the net if it is returned
-    hurried: F64  # [N] probability that whoever returns it from the height of the real return is hurried
+    hurried: F64  # [N] probability that the receiver is hurried, given the recorded height of the return
 
     @classmethod
     def joined(cls, parts: Sequence["Promises"]) -> "Promises":

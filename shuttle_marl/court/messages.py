@@ -22,7 +22,7 @@ from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 Point = tuple[float, float, float]
-Box = tuple[float, float, float, float]  # A rectangle on the floor: x0, x1, y0, y1 [m]
+Box = tuple[float, float, float, float]  # a rectangle on the floor: x0, x1, y0, y1 [m]
 Pair = tuple[int, int]
 
 

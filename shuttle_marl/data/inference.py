@@ -46,9 +46,7 @@ _LETTERS: Final = {"THORN": "th", "ETH": "d"}
 _LOOKS_LIKE: Final = str.maketrans("авекмнорстухіјѕαβεζηικμνορτυχ", "abekmhopctyxijsabezhikmnoptyx")
 """Latin letters by the Cyrillic and Greek ones that look like them."""
 _DIGRAPH: Final = re.compile("([aou])e|(?<=a)a")
-_BESIDE: Final = re.compile(
-    r"\s*(?:\[[^]]*\]|\([^)]*\))|['\u2019\u02bc`]"
-)  # what stands beside a name, or in it as an apostrophe
+_BESIDE: Final = re.compile(r"\s*(?:\[[^]]*\]|\([^)]*\))|['\u2019\u02bc`]")  # a seed or a country in brackets, and apostrophes
 _SCORE: Final = re.compile(r"\s*(\d{1,2})\s*[-:/\N{EN DASH}\N{EM DASH} ]\s*(\d{1,2})\s*")
 
 POINTS: Final = ("landing", "contact", "striker", "receiver")
@@ -59,7 +57,7 @@ _SHALLOW, _TINY = 3.0, 1.05
 """Points all within this distance of the middle of the net [m] are improbable, or no metres but fractions of a court."""
 _FEW: Final = 10  # fewer points tell nothing for certain
 _TEMPO: Final = (0.3, 5.0)  # probable median time between two strokes [s]; 0.9 in published matches
-_SHORTEST: Final = 0.1  # A shorter median is no time in seconds; 0 is one of whole rallies
+_SHORTEST: Final = 0.1  # a shorter median is no time in seconds; 0 is one of whole rallies
 
 Points = tuple[int, int]
 
@@ -158,6 +156,14 @@ def _folded(name: str) -> str:
     return _DIGRAPH.sub(r"\1", folded)
 
 
+def _forms(name: str) -> tuple[list[str], list[str], bool]:
+    """Keys of a player's name: of all its words, of these with one cut to its initial, and whether it has an initial."""
+    words = player_id(_BESIDE.sub("", _folded(name))).split("-")
+    cut = range(len(words) if len(words) > 1 else 0)
+    short = [f"player {sorted([*words[:k], words[k][:1], *words[k + 1 :]])}" for k in cut]
+    return [f"player {sorted(words)}", f"player {''.join(words)}"], short, any(len(word) == 1 for word in words)
+
+
 def warn_alike(sheet: Sheet, seen: dict[str, str], names: Sequence[str], what: str) -> None:
     """Warn of names that differ only in capitals, accents, width, or the order of words, or mix alphabets.
 
@@ -169,20 +175,13 @@ def warn_alike(sheet: Sheet, seen: dict[str, str], names: Sequence[str], what: s
     """
     for row in sorted({name: row for row, name in reversed(list(enumerate(names)))}.values()):
         name = str(names[row])
-        words = player_id(_folded(name)).split("-")
         if what == "match":
-            other = seen.setdefault(f"match {words}", name)
+            other = seen.setdefault(f"match {player_id(_folded(name)).split('-')}", name)
         else:
-            words = player_id(_BESIDE.sub("", _folded(name))).split("-")
-            full, joined = f"player {sorted(words)}", f"player {''.join(words)}"
-            short = [
-                f"player {sorted([*words[:k], words[k][:1], *words[k + 1 :]])}"
-                for k in range(len(words) if len(words) > 1 else 0)
-            ]
-            initials = [f"initials of {full}"] if any(len(word) == 1 for word in words) else short
-            found = (seen.get(key) for key in (full, joined, *initials))
-            other = next((told for told in found if told is not None), name)
-            for key in (full, joined, *(f"initials of {key}" for key in short)):
+            whole_names, short, initials = _forms(name)
+            looked_up = [*whole_names, *([f"initials of {whole_names[0]}"] if initials else short)]
+            other = next((seen[key] for key in looked_up if key in seen), name)
+            for key in (*whole_names, *(f"initials of {key}" for key in short)):
                 seen.setdefault(key, name)
             if len(name) == 1 and sum(key.startswith("match ") for key in seen) > 1:
                 sheet.warn([row], f"{shown(name)} is the name of a player in several matches: is it one person in all of them?")
@@ -299,28 +298,10 @@ def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[st
         sheet.doubt("a third of the returned strokes were met outside the court: are x and y metres from the middle of the net?")
 
 
-_MISSING: Final = frozenset(
-    {
-        "nan",
-        "none",
-        "null",
-        "nil",
-        "nat",
-        "na",
-        "<na>",
-        "undefined",
-        "missing",
-        "ref!",
-        "value!",
-        "name?",
-        "div0!",
-        "num!",
-        "inf",
-        "tbd",
-        "tba",
-        "bye",
-    }
-)
+_MISSING: Final = frozenset((
+    "nan", "none", "null", "nil", "nat", "na", "<na>", "undefined", "missing", "ref!", "value!", "name?", "div0!", "num!", "inf",
+    "tbd", "tba", "bye",
+))  # fmt: skip
 """Words that programs write for a missing value, as :func:`bare` gives them."""
 _ROLES: Final = frozenset(
     {"server", "receiver", "striker", "hitter", "winner", "loser", "发球方", "接发球方", "发球者", "接发球者"}

@@ -41,7 +41,7 @@ DISCIPLINES: Final = ("MS", "WS")  # men's singles, women's singles
 
 REACH_OVER: Final = 0.5
 """A contact point lies at most this far beyond the net [m]: players may reach over it, and points are marked by hand."""
-FAR_OFF: Final = 5.0  # A point more than this far outside the lines [m] cannot be real: the file or its homography is broken
+FAR_OFF: Final = 5.0  # a point more than this far outside the lines [m] cannot be real: the file or its homography is broken
 
 _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("match", pa.string(), False, "Name of the match, the folder name of the data set."),
@@ -287,7 +287,7 @@ def violations(strokes: pa.Table) -> Iterator[Violation]:
 
 
 _PLACE: Final = ("match", "game", "rally", "stroke")
-_Rule = tuple[str, tuple[str, ...], Bools]  # A rule, the columns concerned, and the rows that break it
+_Rule = tuple[str, tuple[str, ...], Bools]  # a rule, the columns concerned, and the rows that break it
 
 
 def _numbers(strokes: pa.Table) -> dict[str, Array]:

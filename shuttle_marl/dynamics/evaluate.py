@@ -264,7 +264,7 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "best_response_thin": (0.0, 0.25),
 }
 """Limits of the values of :func:`health` without warning."""
-THIN: Final = 5.0  # A stroke with fewer real strokes in its innermost cell is thinly supported
+THIN: Final = 5.0  # a stroke with fewer real strokes in its innermost cell is thinly supported
 _ANY: Final = 0.5
 """A stroke with fewer real strokes in its innermost cell has no support; faults of unknown target count in parts."""
 

@@ -38,7 +38,7 @@ __all__ = ["NAME", "RECOVERY_NAME", "RallyGame", "RallyState", "open_spiel_polic
 NAME: Final = "python_shuttle_marl_rally"
 RECOVERY_NAME: Final = f"{NAME}_recovery"
 _DEFAULTS: Final[dict[str, Any]] = {"model": "default", "profile": "", "server": -1, "max_strokes": 0}
-_LONGEST: Final = 100_000  # what OpenSpiel is told of rallies without a limit
+_LONGEST: Final = 100_000  # maximum length reported to OpenSpiel for rallies without a limit
 _STROKE: Final = -1  # value of pair where a stroke is due and not its outcome
 
 

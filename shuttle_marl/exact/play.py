@@ -22,7 +22,7 @@ from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, NET_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
 
-RARE: Final = 0.01  # A shot type that the average player plays less often in a state is rare there
+RARE: Final = 0.01  # a shot type that the average player plays less often in a state is rare there
 OFTEN: Final = 0.02  # share of a player's strokes above which a shot type counts
 KIND: Final = 0.01  # share of a player's strokes above which a shot type to a target area counts
 _RUN: Final = 3  # number of cross-court net shots in a row from which a run counts

@@ -50,7 +50,7 @@ GROUPS: Final = ("attack", "net", "rear", "lift", "block", "serve")
 AVERAGE: Final = "average"  # name of the player without offsets
 DISCIPLINES: Final = ("men", "women")  # names of the numbers in `Skill.discipline`
 
-Day = datetime.date | str | None  # A day, or its ISO 8601 text (``2021-07-31``)
+Day = datetime.date | str | None  # a day, or its ISO 8601 text (``2021-07-31``)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

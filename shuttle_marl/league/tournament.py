@@ -218,7 +218,7 @@ ERROR: Final = 0.05
 BOUND: Final = math.log((1 - ERROR) / ERROR)
 _CELL_SCORES: Final = np.array([0.0, 0.5, 1.0])
 _LEAST_COUNT: Final = 1e-3  # count of a result that never occurred, as in fishtest
-Block = tuple[PairResult, list[Rallies]]  # A finished pairing and those of its rallies that are recorded, in order
+Block = tuple[PairResult, list[Rallies]]  # a finished pairing and those of its rallies that are recorded, in order
 
 
 def matches_of(pairing: Pairing, seed: int, first: int, last: int) -> Matches:

@@ -35,7 +35,7 @@ from shuttle_marl.policy.registry import resolve
 REFERENCE: Final = "bc"  # the opponent of the benchmark: the behaviour-cloned average player
 HEADLINES: Final = ("rally_win_vs_bc", "match_win_vs_bc", "exploitability")
 """Figures of a scorecard that are also computed away from home."""
-FEW_STROKES: Final = 5  # A stroke with fewer examples in the data counts as thin
+FEW_STROKES: Final = 5  # a stroke with fewer examples in the data counts as thin
 _AWAY: Final = 1e-6  # error bound of values away from home, far below the differences between refits
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
 Watch = Callable[[Rallies], None]

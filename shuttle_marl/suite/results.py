@@ -110,9 +110,9 @@ ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
-Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]  # A name in a file of a stranger
-Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]  # A name with at least one letter
-Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]  # A score in a file of a stranger; neither infinite nor NaN
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]  # a name in a file of a stranger
+Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]  # a name with at least one letter
+Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]  # a score in a file of a stranger; neither infinite nor NaN
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

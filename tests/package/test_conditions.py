@@ -160,7 +160,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def machine_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What earlier runs have compiled, which is no part of a condition, in a folder of its own."""
+    """A copy of the compiler's cache: a condition does not concern what is compiled already."""
     folder, locator = tmp_path_factory.mktemp("machine-code"), cast(Any, caching.UserProvidedCacheLocator)
     for kept in (ROOT / "shuttle_marl").rglob("__pycache__"):
         place = folder / locator.get_suitable_cache_subpath(str(kept.parent / "__init__.py"))

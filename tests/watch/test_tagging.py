@@ -444,7 +444,7 @@ NAMES = {
 
 @functools.cache
 def names_that_the_form_takes(pattern: str) -> list[bool] | None:
-    """What the browser's engine finds of each name, if there is one here."""
+    """Matches of the pattern in each name by a JavaScript engine, if one is installed."""
     test = f"(name) => new RegExp('^(?:' + {json.dumps(pattern)} + ')$', 'v').test(name)"
     script = f"process.stdout.write(JSON.stringify({json.dumps([*NAMES])}.map({test})))"
     node = shutil.which("node")

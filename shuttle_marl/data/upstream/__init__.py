@@ -120,7 +120,7 @@ def date_of(match: str) -> datetime.date | None:
         if not found[1] and found[6] != "." and int(month) > _MONTHS:
             month, day = day, month
         elif not found[1] and found[6] != "." and month != day and int(day) <= _MONTHS:
-            continue  # nobody knows which of them is the month
+            continue  # day and month cannot be told apart
         with contextlib.suppress(ValueError):  # not a day of the calendar
             return datetime.date(int(year), int(month), int(day))
     return None

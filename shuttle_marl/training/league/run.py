@@ -29,7 +29,7 @@ from shuttle_marl.training.run import AGENT, PACKAGES, game_of
 
 MAIN: Final = "main.safetensors"
 _EVALUATION: Final = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
-_ENOUGH: Final = 0.5  # A main exploiter succeeds if it reaches this fraction of the gain of the exact best response
+_ENOUGH: Final = 0.5  # a main exploiter succeeds if it reaches this fraction of the gain of the exact best response
 _BEATEN: Final = 0.7
 """A league exploiter succeeds if its mean probability of winning a match reaches this (Vinyals et al., Nature 2019)."""
 _SHARPER: Final = 0.1  # second softmax temperature at which a main agent is evaluated, to remove the effect of the entropy bonus
