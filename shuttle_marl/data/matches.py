@@ -200,9 +200,9 @@ def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) ->
                 told = f"score {rally.after[0]}-{rally.after[1]}: by the rules {rules} game or match were over before it"
                 raise DataError(path, f"{where}, {told}; give other --rules, one of {', '.join(RULES)}")
         return changed(strokes, "rules", pa.array([rules] * len(strokes), pa.string())), ""
-    found, doubt = told_rules(strokes)
-    both = zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True)
-    names = [carried or found[match] for match, carried in both]
+    carried = strokes["rules"].to_pylist()
+    found, doubt = ({}, "") if all(carried) else told_rules(strokes)
+    names = [name or found[match] for match, name in zip(strokes["match"].to_pylist(), carried, strict=True)]
     return changed(strokes, "rules", pa.array(names, pa.string())), doubt
 
 
