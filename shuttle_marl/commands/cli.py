@@ -21,7 +21,7 @@ from rich.table import Table
 from rich.text import Text
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from shuttle_marl.base.errors import ShuttleError, command, printable
+from shuttle_marl.base.errors import ShuttleError, command, isolated, printable
 from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
@@ -284,7 +284,7 @@ def show(figures: "Mapping[str, Figure] | Sequence[Figure]", as_json: bool, *par
     for name, value in figures.items() if isinstance(figures, Mapping) else ():
         line = None if name == "home" or value is None else written(name, value)
         if line is not None:
-            grid.add_row(Text(printable(words(name)), "dim"), Text(printable(line)))
+            grid.add_row(Text(printable(words(name)), "dim"), Text(isolated(printable(line))))
     tell(grid, *parts)
 
 
@@ -343,7 +343,7 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[Figure]])
         figures = all(line[number][:1] in "+-0123456789" for line in lines)
         found.add_column(heading, justify="right" if figures else "left", no_wrap=number == 0, overflow="fold")
     for line in lines:
-        found.add_row(*map(Text, line))
+        found.add_row(*map(Text, map(isolated, line)))
     return found
 
 

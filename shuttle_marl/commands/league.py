@@ -14,6 +14,7 @@ from shuttle_marl.base.runs import RALLIES, interrupts_held
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
+from shuttle_marl.game.scoring import RULES, RulesName
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.league.entrants import LeagueConfig, LeagueError
 from shuttle_marl.training.league.config import LeagueTrainingConfig
@@ -66,6 +67,7 @@ def pairs(
     game: str = "default",
     date: str | None = None,
     policy: str | None = None,
+    rules: RulesName = "21",
     data: Path | None = None,
     out: Path | None = None,
     json_output: Json = False,
@@ -78,6 +80,7 @@ def pairs(
         game: model of the game: a shipped one or a folder.
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
         policy: policy of all players; default: each imitated.
+        rules: of the predicted matches, such as 15, 11 or 21x1.
         data: annotated matches, for the real results: a stroke table, or a folder with the raw files.
         out: file for the predictions of all pairs, NAME.csv or NAME.parquet.
     """
@@ -88,7 +91,7 @@ def pairs(
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
     strokes = None if data is None else read_matches(data)
     names = players_of(pairs, game, players)
-    found = predict_pairs(names, game=game, date=date, policy=policy)
+    found = predict_pairs(names, game=game, date=date, policy=policy, rules=RULES[rules])
     number = len(names) * (len(names) - 1) // 2
     predictions = list(cli.progress(found, "pairs", number))
     if strokes is not None:

@@ -368,6 +368,9 @@ def players_of(sheet: Sheet, match: Array, game: I64) -> tuple[Array, Array]:
                 one = f"{shown(value)} and {shown(other)} would be one player, {player_id(value)}"
                 sheet.mark(row, f"{one}; write one name, or map one in [values.player]")
         warn_alike(sheet, alike, names, "player")
+        if comma := next((value for value in names if "," in value), None):
+            told = f"names with a comma are of one person each, surname first, such as {shown(comma)}"
+            sheet.notes += [told] if told not in sheet.notes else []
         return np.array([player_id(value) for value in names], dtype=object)
 
     player = identifiers("player")

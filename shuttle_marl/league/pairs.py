@@ -19,6 +19,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, sensitivity
 from shuttle_marl.game.pairs import COMPONENTS, GROUPS, Day, Skill, load_skill, pair_game, people_of
+from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import Profile, model_folder
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
@@ -95,7 +96,7 @@ def players_of(discipline: Profile, game: str = "default", some: Sequence[str] =
 
 
 def predict_pairs(
-    players: Sequence[str], *, game: str = "default", date: Day = None, policy: str | None = None
+    players: Sequence[str], *, game: str = "default", date: Day = None, policy: str | None = None, rules: Rules = BWF
 ) -> Iterator[Prediction]:
     """Predict the result of each of the ``N (N - 1) / 2`` pairs of players.
 
@@ -103,15 +104,17 @@ def predict_pairs(
         date: day of the skill; None: the last one known.
         policy: name of the policy of all players; None: each imitated (``bc:NAME``), or ``bc`` where the model has no choices of
             the player.
+        rules: of the matches.
 
     Raises:
         GameError: a player is unknown, or two are not of one discipline.
         PolicyError: the policy does not exist.
     """
-    return in_threads(lambda names: predict(pair_game(*names, date=date, game=game), policy), itertools.combinations(players, 2))
+    pairs = itertools.combinations(players, 2)
+    return in_threads(lambda names: predict(pair_game(*names, date=date, game=game), policy, rules), pairs)
 
 
-def predict(pair: Game, policy: str | None = None) -> Prediction:
+def predict(pair: Game, policy: str | None = None, rules: Rules = BWF) -> Prediction:
     """Predict the result of one pair; arguments and errors as for :func:`predict_pairs`."""
     people = people_of(pair)
     names = [policy or imitation(player, tables) for player, tables in zip(people.players, pair.seats, strict=True)]
@@ -127,9 +130,9 @@ def predict(pair: Game, policy: str | None = None) -> Prediction:
         rally_win=odds.rally,
         rally_low=max(0.0, odds.rally - width),
         rally_high=min(1.0, odds.rally + width),
-        match_win=odds.match(),
-        match_low=_moved(odds, -width).match(),
-        match_high=_moved(odds, width).match(),
+        match_win=odds.match(rules),
+        match_low=_moved(odds, -width).match(rules),
+        match_high=_moved(odds, width).match(rules),
         reasons=_reasons(pair, slopes),
     )
 

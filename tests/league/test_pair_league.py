@@ -14,6 +14,7 @@ from shuttle_marl.exact import evaluate
 from shuttle_marl.game import pairs as pairs_module
 from shuttle_marl.game.pairs import Skill, load_skill, pair_game
 from shuttle_marl.game.policy import tabulate
+from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.pairs import Prediction, players_of, predict, ranked, with_results
@@ -63,6 +64,7 @@ def test_predictions_are_exact_and_contain_the_uncertainty_of_the_skill(monkeypa
     odds = evaluate(*tables).odds()
     assert found.rally_win == pytest.approx(odds.rally, abs=1e-6)
     assert found.match_win == pytest.approx(odds.match(), abs=1e-5)
+    assert predict(pair, rules=RULES["11"]).match_win == pytest.approx(odds.match(RULES["11"]), abs=1e-5)
     skill, rng, drawn = load_skill(model_folder(reduced_model())), np.random.default_rng(7), []
     for _ in range(20):
         moved = skill.offset + (skill.deviation * rng.normal(size=skill.offset.shape)).astype(np.float32)
