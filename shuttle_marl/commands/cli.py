@@ -10,6 +10,7 @@ import json
 import os
 import select
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -112,13 +113,15 @@ def run(
     try:
         _check_encoding(args)
         args = prepared(args)
-        if callable(commands):
-            tyro.cli(_apart(commands), prog=prog, description=description, args=args, registry=_NUMBERS)
-        elif args and args[0] in commands:  # alone, so that its errors point to its own help
-            tyro.cli(_apart(commands[args[0]]), prog=f"{prog} {args[0]}", args=args[1:], registry=_NUMBERS)
-        else:  # prints help
-            every = dict(commands)
-            tyro.extras.subcommand_cli_from_dict(every, prog=prog, description=description, args=args, registry=_NUMBERS)
+        with warnings.catch_warnings():
+            warnings.showwarning = _warn
+            if callable(commands):
+                tyro.cli(_apart(commands), prog=prog, description=description, args=args, registry=_NUMBERS)
+            elif args and args[0] in commands:  # alone, so that its errors point to its own help
+                tyro.cli(_apart(commands[args[0]]), prog=f"{prog} {args[0]}", args=args[1:], registry=_NUMBERS)
+            else:  # prints help
+                every = dict(commands)
+                tyro.extras.subcommand_cli_from_dict(every, prog=prog, description=description, args=args, registry=_NUMBERS)
         sys.stdout.flush()
     except ShuttleError as error:
         return _fail(prog, str(error))
@@ -401,6 +404,10 @@ def _check_encoding(args: Sequence[str]) -> None:
             arg.encode()
         except UnicodeEncodeError as error:
             raise ShuttleError(f"argument {arg!a}: expected text in UTF-8") from error
+
+
+def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+    console(stderr=True).print(f"warning: {printable(str(message))}", soft_wrap=True)
 
 
 def _fail(prog: str, message: str) -> int:
