@@ -4,7 +4,7 @@ import functools
 import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from shuttle_marl.data.upstream import discipline, player_id
 from shuttle_marl.data.words import PLAYERS, Words, bare, nfc, plain, whole
 from shuttle_marl.game import court
 from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.scoring import RULES, RulesName
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS
 
 MET: Final[dict[str, tuple[tuple[str, float], ...]]] = {
@@ -237,7 +238,7 @@ def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64],
     if "side" in sheet:
         moved = ~fresh & changes((sheet.words("side", 0) == 1) ^ (player < strokes["opponent"]))
         sheet.mark(np.flatnonzero(moved & ~first), "the players are not on the sides of the stroke before")
-        sheet.warn(moved & first & (game < 3), "the players change sides during the game")
+        sheet.warn(moved & first & (game < decider_of(sheet.map.rules)), "the players change sides during the game")
     if "seconds" in sheet:
         passed = np.diff(sheet.numbers("seconds"), prepend=np.nan)
         sheet.warn(first & ~changes(strokes["match"]) & (passed < 0), "the time is before that of the rally before")
@@ -310,9 +311,11 @@ _IF_ONE: Final = "; map it in [values.player] if it is one"
 _TWO: Final = re.compile(r"[/&+;|\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(and|und|og|et|dan|vs|v|और)\.?\s", re.IGNORECASE)
 """Separators of two names in one cell."""
 _OTHER_END: Final = {"near": "far", "far": "near", "left": "right", "right": "left"}
-_DECIDER: Final = 3  # game within which the players change ends
 _PLACE: Final = re.compile("player|court|side|half|end")
-UNKNOWN_END: Final = "the players change ends in the third game, and with one name nobody knows the other; name them in each row"
+UNKNOWN_END: Final = (
+    "the players change ends in the last possible game (the third, unless --rules tell another), and with one name nobody knows "
+    "the other; name them in each row"
+)
 
 
 @functools.lru_cache(maxsize=1 << 12)
@@ -328,23 +331,29 @@ def ends_in(names: Mapping[str, str]) -> dict[str, str]:
     return {end: name for word, name in names.items() if (end := end_of(word))}
 
 
-def at_ends(ends: Mapping[str, str], words: Sequence[str], games: Iterable[int], first: int) -> list[str]:
+def at_ends(ends: Mapping[str, str], words: Sequence[str], games: Iterable[int], first: int, rules: str) -> list[str]:
     """Names of players who are named by the ends of a match, empty where they cannot be known (:data:`UNKNOWN_END`).
 
     Args:
         ends: names by end in the game ``first``, see :func:`ends_in`.
         words, games: the end of each player, and its game, from 1.
+        rules: name of those of the match; empty: those of the sport.
     """
     return [
-        ends.get(end_of(word) if game == first else _OTHER_END.get(end_of(word), ""), "") if game < _DECIDER else ""
+        ends.get(_OTHER_END.get(end_of(word), "") if (game - first) % 2 else end_of(word), "") if game < decider_of(rules) else ""
         for word, game in zip(words, games, strict=True)
     ]
+
+
+def decider_of(rules: str) -> int:
+    """The game within which the players change ends."""
+    return 2 * RULES[cast("RulesName", rules or "21")].games - 1
 
 
 def ends_note(games: Iterable[int]) -> str:
     """Sentence on the names of ends that are inferred in these games."""
     if len(set(games)) > 1:
-        return "names of the ends: those of the first game of a match, exchanged in the second, because the players change"
+        return "names of the ends: those of the first game of a match, exchanged in every second, because the players change"
     return "names of the ends: the same in all rallies, because they are of one game by their numbers"
 
 
@@ -390,7 +399,7 @@ def spelled(sheet: Sheet, name: str, game: I64 | None = None, match: Array | Non
     at_end = np.array([plain(text) in spellings and bool(end_of(text)) for text in texts])
     for of_match in np.unique(match[at_end]):
         rows, games = np.flatnonzero(at_end & (match == of_match)).tolist(), game[match == of_match]
-        found = at_ends(ends, [texts[row] for row in rows], game[rows], games.min())
+        found = at_ends(ends, [texts[row] for row in rows], game[rows], games.min(), sheet.map.rules)
         for row, person in zip(rows, found, strict=True):
             if not person:
                 sheet.mark(row, f"{sheet.named(name)} {shown(texts[row])}: {UNKNOWN_END}")

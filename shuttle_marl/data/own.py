@@ -301,24 +301,26 @@ def import_matches(path: Path, columns: Path | None = None, rules: RulesName | N
         DataError: an unreadable file, invalid values, or broken rules; with the number of rows that were read.
     """
     given = ColumnMap() if columns is None else ColumnMap.read(columns)
+    given = dataclasses.replace(given, rules=rules or given.rules)
     sheet = readers.read(path, given)
     try:
-        return clean(sheet, given, rules)
+        return clean(sheet, given)
     except DataError as error:
         error.rows = sheet.total
         raise
 
 
-def clean(sheet: Sheet, given: ColumnMap, rules: RulesName | None = None) -> Cleaned:
+def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
     """Check and convert the table of a reader.
 
     Rallies that were replayed are dropped; of a file that users cannot correct also those with a problem, which is a warning.
     """
-    path, total, rules = sheet.path, sheet.total, rules or cast("RulesName", given.rules) or None
+    path, total, rules = sheet.path, sheet.total, cast("RulesName", given.rules) or None
     sheet.map = _mapped(sheet, given)
     sheet.require(sheet.map.columns.values())
     if rules is None and len(named := {*filter(None, _rules_of(sheet))}) == 1:
         (rules,) = named
+        sheet.map = dataclasses.replace(sheet.map, rules=rules)
     told, sheet.warnings = sheet.warnings, []
     read = {"source": sheet.map.source, "format": sheet.format, "file": path.name, "sha256": content_hash(sheet.content)}
     unread = [name for name in sheet.header if name and name not in sheet.map.columns.values()]
@@ -367,7 +369,7 @@ def clean(sheet: Sheet, given: ColumnMap, rules: RulesName | None = None) -> Cle
     if undated and len(names) > 1:
         lost.append(f"a date in the names of {len(undated)} of {len(names)} matches, which count in the order of the table")
     if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
-        lost.append("names of the players: those of the ends, which they change between games and at 11 points of a third one")
+        lost.append("names of the players: those of the ends, which they change between games and within the last possible one")
     strokes, doubt = with_rules(strokes, path, rules)
     told += [Problem(path, words) for words in (*copies(strokes), doubt) if words]
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)

@@ -42,7 +42,9 @@ def read(path: Path, given: ColumnMap) -> Sheet:
     if isinstance(value, Sheet):
         return value if given.columns or not set(value.header) >= SINGLE_GAME else read_single_game(path, value)
     if not isinstance(value, ET.Element):
-        return (read_badminton_db if is_badminton_db(value) else _read_json)(path, content, value)
+        return (
+            read_badminton_db(path, content, value) if is_badminton_db(value) else _read_json(path, content, value, given.rules)
+        )
     if value.tag == "ANNOTATION_DOCUMENT":
         return read_elan(path, content, value)
     if value.find(_INSTANCE) is None:
@@ -63,7 +65,7 @@ def _parsed(path: Path, content: bytes, given: ColumnMap) -> Any:
     return read_csv(path, delimiter=given.delimiter or None, decimal=given.decimal)
 
 
-def _read_json(path: Path, content: bytes, value: Any) -> Sheet:
+def _read_json(path: Path, content: bytes, value: Any, rules: str) -> Sheet:
     """Strokes that a program recognised in a video, as JSON: objects with a type of stroke, anywhere in the file.
 
     Such as ``[{"frame": 120, "player": "top", "stroke_type": "smash", "confidence": 0.93}, …]``, or the same within rallies. Keys
@@ -79,7 +81,7 @@ def _read_json(path: Path, content: bytes, value: Any) -> Sheet:
         for entry in entries:
             if sided := _SIDE.fullmatch(entry["shot"]):
                 entry["player"], entry["shot"] = sided.groups()
-    inferred += [_name(path, *named) for named in found.named]
+    inferred += [_name(path, *named, rules) for named in found.named]
     for entry in entries:
         rate = _rate(path, entry.pop("fps", ""))
         if "seconds" not in entry and entry.get("frame", "").isdecimal() and len(entry["frame"]) < _LONGEST:
@@ -109,13 +111,13 @@ def _rate(path: Path, told: str) -> float:
     return rate
 
 
-def _name(path: Path, ends: Mapping[str, str], strokes: list[_Entry]) -> str:
+def _name(path: Path, ends: Mapping[str, str], strokes: list[_Entry], rules: str) -> str:
     """Replace the ends of the strokes below an object that names them; a sentence on it."""
     games = [int(entry["game"]) if entry.get("game", "").isdecimal() else 1 for entry in strokes]
     for column in ("player", "opponent", "winner"):
         at = [k for k, entry in enumerate(strokes) if end_of(entry.get(column, ""))]
         words = [strokes[k][column] for k in at]
-        for k, name in zip(at, at_ends(ends, words, [games[k] for k in at], min(games)), strict=True):
+        for k, name in zip(at, at_ends(ends, words, [games[k] for k in at], min(games), rules), strict=True):
             if not name:
                 raise DataError(path, f"{column} {strokes[k][column]!r} of game {games[k]}: {UNKNOWN_END}")
             strokes[k][column] = name

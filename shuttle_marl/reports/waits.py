@@ -18,6 +18,7 @@ from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.hands import receiver_hands
 from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.recovery import N_POSITIONS, position_of
+from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 from shuttle_marl.reports.habits import discoveries
@@ -28,7 +29,6 @@ LEAST_METRES: Final = 0.1  # smaller differences are of no use on court, and are
 LEAST_MATCHES: Final = 5  # matches of a player from which on intervals resample matches; of fewer they resample rallies
 _RESAMPLES: Final = 2000
 _BOUNDS: Final = (0.025, 0.975)
-_INTERVAL: Final = 11  # points at which players change ends in a third game
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -118,7 +118,9 @@ class _Rows(NamedTuple):
             return np.append(values[1:], np.nan)
 
         rally, game = rally_numbers(strokes), column("game").astype(np.int64)
-        changed = (game > 2) & (np.fmax(column("points"), column("points_opponent")) >= _INTERVAL)
+        rules = [RULES[name or "21"] for name in strokes["rules"].to_pylist()]
+        last, half = np.array([(2 * each.games - 1, (each.points + 1) // 2) for each in rules]).T
+        changed = (game >= np.maximum(last, 2)) & (np.fmax(column("points"), column("points_opponent")) >= half)
         x, y = after(column("receiver_x")), after(column("receiver_y"))
         left = after((receiver_hands(strokes) == HANDS.index("left")).astype(np.float64)) == 1
         follows = (after(rally.astype(np.float64)) == rally) & (after(column("stroke")) == column("stroke") + 1)
