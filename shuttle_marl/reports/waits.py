@@ -119,7 +119,7 @@ class _Rows(NamedTuple):
 
         rally, game = rally_numbers(strokes), column("game").astype(np.int64)
         rules = [RULES[name or "21"] for name in strokes["rules"].to_pylist()]
-        last, half = np.array([(2 * each.games - 1, (each.points + 1) // 2) for each in rules]).T
+        last, half = np.array([(2 * each.games - 1, (each.points + 1) // 2) for each in rules], dtype=np.int64).reshape(-1, 2).T
         changed = (game >= np.maximum(last, 2)) & (np.fmax(column("points"), column("points_opponent")) >= half)
         x, y = after(column("receiver_x")), after(column("receiver_y"))
         left = after((receiver_hands(strokes) == HANDS.index("left")).astype(np.float64)) == 1
