@@ -25,7 +25,7 @@ IMPORT: Final = "import "
 """Before the name of a function that the import of a module calls."""
 COMPILERS: Final = {"compiled", "_compiled", "inlined", "cached"}
 """Decorators of functions that do not run as Python."""
-COMPILED: Final = {"count_rally"}
+COMPILED: Final = {"count_rally", "mix"}
 """Functions that are compiled beside their form in Python."""
 
 
