@@ -573,6 +573,11 @@ export class App {
     this.draw();
   }
 
+  /** Where players and shuttle are in the picture at a time; nothing is drawn. */
+  held(time: number): ReturnType<Stage["held"]> | null {
+    return this.shown && (this.stage?.held(this.shown.rally, this.shown.motion, time) ?? null);
+  }
+
   /** State of the page for tests and scripts. */
   state(): Record<string, unknown> {
     const { course, player, screen, stage } = this;

@@ -336,13 +336,12 @@ export class Backdrop {
   private size = "";
 
   constructor(private readonly renderer: THREE.WebGLRenderer) {
-    // The picture is that of the canvas already: it is copied pixel by pixel.
     this.material = new THREE.RawShaderMaterial({
       glslVersion: THREE.GLSL3,
-      uniforms: { picture: { value: null } },
+      uniforms: { picture: { value: null }, part: { value: new THREE.Vector4() }, size: { value: new THREE.Vector2() } },
       vertexShader: "in vec3 position; void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }",
-      fragmentShader:
-        "precision mediump float; uniform sampler2D picture; out vec4 colour; void main() { colour = texelFetch(picture, ivec2(gl_FragCoord.xy), 0); }",
+      fragmentShader: `precision mediump float; uniform sampler2D picture; uniform vec4 part; uniform vec2 size; out vec4 colour;
+        void main() { colour = texture(picture, part.xy + part.zw * gl_FragCoord.xy / size); }`,
       depthTest: false,
       depthWrite: false,
     });
@@ -355,12 +354,26 @@ export class Backdrop {
     this.screen.add(sheet);
   }
 
-  /** Renders a scene; the layer `BEHIND` is rendered once per view and cached. */
-  render(scene: THREE.Scene, eye: THREE.PerspectiveCamera): void {
+  /**
+   * Renders a scene; the layer `BEHIND` is rendered once per view and cached.
+   * @param widen sets the lens to the picture that is cached, and `narrow` to the one that is shown.
+   * @param part the one that is shown in the cached one: corner and size.
+   */
+  render(
+    scene: THREE.Scene,
+    eye: THREE.PerspectiveCamera,
+    widen: () => void,
+    narrow: () => void,
+    part: [number, number, number, number],
+  ): void {
     const { renderer } = this;
+    const { uniforms } = this.material;
     eye.updateMatrixWorld();
-    const behind = this.pictureOf(scene, eye);
-    this.material.uniforms["picture"]!.value = behind;
+    widen();
+    uniforms["picture"]!.value = this.pictureOf(scene, eye);
+    narrow();
+    uniforms["part"]!.value.set(...part);
+    uniforms["size"]!.value.set(renderer.domElement.width, renderer.domElement.height);
     renderer.autoClear = false;
     renderer.render(this.screen, this.flat);
     renderer.clearDepth();
@@ -386,6 +399,7 @@ export class Backdrop {
     }
     const picture =
       this.pictures.length < MAX_PICTURES ? new THREE.FramebufferTexture(width, height) : this.pictures.shift()!.picture;
+    picture.magFilter = picture.minFilter = THREE.LinearFilter;
     eye.layers.set(BEHIND);
     renderer.render(scene, eye);
     renderer.copyFramebufferToTexture(picture);

@@ -154,6 +154,7 @@ try {
       go: (rally: number, stroke: number | null = null) => app.go(rally, stroke),
       key: (key: string) => app.key(key),
       draw: () => app.draw(),
+      held: (time: number) => app.held(time),
       film: () => app.film(),
       floorAt: (x: number, y: number) => app.stage?.floorAt(x, y) ?? null,
     };
