@@ -325,6 +325,7 @@ class TurnStroke(StrokeFacts, kw_only=True):
 
     p_succ: float
     p_ret: float
+    support: float | None  # number of real strokes behind it; None: unknown
 
 
 class Turn(Struct):
@@ -447,7 +448,6 @@ class Analysis(Struct):
     number: int
     factor: tuple[float, float, float] | None
     strokes: list[StrokeValue]
-    landings: list[tuple[list[float] | None, list[float] | None]]
     win_after: float | None
     match_after: float | None
 
@@ -542,11 +542,15 @@ class Saved(Struct):
 
 
 class Suggestion(Struct):
-    """A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height."""
+    """A shot type with its probability, the ways of playing it, the usual one first, and the probabilities of its targets.
+
+    A way is twice the technique plus the height; targets are areas as a right-handed receiver sees them, given the shot.
+    """
 
     shot: int
     probability: float
     ways: list[int]
+    areas: list[float]
 
 
 class Suggestions(Struct):

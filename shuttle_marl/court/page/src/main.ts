@@ -2,7 +2,6 @@
 
 import "./style.css";
 import { App } from "./app";
-import { expanded, isCondensed } from "./condensed";
 import { Connection } from "./connection";
 import { h } from "./dom";
 import { Motion } from "./motion";
@@ -26,7 +25,7 @@ function query({ plan, rally, person, tried, friend }: Wanted): Omit<RallyReques
 }
 
 async function unpacked({ facts, body }: { facts: { rally: RallyFacts }; body: ArrayBuffer }, before: Motion | null = null) {
-  return { rally: facts.rally, motion: isCondensed(body) ? expanded(body) : await Motion.unpack(body, before) };
+  return { rally: facts.rally, motion: await Motion.unpack(body, before) };
 }
 
 interface Opened {
@@ -53,33 +52,21 @@ async function served(): Promise<Opened> {
     friend: async (asked) => (await server.ask("friend", asked)).facts,
     puzzles: true,
     model: fetchModel,
-    share: async (rallies, title, hash, progress) => {
+    share: async (wanted, title, hash) => {
       const [script = "", style = ""] = await Promise.all(
         ["watch.js", "watch.css"].map(async (name) => (await fetch(name)).text()),
       );
-      const replies = new Map<string, ArrayBuffer>();
-      const athletes = new Set<string>();
-      for (const [i, wanted] of rallies.entries()) {
-        progress(i);
-        const reply = await server.ask("rally", { ...query(wanted), have: false });
-        reply.facts.rally.players.forEach(({ athlete }) => athletes.add(athlete));
-        replies.set(`rally ${wanted.rally}`, reply.raw);
-        replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw);
-        if (wanted.plan && !replies.has("styles")) {
-          replies.set("styles", (await server.ask("styles", query(wanted))).raw);
-          if (rallies.length > 1) {
-            const last = { ...query(rallies.at(-1)!), partial: true };
-            replies.set("match", (await server.ask("match", last)).raw);
-          }
-        }
+      const reply = await server.ask("rally", { ...query(wanted), have: false });
+      const athletes = new Set(reply.facts.rally.players.map(({ athlete }) => athlete));
+      const replies = new Map<string, ArrayBuffer>([
+        [`rally ${wanted.rally}`, reply.raw],
+        [`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw],
+      ]);
+      if (wanted.plan) {
+        replies.set("styles", (await server.ask("styles", query(wanted))).raw);
       }
       const models = new Map(await Promise.all([...athletes].map(async (name) => [name, await fetchModel(name)] as const)));
-      return sharedPage(
-        { script, style, hello: raw, replies, models },
-        rallies.map(({ rally }) => `rally ${rally}`),
-        title,
-        hash,
-      );
+      return sharedPage({ script, style, hello: raw, replies, models }, title, hash);
     },
   };
   return { hello, source, server };
@@ -155,7 +142,6 @@ try {
       key: (key: string) => app.key(key),
       draw: () => app.draw(),
       held: (time: number) => app.held(time),
-      film: () => app.film(),
       floorAt: (x: number, y: number) => app.stage?.floorAt(x, y) ?? null,
     };
   }

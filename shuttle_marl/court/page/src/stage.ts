@@ -34,6 +34,7 @@ const TURNING = 600; // time in which the picture follows another motion [ms]
 const RISING = 0.7; // time that spectators take to rise after a rally [s]
 const LANDED = 2.1; // time for which the landing point is marked [s]
 const LONG = 20; // strokes of a rally after which all of them rise
+const OFFERED = new THREE.Color(0xe6edf7); // of areas that may be chosen
 const OPEN = new THREE.Color(0xf97316); // of the open side
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
@@ -61,6 +62,10 @@ export class Stage {
   readonly lite: boolean;
   camera: Camera = "broadcast";
   flipped = false;
+  /** Whether a person plays: the camera stands higher and holds the whole court, so that they can point at it. */
+  raised = false;
+  /** Part of the height that the score covers: the picture leaves it free. */
+  covered = 0;
   /** Whether the last pointer gesture was a drag. */
   dragged = false;
   private readonly renderer: THREE.WebGLRenderer;
@@ -84,7 +89,6 @@ export class Stage {
   private area: [number, number, number, number] | null = null;
   private drawn = 0; // time of the last frame
   private late = 0; // consecutive slow frames
-  private hurried = true; // whether slow frames lower the resolution
 
   constructor(
     private readonly facts: HallFacts,
@@ -123,6 +127,7 @@ export class Stage {
       this.marks.landing,
       this.marks.flight,
       this.marks.waits,
+      ...this.marks.legal.map(({ root }) => root),
     );
     this.controls = new OrbitControls(this.eye, this.canvas);
     this.controls.enabled = false;
@@ -199,6 +204,7 @@ export class Stage {
   /**
    * Draws a rally at a time [s].
    * @param target replaces the target area of the stroke unless it is null.
+   * @param legal areas that may be chosen.
    * @param flight flight that is sketched; null: none.
    * @param waiting the stroke whose positions and open side are shown; null: none are.
    * @param paused whether the whole flight of the shuttle is drawn.
@@ -207,7 +213,8 @@ export class Stage {
     rally: RallyFacts,
     motion: Motion,
     time: number,
-    target: [number, number, number, number] | null,
+    target: Box | null,
+    legal: Box[],
     flight: Flight | null,
     waiting: StrokeValue | null,
     paused: boolean,
@@ -239,13 +246,14 @@ export class Stage {
     this.shuttle.show(motion, time, flying ? stroke : null, paused, colour, this.eye.position, pixels);
     this.area = target ?? (flying ? stroke.box : null);
     this.marks.showFlight(flight);
+    this.marks.showLegal(legal, OFFERED);
     this.marks.area.show(this.area, target ? new THREE.Color("#fbbf24") : colour);
     const receiver = 1 - (stroke?.seat ?? 0);
     const place = (position: number) => placeOf(this.facts, rally, receiver, position);
-    const stood = flying && stroke.waited !== null ? place(stroke.waited) : null;
     const seen = flying ? waiting : null;
+    const stood = seen && stroke!.waited !== null ? motion.hipsAt(stroke!.time, receiver, [0, 0, 0]) : null;
     const perfect = (seen?.places ?? []).map((one): Vec3 => [...place(one.position), one.perfect]);
-    this.marks.showWaits(stood, perfect, this.colours[receiver]!);
+    this.marks.showWaits(stood && [stood[0], stood[1]], perfect, this.colours[receiver]!);
     this.marks.open.show(seen?.open?.box ?? null, OPEN);
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
@@ -253,22 +261,22 @@ export class Stage {
       ? Math.min(1, (time - last.end_time) / RISING) * Math.min(1, 0.3 + rally.strokes.length / LONG)
       : 0;
     this.marks.showLanding(over && time < last.end_time + LANDED ? last.end_point : null, last?.end === "winner");
-    if (this.lite && this.hurried) {
+    if (this.lite) {
       this.easeOff(paused); // before the picture, which a new resolution clears
     }
     // Software rendering draws the static background once per view.
     if (this.lite && this.framing && this.shownCamera !== "free" && this.shownCamera !== "follow") {
-      const whole = this.framing.of.whole(this.eye.aspect);
-      this.backdrop.render(this.scene, this.eye, () => this.look(whole), () => this.look(this.picture), inside(this.picture, whole));
+      const whole = this.framing.of.whole(this.eye.aspect, this.covered);
+      this.backdrop.render(
+        this.scene,
+        this.eye,
+        () => this.look(whole),
+        () => this.look(this.picture),
+        inside(this.picture, whole),
+      );
     } else {
       this.renderer.render(this.scene, this.eye);
     }
-  }
-
-  /** Whether every frame has the full resolution at one pixel per unit, so that it depends on the rally only. */
-  drawWhole(on: boolean): void {
-    this.hurried = !on;
-    this.renderer.setPixelRatio(on || this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
   }
 
   /** Lowers the resolution after several slow frames; while paused, frames come when the viewer steps. */
@@ -315,13 +323,15 @@ export class Stage {
   /** The picture of a camera that stands still; it follows another motion from where it was. */
   private framed(camera: Shot, motion: Motion, time: number): Picture {
     const { aspect, matrixWorldInverse } = this.eye;
-    const key = [camera, this.flipped, camera === "top" && aspect > 1.2].join();
+    const key = [camera, this.flipped, this.raised, camera === "top" && aspect > 1.2].join();
     if (this.framing?.key !== key || this.framing.motion !== motion) {
       const follows = this.framing?.key === key && !this.still && !this.lite;
       this.turning = follows ? { from: this.picture, began: performance.now() } : null;
-      this.framing = { key, motion, of: new Framing(motion, matrixWorldInverse) };
+      const { half_width: x, half_length: y } = this.facts.court;
+      const corners: [number, number][] = [[-x, -y], [x, -y], [-x, y], [x, y]]; // biome-ignore format: a line
+      this.framing = { key, motion, of: new Framing(motion, matrixWorldInverse, this.raised ? corners : []) };
     }
-    const wanted = this.framing.of.at(time, aspect);
+    const wanted = this.framing.of.at(time, aspect, this.covered);
     const share = this.turning ? (performance.now() - this.turning.began) / TURNING : 1;
     return share < 1 ? mixed(this.turning!.from, wanted, share * share * (3 - 2 * share)) : wanted;
   }
@@ -348,7 +358,9 @@ export class Stage {
         return { eye: at(hips[0] * 0.85, hips[1] - end * 4.4, 2.55), look: at(hips[0] * 0.5, end * 2.5, 1.35), from: 0.1 };
       }
       default:
-        return { eye: at(0, -end * 16.5, 4.4), look: at(0, 0, 1), from: 7 };
+        return this.raised
+          ? { eye: at(0, -end * 15, 8.5), look: at(0, 0, 0), from: 7 }
+          : { eye: at(0, -end * 16.5, 4.4), look: at(0, 0, 1), from: 7 };
     }
   }
 
@@ -418,8 +430,7 @@ export class Stage {
 
 /** Camera of the director: the side for an attack, if the window is wide, else that of a broadcast. */
 function directed(rally: RallyFacts, time: number, aspect: number): Shot {
-  const attacks = ({ shot, time: begins, end_time }: Stroke) =>
-    ATTACKS.has(shot) && time >= begins - BEFORE && time < end_time;
+  const attacks = ({ shot, time: begins, end_time }: Stroke) => ATTACKS.has(shot) && time >= begins - BEFORE && time < end_time;
   return aspect >= WIDE && rally.strokes.some(attacks) ? "side" : "broadcast";
 }
 

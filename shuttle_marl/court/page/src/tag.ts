@@ -5,6 +5,7 @@ import "./tag.css";
 import type { Connection } from "./connection";
 import { type Child, capitalised, h, percent, replaceChildren, s } from "./dom";
 import { Film } from "./film";
+import { keyOf } from "./keys";
 import { languageMenu } from "./layout";
 import {
   CORNER_NAMES,
@@ -256,10 +257,7 @@ export class Tagging {
       return;
     }
     const acts = this.acts();
-    // Keys of the keypad and letters of another alphabet count by their place.
-    const [, digit, letter] = /^(?:Numpad(\d)|Key([A-Z]))$/.exec(event.code) ?? [];
-    const latin = /^[\x20-\x7e]$/.test(event.key);
-    const key = digit ?? (latin || !letter ? event.key : letter.toLowerCase());
+    const key = keyOf(event);
     const act = acts[key] ?? acts[key.toLowerCase()];
     if (act) {
       event.preventDefault();

@@ -254,6 +254,7 @@ export interface TurnStroke {
   box: [number, number, number, number];
   p_succ: number;
   p_ret: number;
+  support: number | null;
 }
 
 /** Appearance of a player. */
@@ -276,7 +277,6 @@ export interface Analysis {
   number: number;
   factor: Vec3 | null;
   strokes: StrokeValue[];
-  landings: ([number[] | null, number[] | null])[];
   win_after: number | null;
   match_after: number | null;
 }
@@ -528,11 +528,12 @@ export interface Suggestions {
   shots: Suggestion[];
 }
 
-/** A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height. */
+/** A shot type with its probability, the ways of playing it, the usual one first, and the probabilities of its targets. */
 export interface Suggestion {
   shot: number;
   probability: number;
   ways: number[];
+  areas: number[];
 }
 
 /** Requests by operation. */
