@@ -375,7 +375,7 @@ export class Stage {
 
   private joints(seat: number): Box | null {
     const out: Box = [Infinity, Infinity, -Infinity, -Infinity];
-    this.athletes?.[seat]!.root.traverse((part) => {
+    this.athletes?.[seat]?.root.traverse((part) => {
       if (part instanceof THREE.Bone) {
         const { x, y } = part.getWorldPosition(new THREE.Vector3()).project(this.eye);
         const [u, v] = [(x + 1) / 2, (1 - y) / 2];
