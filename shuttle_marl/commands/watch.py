@@ -23,8 +23,6 @@ from shuttle_marl.policy.baselines import players as imitated
 from shuttle_marl.reports.languages import Language, current
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from shuttle_marl.court.answers import Answers
     from shuttle_marl.court.plan import Plan
     from shuttle_marl.court.recorded import Recorded

@@ -399,9 +399,6 @@ class Question(Struct):
 
     right: int  # the right answer
     wrong: list[int]  # wrong answers, the stroke played first
-    share: float  # of elite players who choose the right shot type
-    theme: str  # one of THEMES of shuttle_marl.reports.rating, or serve
-    usual: int  # how usual the right shot type is as an answer, 0: the least
 
 
 class Place(Struct):
@@ -439,7 +436,7 @@ class StrokeValue(Struct, kw_only=True):
     support: int | None  # number of real strokes behind the rarer of both; None: unknown
     places: list[Place] | None  # positions of the receiver; None: they have no choice
     open: OpenSide | None  # the open side; None: there is none, or the position is not known
-    wait: int | None  # how usual the answer is to the question where to wait; None: it is not asked
+    wait: bool  # whether it is asked where to wait
 
 
 class Analysis(Struct):

@@ -20,7 +20,7 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.reports.rally import Decision, Players, analyse_rally
-from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of
+from shuttle_marl.reports.rating import Rated, places_of, rater_of
 
 
 def hall_facts() -> messages.HallFacts:
@@ -219,9 +219,6 @@ class StrokeValues:
             question = messages.Question(
                 right=int(choice.stroke[right]),
                 wrong=[int(choice.stroke[k]) for k in wrong],
-                share=rounded(rated.share[right]),
-                theme=theme_of(rally, number, above=bool(self.game.contact(choice.state))),
-                usual=usual_of(SHOTS[rated.shot[right]]),
             )
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
@@ -243,7 +240,7 @@ class StrokeValues:
         """What the receiver of a stroke could do, and what the striker gains by it."""
         found = places_of(self.game, choice.state, choice.seat, self.policies.solution) if self.game.recovery else None
         if found is None:
-            return {"places": None, "open": None, "wait": None}
+            return {"places": None, "open": None, "wait": False}
         columns = found.position, found.people, found.perfect, found.loss, found.win[rank]
         places = [messages.Place(int(p), *map(rounded, rest)) for p, *rest in zip(*columns, strict=True)]
         waited = waited_at(rally, self.game, number, choice.state)
@@ -253,8 +250,7 @@ class StrokeValues:
             best = int(gain.argmax())
             if gain[best] >= OPEN:
                 side = messages.OpenSide(**stroke_facts(rally, int(choice.stroke[best]), choice.seat), gain=rounded(gain[best]))
-        asked = None if waited is None else found.question(waited)
-        return {"places": places, "open": side, "wait": asked}
+        return {"places": places, "open": side, "wait": waited is not None and found.asks(waited)}
 
     def positions(self, state: int, receiver: int) -> list[float]:
         """Probabilities with which perfect play waits where the opponent is in a state; empty: a receiver has no choice there."""

@@ -79,7 +79,6 @@ export class App {
       source,
       this.values,
       {
-        count: this.count,
         go: (rally, stroke, playing) => this.go(rally, stroke, playing),
         setMode: (mode) => this.setMode(mode),
         enter: (mode) => this.enter(mode, mode === "play"),
@@ -90,9 +89,7 @@ export class App {
     if (source.friend && this.live) {
       this.course.friend = new FriendGame(source.friend, layout, (now) => this.friendPlayed(now));
     }
-    this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, () =>
-      this.go(this.course.number + 1, null, true),
-    );
+    this.ending = new Ending(this.course, this.frames, this.rallies, () => this.go(this.course.number + 1, null, true));
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
     const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
@@ -174,9 +171,8 @@ export class App {
       changeSide: (seat, side) => this.changeSide(seat, side),
       takeOver: (seat) => void this.takeOver(seat),
       choose: (choice) => void this.choose(choice),
-      nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
+      nextQuestion: () => void this.go(this.course.number + 1),
       isLast: () => this.isLast,
-      daily: this.source.puzzles ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
       retry: () => void this.retry(),
       hints: async () => {
         const { friend, number } = this.course;
@@ -228,7 +224,6 @@ export class App {
   private show(shown: Shown, time: number, playing: boolean): void {
     const { course, frames, player, hello } = this;
     const { rally, motion } = shown;
-    this.ending.restoreCamera();
     this.shown = shown;
     if (course.person) {
       this.seeFrom(course.person.seat, rally);
@@ -266,8 +261,8 @@ export class App {
     const failed = (error: Error) => this.screen.layout.say(error.message, true);
     if (typeof choice === "number") {
       challenges.duel(choice).catch(failed);
-    } else if (choice === "daily" || choice === "friend") {
-      (choice === "daily" ? challenges.daily() : challenges.friend(null)).catch(failed);
+    } else if (choice === "friend") {
+      challenges.friend(null).catch(failed);
     } else if (choice !== "watch") {
       this.setMode(choice);
     }
@@ -281,7 +276,7 @@ export class App {
       return;
     }
     if (mode !== "learn") {
-      screen.learn.start(null);
+      screen.learn.end();
     }
     this.enter(mode, mode === "watch" || mode === "play");
     if (mode === "play" && !course.person && course.plan) {
@@ -356,7 +351,7 @@ export class App {
     if (this.live) {
       this.course.newMatch();
       this.values.reset();
-      this.screen.learn.start(null);
+      this.screen.learn.end();
       void this.go(0, null, true);
     }
   }

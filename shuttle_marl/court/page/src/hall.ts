@@ -43,20 +43,17 @@ function* numbers(seed: number): Generator<number, never> {
   }
 }
 
-/** @returns excitement of the spectators, from 0 (all sit) to 1 (all stand). */
-export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): { value: number } {
-  const excitement = { value: 0 };
+export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): void {
   scene.fog = new THREE.Fog(DARK, 26, 60);
   addFloor(scene, facts);
   addBoards(scene);
-  addStands(scene, lite, excitement);
+  addStands(scene, lite);
   scene.traverse((part) => part.layers.set(BEHIND));
   addNet(scene, facts, lite);
   addLights(scene, lite);
   if (lite) {
     simplify(scene);
   }
-  return excitement;
 }
 
 /** Replaces materials and textures by ones that are cheap in software rendering. */
@@ -231,7 +228,7 @@ function addBoards(scene: THREE.Scene): void {
 }
 
 /** Four stands with spectators. */
-function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: number }): void {
+function addStands(scene: THREE.Scene, lite: boolean): void {
   const rows = lite ? 9 : 16;
   const random = numbers(20417);
   const spots: { spot: THREE.Vector3; turn: number }[] = [];
@@ -270,17 +267,6 @@ function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: numbe
         new THREE.BoxGeometry(0.3, 0.13, 0.36).translate(0, 0.07, -0.22),
       ]);
   const material = new THREE.MeshLambertMaterial({ color: 0xffffff });
-  if (!lite) {
-    // Spectators rise one after the other, each at a level of excitement of its own.
-    material.onBeforeCompile = (shader) => {
-      shader.uniforms["excitement"] = excitement;
-      const rise = "transformed.y *= 1.0 + 0.5 * smoothstep(0.8 * mood, 0.8 * mood + 0.2, excitement);";
-      const mood = "float mood = fract(43758.5453 * sin(dot(instanceMatrix[3].xz, vec2(12.9898, 78.233))));";
-      shader.vertexShader = shader.vertexShader
-        .replace("void main() {", "uniform float excitement;\nvoid main() {")
-        .replace("#include <begin_vertex>", `#include <begin_vertex>\n${mood}\n${rise}`);
-    };
-  }
   const crowd = new THREE.InstancedMesh(body, material, spots.length);
   const matrix = new THREE.Matrix4();
   const colour = new THREE.Color();

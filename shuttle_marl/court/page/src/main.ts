@@ -50,7 +50,6 @@ async function served(): Promise<Opened> {
     rating: async ({ points, deviation, volatility }, scores) =>
       (await server.ask("rating", { points, deviation, volatility, scores })).facts,
     friend: async (asked) => (await server.ask("friend", asked)).facts,
-    puzzles: true,
     model: fetchModel,
     share: async (wanted, title, hash) => {
       const [script = "", style = ""] = await Promise.all(
@@ -85,7 +84,6 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
     rating: noPlay,
     styles: async () => (await find<Styles>("styles")).facts,
     match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
-    puzzles: false,
     friend: null,
     model,
     share: null,
@@ -119,7 +117,7 @@ async function site(): Promise<Opened> {
   };
   const { facts: hello } = await find<Hello>("hello");
   const match = ({ plan, rally }: Wanted) => `match ${plan ? 0 : rally}`;
-  return { hello, source: { ...stored(find, match, fetchModel), puzzles: true } };
+  return { hello, source: stored(find, match, fetchModel) };
 }
 
 const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();
@@ -142,7 +140,7 @@ try {
       key: (key: string) => app.key(key),
       draw: () => app.draw(),
       held: (time: number) => app.held(time),
-      floorAt: (x: number, y: number) => app.stage?.floorAt(x, y) ?? null,
+      windowAt: (x: number, y: number) => app.stage?.windowAt(x, y) ?? null,
     };
   }
 } catch (error) {

@@ -42,8 +42,6 @@ export interface Acts extends Hooks {
   nextQuestion(): void;
   /** Whether the page has no rally after this one. */
   isLast(): boolean;
-  /** Starts the puzzles of the day; null: this page has too few rallies. */
-  daily: (() => void) | null;
   gameOver(rally: RallyFacts): void;
   /** Plays the rally again from the last stroke of the person on the court. */
   retry(): void;
@@ -126,7 +124,6 @@ export class Screen {
       reveal: (upTo) => this.reveal(upTo),
       nextRally: () => acts.nextQuestion(),
       isLast: () => acts.isLast(),
-      daily: acts.daily,
       point: (option) => this.point(option),
       mark: (position) => this.markPlace(position),
       playFrom: async (stroke) => {

@@ -31,9 +31,7 @@ const ATTACKS = new Set(["smash", "half-smash", "net-kill"]);
 const BEFORE = 0.5; // time before an attack at which the director shows the side [s]
 const WIDE = 1.5; // shape of a window from which on the side is shown
 const TURNING = 600; // time in which the picture follows another motion [ms]
-const RISING = 0.7; // time that spectators take to rise after a rally [s]
 const LANDED = 2.1; // time for which the landing point is marked [s]
-const LONG = 20; // strokes of a rally after which all of them rise
 const OFFERED = new THREE.Color(0xe6edf7); // of areas that may be chosen
 const OPEN = new THREE.Color(0xf97316); // of the open side
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
@@ -75,7 +73,6 @@ export class Stage {
   private readonly controls: OrbitControls;
   private readonly shuttle: Shuttle;
   private readonly marks = new Marks();
-  private readonly excitement: { value: number };
   private readonly colours = COLOURS.map((colour) => new THREE.Color(colour)) as [THREE.Color, THREE.Color];
   private readonly models = new Map<string, THREE.Object3D>();
   private athletes: [Athlete, Athlete] | null = null;
@@ -116,7 +113,7 @@ export class Stage {
     this.renderer.shadowMap.enabled = !this.lite;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.setPixelRatio(this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
-    this.excitement = buildHall(this.scene, facts, this.lite);
+    buildHall(this.scene, facts, this.lite);
     this.shuttle = new Shuttle(facts.shuttle);
     this.scene.add(
       this.shuttle.root,
@@ -257,9 +254,6 @@ export class Stage {
     this.marks.open.show(seen?.open?.box ?? null, OPEN);
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
-    this.excitement.value = over
-      ? Math.min(1, (time - last.end_time) / RISING) * Math.min(1, 0.3 + rally.strokes.length / LONG)
-      : 0;
     this.marks.showLanding(over && time < last.end_time + LANDED ? last.end_point : null, last?.end === "winner");
     if (this.lite) {
       this.easeOff(paused); // before the picture, which a new resolution clears
@@ -411,6 +405,13 @@ export class Stage {
     ray.setFromCamera(point, this.eye);
     const hit = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 1, 0), 0), new THREE.Vector3());
     return hit ? [-hit.x, hit.z] : null;
+  }
+
+  /** Window coordinates of a point of the floor. */
+  windowAt(x: number, y: number): [number, number] {
+    const box = this.canvas.getBoundingClientRect();
+    const seen = at(x, y, 0).project(this.eye);
+    return [box.left + ((seen.x + 1) / 2) * box.width, box.top + ((1 - seen.y) / 2) * box.height];
   }
 
   /** What the last frame shows; null before the first. */

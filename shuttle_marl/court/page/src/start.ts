@@ -7,8 +7,8 @@ import type { Mode } from "./layout";
 import { displayName, opponentName, shown } from "./names";
 import { say } from "./words";
 
-/** A mode, the puzzles of the day, a game with a friend, or a duel with an opponent of the ladder, by its number. */
-export type Choice = Mode | "daily" | "friend" | number;
+/** A mode, a game with a friend, or a duel with an opponent of the ladder, by its number. */
+export type Choice = Mode | "friend" | number;
 
 /**
  * The card; it goes once something is chosen.
@@ -41,7 +41,6 @@ export function startCard(
     h("h2", {}, shown(displayName(names[0])), say("page.versus"), shown(displayName(names[1]))),
     h("p", {}, say("start.heading")),
     h("button", { class: "strong", onclick: () => pick("learn") }, say("start.learn")),
-    h("button", { onclick: () => pick("daily") }, say("start.daily")),
     h("span", {}, h("button", { onclick: () => pick(Number(opponent.value)) }, say("start.duel", { points })), opponent),
     h("button", { onclick: () => pick("friend") }, say("friend.title")),
   );

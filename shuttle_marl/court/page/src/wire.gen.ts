@@ -147,13 +147,17 @@ export interface TagFacts {
 }
 
 /** Strokes and motion of a rally. */
-export interface RallyRequest {
+export interface RallyRequest extends Query {
+  have: boolean;
+}
+
+/** A request about a rally. */
+export interface Query {
   rally: number;
   plan?: Plan | null;
   person?: Person | null;
   tried?: Record<string, number>;
   friend?: FriendSeat | null;
-  have: boolean;
 }
 
 /** A person who plays instead of a policy. */
@@ -206,14 +210,7 @@ export interface ScoreFacts {
 }
 
 /** A stroke of a rally. */
-export interface Stroke {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
+export interface Stroke extends StrokeFacts {
   state: number;
   p_succ: number;
   p_ret: number;
@@ -233,6 +230,17 @@ export interface Stroke {
   speed: number;
 }
 
+/** A stroke of the catalogue, and the area at which it aims, as a right-handed receiver sees it; ``box``: where it lies. */
+export interface StrokeFacts {
+  stroke: number;
+  seat: number;
+  shot: string;
+  area: string;
+  height: string;
+  technique: string;
+  box: [number, number, number, number];
+}
+
 /** A choice of a person: of a stroke, or of the position in which they wait for one of the opponent. */
 export interface Turn {
   seat: number;
@@ -244,14 +252,7 @@ export interface Turn {
 }
 
 /** A stroke that a person may choose. */
-export interface TurnStroke {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
+export interface TurnStroke extends StrokeFacts {
   p_succ: number;
   p_ret: number;
   support: number | null;
@@ -264,12 +265,7 @@ export interface PlayerFacts {
 }
 
 /** Values of the strokes of a rally. */
-export interface AnalysisRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
+export interface AnalysisRequest extends Query {
 }
 
 /** Reply to AnalysisRequest; ``factor``: share of an advantage that real matches realise, and its interval. */
@@ -297,27 +293,17 @@ export interface StrokeValue {
   support: number | null;
   places: Place[] | null;
   open: OpenSide | null;
-  wait: number | null;
+  wait: boolean;
 }
 
 /** A question about a stroke. */
 export interface Question {
   right: number;
   wrong: number[];
-  share: number;
-  theme: string;
-  usual: number;
 }
 
 /** A stroke of a decision: ``win`` if both players continue with their policies, ``best`` if both play strongly. */
-export interface Option {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
+export interface Option extends StrokeFacts {
   p_succ: number;
   p_ret: number;
   support: number | null;
@@ -336,24 +322,12 @@ export interface Place {
 }
 
 /** The stroke that gains most by where the receiver waits: rallies more than against one who waits as people do. */
-export interface OpenSide {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
+export interface OpenSide extends StrokeFacts {
   gain: number;
 }
 
 /** Values of the strokes between which a person chooses, or where perfect play waits. */
-export interface OptionsRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
+export interface OptionsRequest extends Query {
 }
 
 /** Reply to OptionsRequest: strokes, or probabilities of positions under perfect play; the other is empty. */
@@ -363,12 +337,7 @@ export interface OptionsReply {
 }
 
 /** Styles of both players of a rally. */
-export interface StylesRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
+export interface StylesRequest extends Query {
 }
 
 /** Reply to StylesRequest; ``strength``: fraction of rallies that each player wins against imitated elite players. */
@@ -386,12 +355,7 @@ export interface StyleFigure {
 }
 
 /** Overview of the match of a rally. */
-export interface MatchRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
+export interface MatchRequest extends Query {
   partial: boolean;
 }
 
@@ -476,11 +440,7 @@ export interface TagRequest {
 }
 
 /** A tagged stroke, a row of the table; the fields are columns of ``data import``. */
-export interface TagRow {
-  shot: number;
-  technique: number;
-  height: number;
-  area: number | null;
+export interface TagRow extends TagStroke {
   match: string;
   discipline: "MS" | "WS";
   rules: "21" | "15" | "11" | "21x1" | "21x5" | "15x1" | "15x5" | "11x1" | "11x3";
@@ -502,6 +462,14 @@ export interface TagRow {
   points_opponent: number | null;
 }
 
+/** A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area. */
+export interface TagStroke {
+  shot: number;
+  technique: number;
+  height: number;
+  area: number | null;
+}
+
 /** Reply to TagRequest: numbers of inputs and rows that are saved, and the hash of the inputs. */
 export interface Saved {
   inputs: number;
@@ -513,14 +481,6 @@ export interface Saved {
 export interface SuggestRequest {
   line: TagStroke[];
   receivers: ["right" | "left", "right" | "left"];
-}
-
-/** A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area. */
-export interface TagStroke {
-  shot: number;
-  technique: number;
-  height: number;
-  area: number | null;
 }
 
 /** Reply to SuggestRequest, the most probable first. */
