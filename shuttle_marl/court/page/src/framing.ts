@@ -14,7 +14,7 @@ const REACH = 1.0; // of arms and legs from the hips, to the sides [m]
 const STRIDE = 0.9; // of a foot from the hips, to the camera [m]
 const ABOVE = 1.25; // of a hand above the hips [m]
 const MARGIN = 0.04; // free space around, of the height
-const LEAST = 0.4; // height of the closest picture
+const LEAST = 0.33; // height of the closest picture
 
 /** The picture of a shape that is as wide as `aspect` and contains another, with some of its height free at the top. */
 function fitted([left, right, bottom, top]: Picture, aspect: number, free: number): Picture {

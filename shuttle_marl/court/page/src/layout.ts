@@ -115,7 +115,7 @@ export class Layout {
       { class: "page", role: "tabpanel", id: "page" },
       h(
         "div",
-        { class: "first" },
+        { class: "front" },
         this.court,
         h("div", { class: "column task" }, ...parts.task),
         h("section", { class: "bottom", "aria-label": say("page.timeline") }, parts.timeline, this.transport(hooks)),

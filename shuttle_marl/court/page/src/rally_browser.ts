@@ -6,23 +6,6 @@ import { displayName } from "./names";
 import type { MatchRally, MatchReply, RecordedMatch } from "./wire.gen";
 import { language, say } from "./words";
 
-/** Whether a number lies in a range, such as 5–9 or 10+. */
-function within(value: number, range: string): boolean {
-  const [least, most = Number.POSITIVE_INFINITY] = range.split("–").map(Number.parseFloat);
-  return value >= least! && value <= most;
-}
-
-/** What the list may be limited to: the values of each choice, and whether a rally has one. */
-const FILTERS = {
-  game: { values: ["1", "2", "3"], has: ({ games }: MatchRally, value: string) => games[0] + games[1] + 1 === Number(value) },
-  server: { values: ["A", "B"], has: ({ server }: MatchRally, value: string) => "AB"[server] === value },
-  length: { values: ["1–4", "5–9", "10+"], has: ({ strokes }: MatchRally, value: string) => within(strokes, value) },
-  leader: {
-    values: ["0–10", "11–17", "18+"],
-    has: ({ points }: MatchRally, value: string) => within(Math.max(...points), value),
-  },
-};
-
 /** The match of a rally. */
 export function matchOf(matches: RecordedMatch[], rally: number): RecordedMatch | undefined {
   return matches.findLast(({ first }) => first <= rally);
@@ -38,17 +21,6 @@ export class RallyBrowser {
   private list = h("ol");
   private readonly report = h("a", { target: "_blank", rel: "noopener" }, say("page.report"));
   private match: MatchReply | null = null;
-  private readonly count = h("p", { class: "quiet", role: "status" });
-  private readonly filters = (Object.keys(FILTERS) as (keyof typeof FILTERS)[]).map((name) => {
-    const { values, has } = FILTERS[name];
-    const select = h(
-      "select",
-      { "aria-label": say(`page.any_${name}`), onchange: () => this.limit() },
-      h("option", { value: "" }, say(`page.any_${name}`)),
-      ...values.map((value) => h("option", { value }, say(`page.of_${name}`, { value }))),
-    );
-    return { select, has };
-  });
   private readonly picker: HTMLElement | null;
 
   /** @param live whether the page has a server, which makes match reports. */
@@ -74,21 +46,6 @@ export class RallyBrowser {
     const names = h("datalist", { id: "matches" }, ...newest.map((one) => h("option", { value: matchName(one) })));
     this.picker = matches.length > 1 ? h("div", { class: "picker" }, picker, names) : null;
     replaceChildren(this.element, this.picker, h("p", { class: "quiet" }, say("page.computing_style")));
-  }
-
-  /** Lists the rallies that every filter lets through. */
-  private limit(): void {
-    const rallies = this.match!.rallies;
-    const listed = rallies.filter((rally) =>
-      this.filters.every(({ select, has }) => !select.value || has(rally, select.value)),
-    );
-    for (const [i, row] of [...this.list.children].entries()) {
-      row.classList.toggle("hidden", !listed.includes(rallies[i]!));
-    }
-    const won = listed.filter(({ winner }) => winner === 0).length;
-    this.count.textContent = listed.length
-      ? say("page.listed", { count: listed.length, share: percent(won / listed.length) })
-      : say("page.none");
   }
 
   /** A rally; of those that are not played yet, nothing but the number is told. */
@@ -129,14 +86,9 @@ export class RallyBrowser {
         h("h2", {}, term("rallies", say("term.rallies")), h("span", {}, say("page.swing"))),
         h("p", { class: "quiet" }, say("page.restaged")),
         missing > 0 && h("p", { class: "quiet" }, say(missing > 1 ? "page.missing" : "page.missing_one", { count: missing })),
-        all && h("div", { class: "filters" }, ...this.filters.map(({ select }) => select)),
-        all && this.count,
         this.list,
         this.live && this.report,
       );
-      if (all) {
-        this.limit();
-      }
     }
     this.report.href = `report?rally=${current + 1}&language=${language}`;
     for (const button of this.list.querySelectorAll("button")) {
