@@ -45,6 +45,7 @@ _HEAD: Final = """// Types of the messages between page and server, and constant
 export type Vec3 = [number, number, number];
 export type Quat = [number, number, number, number];
 """
+_WIDTH: Final = 128
 _BASES: Final = (messages.Query, messages.StrokeFacts, messages.TagStroke)
 """Structs that others continue."""
 _VECTOR: Final = (float, float, float)
@@ -89,12 +90,13 @@ def _interface(kind: type[Struct], structs: dict[str, type[Struct]]) -> str:
     (base,) = kind.__bases__[:1]
     known = {field.name for field in msgspec.structs.fields(base)} if base in structs.values() else {"id"}
     extends = f" extends {base.__name__}" if base in structs.values() else ""
-    lines = [comment, f"export interface {kind.__name__}{extends} {{"]
+    head, lines = f"export interface {kind.__name__}{extends}", list[str]()
     for field in msgspec.structs.fields(kind):
         if field.name not in known | {"id"}:
             optional = field.default is None or field.default_factory is not msgspec.NODEFAULT or field.default == ()
             lines.append(f"  {field.encode_name}{'?' if optional else ''}: {_type(field.type, structs)};")
-    return "\n".join([*lines, "}"])
+    line = f"{head} {{ {' '.join(text.strip() for text in lines)} }}"
+    return "\n".join([comment, line] if len(line) <= _WIDTH else [comment, f"{head} {{", *lines, "}"])
 
 
 def _constant(name: str, comment: str, values: Mapping[str, object]) -> str:

@@ -44,10 +44,7 @@ export class App {
   private pictured: Promise<void> | null = null; // resolves after the first picture
   private readonly ending: Ending;
   private readonly unseen: number[] = []; // times of choices after which no frame has moved yet
-  private readonly listener: FrameListener = {
-    update: () => this.screen.update(),
-    drawn: (ended) => this.drawn(ended),
-  };
+  private readonly listener: FrameListener = { update: () => this.screen.update(), drawn: (ended) => this.drawn(ended) };
   private readonly turnTimes: number[] = [];
 
   constructor(
@@ -148,7 +145,6 @@ export class App {
       toggle: () => this.toggle(),
       replay: () => this.player.replay(),
       speed: (speed) => (this.player.speed = speed),
-      loop: (on) => (this.ending.loop = on),
       autoNext: (on) => (this.ending.autoNext = on),
       seek: (time) => this.seek(time),
       sound: () => this.screen.toggleSound(),

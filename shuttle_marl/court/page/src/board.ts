@@ -160,11 +160,7 @@ export class Board {
       const best = this.best(strokes.filter((s) => s.shot === shot));
       return h(
         "button",
-        {
-          "aria-pressed": String(shot === this.shot),
-          "data-key": `shot ${shot}`,
-          onclick: () => this.choose({ shot }),
-        },
+        { "aria-pressed": String(shot === this.shot), "data-key": `shot ${shot}`, onclick: () => this.choose({ shot }) },
         words(shot),
         h("small", {}, h("kbd", {}, KEYS[shot]!), best ? say("board.wins", { share: best }) : ""),
       );
@@ -196,17 +192,19 @@ export class Board {
       );
     });
     const there = (technique: string) => ofShot.some((s) => s.area === this.area && s.technique === technique);
-    const techniques = this.hall.techniques.filter(there).map((technique) =>
-      h(
-        "button",
-        {
-          "aria-pressed": String(technique === this.technique),
-          "data-key": `technique ${technique}`,
-          onclick: () => this.choose({ technique }),
-        },
-        words(technique),
-      ),
-    );
+    const techniques = this.hall.techniques
+      .filter(there)
+      .map((technique) =>
+        h(
+          "button",
+          {
+            "aria-pressed": String(technique === this.technique),
+            "data-key": `technique ${technique}`,
+            onclick: () => this.choose({ technique }),
+          },
+          words(technique),
+        ),
+      );
     const now = this.selected;
     const option = now ? this.values.get(now.stroke) : undefined;
     const chances = now

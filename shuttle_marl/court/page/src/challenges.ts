@@ -3,7 +3,7 @@
 import { keepRating, keepRung, rating } from "./decisions";
 import { h, replaceChildren } from "./dom";
 import type { Mode } from "./layout";
-import { opponentName } from "./names";
+import { displayName } from "./names";
 import type { Source } from "./rallies";
 import type { Screen } from "./screen";
 import type { StrokeValues } from "./strokeValues";
@@ -45,7 +45,7 @@ export class Challenges {
     hooks.seeFrom(0);
     screen.hear();
     await hooks.go(0, null, true);
-    screen.layout.say(say("duel.begins", { points: duel, name: opponentName(policy) }));
+    screen.layout.say(say("duel.begins", { points: duel, name: displayName(policy) }));
   }
 
   /**
@@ -121,7 +121,7 @@ export class Challenges {
           "div",
           { class: "row" },
           begin(at, say("duel.another")),
-          stronger && begin(at + 1, say("duel.next", { name: opponentName(stronger) })),
+          stronger && begin(at + 1, say("duel.next", { name: displayName(stronger) })),
         ),
     ];
     replaceChildren(dialog.querySelector("div")!, ...content);

@@ -1,12 +1,10 @@
 // Overlays of the court: the score, and the current stroke.
 
-import { type Child, capitalised, h, percent, replaceChildren, sideColour, signed } from "./dom";
-import { hurriedTag } from "./glossary";
+import { capitalised, h, percent, replaceChildren, sideColour } from "./dom";
 import { does, handTag, nameAt, shown } from "./names";
 import { breakWords, reason } from "./narration";
-import { positionWords } from "./recover";
 import { CAMERAS, type Camera } from "./stage";
-import type { HallFacts, RallyFacts, Stroke, StrokeValue } from "./wire.gen";
+import type { RallyFacts } from "./wire.gen";
 import { say, words } from "./words";
 
 export class ScoreBug {
@@ -44,26 +42,20 @@ export class ScoreBug {
 /** The current stroke: its shot, its target, and how it ended the rally. */
 export class Chip {
   readonly element = h("div", { class: "chip", "aria-hidden": "true" });
-  /** What the ring and the dots on the court say. */
-  readonly waits = h("div", { class: "waits", "aria-hidden": "true" });
   private seen: unknown[] = [];
-
-  constructor(private readonly hall: HallFacts) {}
 
   /**
    * @param over whether the rally has ended on the court.
-   * @param waiting values of the stroke whose positions and open side are shown; null: none are.
    * @param hint what the viewer may do after the match.
    */
-  show(rally: RallyFacts, index: number, over: boolean, waiting: StrokeValue | null, hint: string): void {
+  show(rally: RallyFacts, index: number, over: boolean, hint: string): void {
     const stroke = rally.strokes[index] ?? null;
-    const now = [rally, stroke, over, waiting];
+    const now = [rally, stroke, over];
     if (now.every((part, i) => part === this.seen[i])) {
       return;
     }
     this.seen = now;
     this.element.classList.toggle("hidden", stroke === null);
-    this.showWaits(rally, stroke, waiting);
     if (!stroke) {
       return;
     }
@@ -86,28 +78,6 @@ export class Chip {
       h("b", { class: rally.winner ? "b" : "a" }, shown(does(rally.names, rally.winner!, "win"))),
       `${won} · ${reason(rally)}${after.over ? hint : ""}`,
     );
-  }
-
-  private showWaits(rally: RallyFacts, stroke: Stroke | null, waiting: StrokeValue | null): void {
-    const { open, places } = waiting ?? { open: null, places: null };
-    const best = places?.reduce((a, b) => (b.perfect > a.perfect ? b : a));
-    const loss = places?.find(({ position }) => position === stroke?.waited)?.loss ?? 0;
-    const line = (mark: string, who: string, where: Child) =>
-      h("p", {}, h("i", { class: mark }), `${who}: `, h("b", {}, where));
-    this.waits.classList.toggle("hidden", !waiting || (stroke?.waited == null && !best));
-    replaceChildren(
-      this.waits,
-      stroke?.waited != null &&
-        line(
-          "ring",
-          say("recover.waits", { name: capitalised(nameAt(rally.names, 1 - stroke.seat)) }),
-          `${positionWords(this.hall, stroke.waited)}${loss >= 0.005 ? ` ${signed(-loss)}` : ""}`,
-        ),
-      open && line("open", say("recover.open"), `${words(open.area)} ${signed(open.gain)}`),
-      best && line("spot", say("recover.best"), `${positionWords(this.hall, best.position)} ${percent(best.perfect)}`),
-      stroke && hurriedTag(stroke.hurried),
-    );
-    this.waits.style.setProperty("--mine", sideColour(1 - (stroke?.seat ?? 0)));
   }
 }
 

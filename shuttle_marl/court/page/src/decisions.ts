@@ -1,6 +1,6 @@
 // Decisions of a person: what the last one was worth, the score of both sides, the streak, and the rating that the browser keeps.
 
-import { capitalised, h } from "./dom";
+import { capitalised, h, keep, kept } from "./dom";
 import { choiceWords } from "./verdict";
 import type { Analysis, RallyFacts, RatingReply } from "./wire.gen";
 import { say, words } from "./words";
@@ -16,23 +16,6 @@ interface Decision {
   /** null: not judged. */
   quality: number | null;
   mistake: boolean;
-}
-
-function kept<T>(name: string, otherwise: T, fits: (found: T) => boolean): T {
-  try {
-    const found = JSON.parse(localStorage.getItem(name) ?? "null") as T | null;
-    return found !== null && fits(found) ? found : otherwise;
-  } catch {
-    return otherwise; // nothing is stored, or not by this page
-  }
-}
-
-function keep(name: string, what: unknown): void {
-  try {
-    localStorage.setItem(name, JSON.stringify(what));
-  } catch {
-    // A browser that stores nothing keeps no rating.
-  }
 }
 
 export function rating(): RatingReply {

@@ -1,12 +1,10 @@
-// The end of a rally: it is repeated, or the next one follows.
+// The end of a rally: the next one follows.
 
 import type { Frames } from "./frame";
 import type { Rallies, Shown } from "./rallies";
 import type { Timeline } from "./timeline";
 
 export class Ending {
-  /** Whether the rally is repeated. */
-  loop = false;
   autoNext = true;
 
   /** @param next shows the next rally. */
@@ -22,16 +20,7 @@ export class Ending {
     const { player } = this.frames;
     const { after, winner } = shown.rally;
     player.playing = false;
-    if (this.loop) {
-      player.seek(0);
-      player.playing = true;
-    } else if (
-      this.autoNext &&
-      !this.rallies.pending &&
-      winner !== null &&
-      !after?.over &&
-      !(this.course.person && after?.game_won)
-    ) {
+    if (this.autoNext && !this.rallies.pending && winner !== null && !after?.over && !(this.course.person && after?.game_won)) {
       void this.goOn();
     }
   }

@@ -73,12 +73,7 @@ export function keyTable(
     player.speed = SPEEDS[Math.min(Math.max(at + step, 0), SPEEDS.length - 1)]!;
     layout.speed.value = String(player.speed);
   };
-  const matchKeys = {
-    n: () => acts.newMatch(),
-    t: () => acts.takeOver(0),
-    T: () => acts.takeOver(1),
-    u: () => acts.retry(),
-  };
+  const matchKeys = { n: () => acts.newMatch(), t: () => acts.takeOver(0), T: () => acts.takeOver(1), u: () => acts.retry() };
   return {
     " ": () => acts.toggle(),
     ArrowLeft: () => acts.stroke(-1),

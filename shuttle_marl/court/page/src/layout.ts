@@ -23,7 +23,6 @@ export interface Hooks {
   toggle(): void;
   replay(): void;
   speed(speed: number): void;
-  loop(on: boolean): void;
   autoNext(on: boolean): void;
   textMode(on: boolean): void;
   sound(): void;
@@ -99,7 +98,6 @@ export class Layout {
       this.textButton,
       this.soundButton,
       this.autoNext,
-      toggleButton(say("page.loop"), false, (on) => hooks.loop(on)),
       h("button", { onclick: () => this.toggleHelp() }, `${say("page.keys")} `, h("kbd", {}, "h")),
       languageMenu(),
     );

@@ -64,11 +64,7 @@ function answers({ best, wrong }: StrokeQuestion): Option[] {
 }
 
 function name(option: Option): string {
-  return say("stroke.with_area", {
-    shot: words(option.shot),
-    area: words(option.area),
-    technique: words(option.technique),
-  });
+  return say("stroke.with_area", { shot: words(option.shot), area: words(option.area), technique: words(option.technique) });
 }
 
 export interface LearnHooks {
@@ -90,11 +86,7 @@ export interface LearnHooks {
 }
 
 export class Learn {
-  readonly element = h("section", {
-    class: "panel learn hidden",
-    "aria-label": say("learn.title"),
-    "aria-live": "polite",
-  });
+  readonly element = h("section", { class: "panel learn hidden", "aria-label": say("learn.title"), "aria-live": "polite" });
   private rally: RallyFacts | null = null;
   private analysis: Analysis | null = null;
   private question: Asked | null = null;

@@ -60,14 +60,6 @@ function plainName(name: string): string {
   return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
 }
 
-const STYLES: Record<string, string> = { "bc:kento-momota": say("names.left_hander"), safe: say("names.net_player") };
-
-/** An opponent of the ladder, with their style. */
-export function opponentName(policy: string): string {
-  const style = STYLES[policy];
-  return style ? `${displayName(policy)} · ${style}` : displayName(policy);
-}
-
 /** Name of a seat; two of one name are told apart by their sides. */
 export function nameAt(names: readonly [string, string], seat: number): string {
   const name = isolated(displayName(names[seat as 0 | 1]));

@@ -1,6 +1,6 @@
 // Where players wait: the positions on the court, and the pad on which a person chooses theirs.
 
-import { type Child, h, percent, replaceChildren, sideColour } from "./dom";
+import { type Child, h, percent, replaceChildren, sideColour, signed } from "./dom";
 import { hurriedTag, term } from "./glossary";
 import { facing } from "./hall";
 import { displayName, nameAt } from "./names";
@@ -211,7 +211,8 @@ export class PlacePanel {
   ) {}
 
   show(rally: RallyFacts, index: number, analysis: Analysis | null): void {
-    const [stroke, places] = [rally.strokes[index], analysis?.strokes[index]?.places];
+    const stroke = rally.strokes[index];
+    const { places, open } = analysis?.strokes[index] ?? {};
     this.element.classList.toggle("hidden", !stroke || !places);
     if (!stroke || !places) {
       this.element.replaceChildren();
@@ -258,6 +259,8 @@ export class PlacePanel {
         ),
         h("tbody", {}, ...places.map(row)),
       ),
+      open &&
+        h("p", {}, say("recover.open", { stroke: `${words(open.shot)} → ${words(open.area)}`, share: signed(open.gain) })),
     );
   }
 }

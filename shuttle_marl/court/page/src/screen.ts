@@ -67,7 +67,7 @@ export class Screen {
   private readonly sound = new Sound();
   private readonly modes: readonly Mode[];
   private readonly bug = new ScoreBug();
-  private readonly chip: Chip;
+  private readonly chip = new Chip();
   private readonly cameras;
   private readonly curve: Curve;
   private readonly moves: MoveList;
@@ -101,7 +101,6 @@ export class Screen {
     this.stage = stage;
     const match = hello.recorded === null;
     this.modes = match && live ? MODES : MODES.slice(0, 3);
-    this.chip = new Chip(hello.hall);
     this.cameras = cameraMenu((camera) => acts.camera(camera));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
@@ -147,7 +146,7 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [this.bug.element, this.chip.element, this.chip.waits, this.decisions.element, this.back],
+        overlays: [this.bug.element, this.chip.element, this.decisions.element, this.back],
         cameras: this.cameras,
         sides: match && live ? this.sides.map((side) => side.element) : [],
         task: [this.learn.element, this.board.element],
@@ -325,7 +324,7 @@ export class Screen {
     this.moves.keepInView();
     const over = this.isOver(rally);
     this.bug.show(rally, player.stroke >= 0, over);
-    this.chip.show(rally, player.stroke, over, this.frames.waiting, this.offersNew ? say("page.new_hint") : "");
+    this.chip.show(rally, player.stroke, over, this.offersNew ? say("page.new_hint") : "");
     if (this.stage) {
       this.cameras.value = this.stage.camera;
     }
@@ -385,7 +384,6 @@ export class Screen {
     this.ended = true;
     if (this.player.playing) {
       this.sound[rally.strokes.at(-1)?.end === "net" ? "net" : "bounce"]();
-      this.sound.crowd(rally.strokes.length);
     }
     this.reach(rally.strokes.length + 1);
     this.layout.tell(endSentence(rally));

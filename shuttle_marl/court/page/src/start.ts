@@ -4,7 +4,7 @@ import { rung } from "./decisions";
 import { h } from "./dom";
 import { icon } from "./icons";
 import type { Mode } from "./layout";
-import { displayName, opponentName, shown } from "./names";
+import { displayName, shown } from "./names";
 import { say } from "./words";
 
 /** A mode, a game with a friend, or a duel with an opponent of the ladder, by its number. */
@@ -26,7 +26,7 @@ export function startCard(
     element.remove();
     choose(choice);
   };
-  const opponents = ladder.map((policy, i) => h("option", { value: i }, `${i + 1} ${opponentName(policy)}`));
+  const opponents = ladder.map((policy, i) => h("option", { value: i }, `${i + 1} ${displayName(policy)}`));
   const opponent = h("select", { "aria-label": say("start.opponent") }, ...opponents);
   opponent.value = String(rung(ladder.length));
   const close = h(

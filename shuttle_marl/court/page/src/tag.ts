@@ -461,11 +461,7 @@ export class Tagging {
         this.after = facts.after;
         this.unsaved.shift();
         this.savingTimes.push(performance.now() - change.begun);
-        this.status.textContent = say("tag.saved", {
-          inputs: change.inputs,
-          strokes: change.strokes,
-          file: this.file.out,
-        });
+        this.status.textContent = say("tag.saved", { inputs: change.inputs, strokes: change.strokes, file: this.file.out });
       }
     } catch (error) {
       this.status.textContent = say("tag.not_saved", { reason: (error as Error).message, inputs: this.unsaved.length });

@@ -57,32 +57,16 @@ export interface CourtFacts {
 }
 
 /** A target area in the frame of the striker [m]. */
-export interface AreaFacts {
-  name: string;
-  box: [[number, number], [number, number]];
-}
+export interface AreaFacts { name: string; box: [[number, number], [number, number]]; }
 
 /** A position as a right-handed player sees it, in their own frame, and the place where they stand in it [m]. */
-export interface PositionFacts {
-  box: [[number, number], [number, number]];
-  place: [number, number];
-}
+export interface PositionFacts { box: [[number, number], [number, number]]; place: [number, number]; }
 
 /** Dimensions of a racket [m]. */
-export interface RacketFacts {
-  length: number;
-  sweet_spot: number;
-  butt: number;
-  head: [number, number];
-}
+export interface RacketFacts { length: number; sweet_spot: number; butt: number; head: [number, number]; }
 
 /** Dimensions of a shuttle [m]; ends of a feather: distance from the axis, half width, distance behind the cork. */
-export interface ShuttleFacts {
-  scale: number;
-  cork: number;
-  feathers: number;
-  feather: [Vec3, Vec3];
-}
+export interface ShuttleFacts { scale: number; cork: number; feathers: number; feather: [Vec3, Vec3]; }
 
 /** Skeleton of an athlete: rest positions [m], parents of bones, axes of the racket, rotations of the fingers. */
 export interface AthleteFacts {
@@ -105,34 +89,16 @@ export interface Plan {
 }
 
 /** The player of a seat. */
-export interface Side {
-  policy: string;
-  temperature: number;
-}
+export interface Side { policy: string; temperature: number; }
 
 /** A change of player during a match. */
-export interface Change {
-  rally: number;
-  seat: number;
-  side: Side;
-}
+export interface Change { rally: number; seat: number; side: Side; }
 
 /** Recorded rallies that the server shows; ``matches``: of annotated ones, in the order of their rallies. */
-export interface RecordedFacts {
-  title: string;
-  count: number;
-  first: number;
-  matches: RecordedMatch[];
-}
+export interface RecordedFacts { title: string; count: number; first: number; matches: RecordedMatch[]; }
 
 /** An annotated match: its first rally, event, players and date. */
-export interface RecordedMatch {
-  first: number;
-  title: string;
-  names: [string, string];
-  date: string | null;
-  missing: number;
-}
+export interface RecordedMatch { first: number; title: string; names: [string, string]; date: string | null; missing: number; }
 
 /** The video that is tagged. */
 export interface TagFacts {
@@ -147,9 +113,7 @@ export interface TagFacts {
 }
 
 /** Strokes and motion of a rally. */
-export interface RallyRequest extends Query {
-  have: boolean;
-}
+export interface RallyRequest extends Query { have: boolean; }
 
 /** A request about a rally. */
 export interface Query {
@@ -161,24 +125,13 @@ export interface Query {
 }
 
 /** A person who plays instead of a policy. */
-export interface Person {
-  seat: number;
-  rally: number;
-  stroke: number;
-  practice: boolean;
-  friend: boolean;
-}
+export interface Person { seat: number; rally: number; stroke: number; practice: boolean; friend: boolean; }
 
 /** The seat of a person in a game of two persons: token of the game, and key of the seat, which nobody else knows. */
-export interface FriendSeat {
-  token: string;
-  key: string;
-}
+export interface FriendSeat { token: string; key: string; }
 
 /** Reply to RallyRequest; its body is the packed motion. */
-export interface RallyReply {
-  rally: RallyFacts;
-}
+export interface RallyReply { rally: RallyFacts; }
 
 /** A rally without its motion. */
 export interface RallyFacts {
@@ -252,21 +205,13 @@ export interface Turn {
 }
 
 /** A stroke that a person may choose. */
-export interface TurnStroke extends StrokeFacts {
-  p_succ: number;
-  p_ret: number;
-  support: number | null;
-}
+export interface TurnStroke extends StrokeFacts { p_succ: number; p_ret: number; support: number | null; }
 
 /** Appearance of a player. */
-export interface PlayerFacts {
-  athlete: string;
-  hand: string;
-}
+export interface PlayerFacts { athlete: string; hand: string; }
 
 /** Values of the strokes of a rally. */
-export interface AnalysisRequest extends Query {
-}
+export interface AnalysisRequest extends Query {  }
 
 /** Reply to AnalysisRequest; ``factor``: share of an advantage that real matches realise, and its interval. */
 export interface Analysis {
@@ -297,10 +242,7 @@ export interface StrokeValue {
 }
 
 /** A question about a stroke. */
-export interface Question {
-  right: number;
-  wrong: number[];
-}
+export interface Question { right: number; wrong: number[]; }
 
 /** A stroke of a decision: ``win`` if both players continue with their policies, ``best`` if both play strongly. */
 export interface Option extends StrokeFacts {
@@ -313,51 +255,28 @@ export interface Option extends StrokeFacts {
 }
 
 /** A position of the receiver of a stroke. */
-export interface Place {
-  position: number;
-  people: number;
-  perfect: number;
-  loss: number;
-  win: number;
-}
+export interface Place { position: number; people: number; perfect: number; loss: number; win: number; }
 
 /** The stroke that gains most by where the receiver waits: rallies more than against one who waits as people do. */
-export interface OpenSide extends StrokeFacts {
-  gain: number;
-}
+export interface OpenSide extends StrokeFacts { gain: number; }
 
 /** Values of the strokes between which a person chooses, or where perfect play waits. */
-export interface OptionsRequest extends Query {
-}
+export interface OptionsRequest extends Query {  }
 
 /** Reply to OptionsRequest: strokes, or probabilities of positions under perfect play; the other is empty. */
-export interface OptionsReply {
-  options: Option[];
-  positions: number[];
-}
+export interface OptionsReply { options: Option[]; positions: number[]; }
 
 /** Styles of both players of a rally. */
-export interface StylesRequest extends Query {
-}
+export interface StylesRequest extends Query {  }
 
 /** Reply to StylesRequest; ``strength``: fraction of rallies that each player wins against imitated elite players. */
-export interface Styles {
-  figures: StyleFigure[];
-  shots: StyleFigure[];
-  strength: [number, number];
-}
+export interface Styles { figures: StyleFigure[]; shots: StyleFigure[]; strength: [number, number]; }
 
 /** A statistic of both players beside that of imitated elite players. */
-export interface StyleFigure {
-  name: string;
-  values: [number, number];
-  reference: number | null;
-}
+export interface StyleFigure { name: string; values: [number, number]; reference: number | null; }
 
 /** Overview of the match of a rally. */
-export interface MatchRequest extends Query {
-  partial: boolean;
-}
+export interface MatchRequest extends Query { partial: boolean; }
 
 /** Reply to MatchRequest; ``marks``: numbers of ``!!``, ``!``, ``?!``, ``?`` and ``??`` of both sides. */
 export interface MatchReply {
@@ -392,20 +311,10 @@ export interface Moment {
 }
 
 /** The rating of a person after a match. */
-export interface RatingRequest {
-  points: number;
-  deviation: number;
-  volatility: number;
-  scores: number[];
-}
+export interface RatingRequest { points: number; deviation: number; volatility: number; scores: number[]; }
 
 /** Reply to RatingRequest; ``interval``: that of 95 %. */
-export interface RatingReply {
-  points: number;
-  deviation: number;
-  volatility: number;
-  interval: [number, number];
-}
+export interface RatingReply { points: number; deviation: number; volatility: number; interval: [number, number]; }
 
 /** A person opens a game of two persons, takes a seat in it, chooses, or asks how it stands. */
 export interface FriendRequest {
@@ -463,38 +372,19 @@ export interface TagRow extends TagStroke {
 }
 
 /** A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area. */
-export interface TagStroke {
-  shot: number;
-  technique: number;
-  height: number;
-  area: number | null;
-}
+export interface TagStroke { shot: number; technique: number; height: number; area: number | null; }
 
 /** Reply to TagRequest: numbers of inputs and rows that are saved, and the hash of the inputs. */
-export interface Saved {
-  inputs: number;
-  rows: number;
-  after: string;
-}
+export interface Saved { inputs: number; rows: number; after: string; }
 
 /** Shot types that probably follow the strokes of a rally. */
-export interface SuggestRequest {
-  line: TagStroke[];
-  receivers: ["right" | "left", "right" | "left"];
-}
+export interface SuggestRequest { line: TagStroke[]; receivers: ["right" | "left", "right" | "left"]; }
 
 /** Reply to SuggestRequest, the most probable first. */
-export interface Suggestions {
-  shots: Suggestion[];
-}
+export interface Suggestions { shots: Suggestion[]; }
 
 /** A shot type with its probability, the ways of playing it, the usual one first, and the probabilities of its targets. */
-export interface Suggestion {
-  shot: number;
-  probability: number;
-  ways: number[];
-  areas: number[];
-}
+export interface Suggestion { shot: number; probability: number; ways: number[]; areas: number[]; }
 
 /** Requests by operation. */
 export interface Requests {
