@@ -22,6 +22,7 @@ from rich.console import Console
 
 from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.commands import cli
+from shuttle_marl.court import messages
 from shuttle_marl.court.messages import REPLIES
 from shuttle_marl.court.staging import flight
 from shuttle_marl.game.scoring import RULES
@@ -44,6 +45,9 @@ _HEAD: Final = """// Types of the messages between page and server, and constant
 export type Vec3 = [number, number, number];
 export type Quat = [number, number, number, number];
 """
+_WIDTH: Final = 128
+_BASES: Final = (messages.Query, messages.StrokeFacts, messages.TagStroke)
+"""Structs that others continue."""
 _VECTOR: Final = (float, float, float)
 _ROLE: Final = re.compile(r":\w+:`~?([^`]*)`")
 _SCALARS: Final = {int: "number", float: "number", str: "string", bool: "boolean", type(None): "null"}
@@ -70,6 +74,8 @@ def _type(kind: Any, structs: dict[str, type[Struct]]) -> str:
     if isinstance(kind, type) and issubclass(kind, Struct):
         if kind.__name__ not in structs:
             structs[kind.__name__] = kind
+            if kind.__bases__[0] in _BASES:
+                _type(kind.__bases__[0], structs)
             for field in msgspec.structs.fields(kind):
                 _type(field.type, structs)
         return kind.__name__
@@ -81,12 +87,16 @@ def _interface(kind: type[Struct], structs: dict[str, type[Struct]]) -> str:
     comment = f"/** {summary} */"
     if {field.name for field in msgspec.structs.fields(kind)} == {"id"}:
         return f"{comment}\nexport type {kind.__name__} = object;"
-    lines = [comment, f"export interface {kind.__name__} {{"]
+    (base,) = kind.__bases__[:1]
+    known = {field.name for field in msgspec.structs.fields(base)} if base in structs.values() else {"id"}
+    extends = f" extends {base.__name__}" if base in structs.values() else ""
+    head, lines = f"export interface {kind.__name__}{extends}", list[str]()
     for field in msgspec.structs.fields(kind):
-        if field.name != "id":
+        if field.name not in known | {"id"}:
             optional = field.default is None or field.default_factory is not msgspec.NODEFAULT or field.default == ()
             lines.append(f"  {field.encode_name}{'?' if optional else ''}: {_type(field.type, structs)};")
-    return "\n".join([*lines, "}"])
+    line = f"{head} {{ {' '.join(text.strip() for text in lines)} }}"
+    return "\n".join([comment, line] if len(line) <= _WIDTH else [comment, f"{head} {{", *lines, "}"])
 
 
 def _constant(name: str, comment: str, values: Mapping[str, object]) -> str:

@@ -23,8 +23,6 @@ from shuttle_marl.policy.baselines import players as imitated
 from shuttle_marl.reports.languages import Language, current
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from shuttle_marl.court.answers import Answers
     from shuttle_marl.court.plan import Plan
     from shuttle_marl.court.recorded import Recorded
@@ -266,11 +264,7 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
 
 
 def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Downloads":
-    """The report of the match of a recorded rally, and the table of its strokes, by the name and the media type of the file."""
-    from shuttle_marl.base.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
-    from shuttle_marl.data import named, read_matches  # noqa: PLC0415
-    from shuttle_marl.recording import RallyLog  # noqa: PLC0415
-
+    """The report of the match of a recorded rally, by the name and the media type of the file."""
     path = options.replay or options.real
     assert path is not None
 
@@ -286,19 +280,7 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
             found = coach.of_log(path, game, *match)
         return match_page(*found, match_clips(*found))
 
-    def strokes(match: str | tuple[int, int]) -> "pa.Table":
-        from shuttle_marl.reports import coach  # noqa: PLC0415  Jinja
-
-        if isinstance(match, str):
-            return coach.match_strokes(read_matches(path, rules=options.rules), match)
-        with RallyLog(path) as log:
-            return coach.log_strokes(log, *match)
-
-    return {
-        ("report", "text/html"): lambda number: report(recorded.match(number), current()),
-        ("strokes.csv", "text/csv"): lambda number: csv_bytes(named(strokes(recorded.match(number)))),
-        ("strokes.parquet", "application/vnd.apache.parquet"): lambda number: parquet_bytes(strokes(recorded.match(number))),
-    }
+    return {("report", "text/html"): lambda number: report(recorded.match(number), current())}
 
 
 def _save_site(folder: Path, page: Path, answers: "Answers", language: Language) -> None:

@@ -1,5 +1,6 @@
 """Staged rallies in the pages of reports: the program of the live court, motions and values, as in a page that it saves."""
 
+import base64
 import dataclasses
 import functools
 import gzip
@@ -32,32 +33,10 @@ from shuttle_marl.reports.scouting import ScoutingReport
 _FPS: Final = 25  # frames per second; the page interpolates, and motions are half as large
 _MOST_BYTES: Final = 1_100_000  # largest total size of the motions; later examples are left out
 _ATTEMPTS: Final = 3000
-_LETTERS: Final = [chr(code) for code in range(33, 127) if chr(code) not in '"\\<']
-
-
-def base91(content: bytes) -> str:
-    """Bytes as basE91 text, which needs no escapes in JSON or HTML: the encoding of saved pages of the live court."""
-    out: list[str] = []
-    rest = bits = 0
-    for byte in content:
-        rest |= byte << bits
-        bits += 8
-        if bits > 13:
-            value, taken = rest & 8191, 13
-            if value <= 88:
-                value, taken = rest & 16383, 14
-            rest >>= taken
-            bits -= taken
-            out += (_LETTERS[value % 91], _LETTERS[value // 91])
-    if bits:
-        out.append(_LETTERS[rest % 91])
-        if bits > 7 or rest > 90:
-            out.append(_LETTERS[rest // 91])
-    return "".join(out)
 
 
 def _packed(content: bytes) -> str:
-    return base91(gzip.compress(content, mtime=0))
+    return base64.b64encode(gzip.compress(content, mtime=0)).decode()
 
 
 def viewer() -> Viewer:

@@ -325,6 +325,7 @@ class TurnStroke(StrokeFacts, kw_only=True):
 
     p_succ: float
     p_ret: float
+    support: float | None  # number of real strokes behind it; None: unknown
 
 
 class Turn(Struct):
@@ -398,9 +399,6 @@ class Question(Struct):
 
     right: int  # the right answer
     wrong: list[int]  # wrong answers, the stroke played first
-    share: float  # of elite players who choose the right shot type
-    theme: str  # one of THEMES of shuttle_marl.reports.rating, or serve
-    usual: int  # how usual the right shot type is as an answer, 0: the least
 
 
 class Place(Struct):
@@ -438,7 +436,7 @@ class StrokeValue(Struct, kw_only=True):
     support: int | None  # number of real strokes behind the rarer of both; None: unknown
     places: list[Place] | None  # positions of the receiver; None: they have no choice
     open: OpenSide | None  # the open side; None: there is none, or the position is not known
-    wait: int | None  # how usual the answer is to the question where to wait; None: it is not asked
+    wait: bool  # whether it is asked where to wait
 
 
 class Analysis(Struct):
@@ -447,7 +445,6 @@ class Analysis(Struct):
     number: int
     factor: tuple[float, float, float] | None
     strokes: list[StrokeValue]
-    landings: list[tuple[list[float] | None, list[float] | None]]
     win_after: float | None
     match_after: float | None
 
@@ -542,11 +539,15 @@ class Saved(Struct):
 
 
 class Suggestion(Struct):
-    """A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height."""
+    """A shot type with its probability, the ways of playing it, the usual one first, and the probabilities of its targets.
+
+    A way is twice the technique plus the height; targets are areas as a right-handed receiver sees them, given the shot.
+    """
 
     shot: int
     probability: float
     ways: list[int]
+    areas: list[float]
 
 
 class Suggestions(Struct):

@@ -11,7 +11,7 @@ from shuttle_marl.game.scoring import BWF, Rules
 
 DUEL: Final = 7  # points that win a duel: with enough decisions that the better decider is ahead in nine of ten
 # Opponents of duels, each stronger than the one before: a defender, a left-hander, a net player and an attacker among them.
-LADDER: Final = ("defensive", "bc:kento-momota", "bc", "bc:viktor-axelsen", "safe", "attacking", "human:0.05", "minimax")
+LADDER: Final = ("defensive", "bc:kento-momota", "bc", "bc:viktor-axelsen", "safe", "attacking", "human:0.05")
 MAX_CHANGES: Final = 200  # maximum number of changes of players in a match
 MAX_CHOSEN: Final = 20_000  # maximum number of strokes in a match that no policy chose
 MAX_RALLIES: Final = 1000  # rally numbers of a match are below this; no match by the rules of the sport is as long

@@ -18,7 +18,7 @@ from shuttle_marl.court import WatchError
 from shuttle_marl.court.messages import LONGEST_NAME, NAME, SHOWN, Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
 from shuttle_marl.court.values import arrivals
 from shuttle_marl.data.matches import TaggedStrokes, content_hash, nearest_stroke
-from shuttle_marl.game.court import Hands
+from shuttle_marl.game.court import N_AREAS, Hands, mirrored
 from shuttle_marl.game.policy import Policy, States, checked_probabilities
 from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
@@ -99,7 +99,7 @@ class TagFile:
 
 
 def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers: Hands = ("right", "right")) -> list[Suggestion]:
-    """Shot types with which a policy continues a rally, and the ways of playing each, the most probable first.
+    """Shot types with which a policy continues a rally, the most probable first, with ways of playing them and targets.
 
     Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states. Each stroke
     of the line stands for the nearest legal one; ``receivers``: hands of who receives the serve, and of the server.
@@ -120,7 +120,12 @@ def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers
     table = np.zeros((len(SHOTS), len(TECHNIQUES) * len(HEIGHTS)))
     np.add.at(table, (game.catalogue.shot, game.catalogue.technique * len(HEIGHTS) + game.catalogue.height), share)
     probability, ways = table.sum(axis=1), np.argsort(-table, axis=1, kind="stable")
+    targets, area = np.zeros((len(SHOTS), N_AREAS)), game.catalogue.area
+    np.add.at(targets, (game.catalogue.shot, mirrored(area) if receivers[len(line) % 2] == "left" else area), share)
+    targets /= np.maximum(probability, np.finfo(float).tiny)[:, None]
     return [
-        Suggestion(shot=shot, probability=float(probability[shot]), ways=ways[shot].tolist())
+        Suggestion(
+            shot=shot, probability=float(probability[shot]), ways=ways[shot].tolist(), areas=targets[shot].round(5).tolist()
+        )
         for shot in np.argsort(-probability, kind="stable").tolist()
     ]

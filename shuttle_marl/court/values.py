@@ -20,7 +20,7 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.reports.rally import Decision, Players, analyse_rally
-from shuttle_marl.reports.rating import Rated, places_of, rater_of, theme_of, usual_of
+from shuttle_marl.reports.rating import Rated, places_of, rater_of
 
 
 def hall_facts() -> messages.HallFacts:
@@ -109,9 +109,15 @@ def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
         return messages.Turn(*about, strokes=[], positions=[rounded(p) for p in game.people_positions(state)])
     game = game.seats[seat]
     strokes = game.legal_strokes(state).tolist()
-    good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
+    pairs = game.pair_at(state, np.arange(len(strokes)))
+    good, returned, _ = game.stroke_probabilities(pairs)
     legal = [
-        messages.TurnStroke(**stroke_facts(rally, stroke, seat), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
+        messages.TurnStroke(
+            **stroke_facts(rally, stroke, seat),
+            p_succ=rounded(good[k]),
+            p_ret=rounded(returned[k]),
+            support=_support(game, int(pairs[k])),
+        )
         for k, stroke in enumerate(strokes)
         if rally.as_named(seat, stroke)
     ]
@@ -122,7 +128,6 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
     trajectory, stroke, game = motion.trajectory, int(rally.stroke[i]), game.seats[int(rally.striker[i])]
     pair = int(game.pair(state, stroke))
     good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
-    real = real_strokes(game)
     return messages.Stroke(
         **stroke_facts(rally, stroke, int(rally.striker[i])),
         state=state,
@@ -134,7 +139,7 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
         effort=int(game.effort(state)) if game.levels > 1 else None,
         opponent_effort=int(game.opponent_effort(state)) if game.levels > 1 else None,
         duel=int(game.duel(state)) if game.counts_duels else None,
-        support=None if real is None else round(float(real[game.base_pair_edge[pair % game.n_base_pairs]]), 1),
+        support=_support(game, pair),
         time=round(float(trajectory.time[i]), 4),
         frame=int(motion.contact_frame[i]),
         contact=np.round(trajectory.contact[i], 4).tolist(),
@@ -143,6 +148,12 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
         end_point=np.round(trajectory.end_point[i], 4).tolist(),
         speed=round(float(trajectory.flight.launch_speed[i]), 2),
     )
+
+
+def _support(game: Game, pair: int) -> float | None:
+    """Number of real strokes behind a legal pair; None: unknown."""
+    real = real_strokes(game)
+    return None if real is None else round(float(real[game.base_pair_edge[pair % game.n_base_pairs]]), 1)
 
 
 def arrivals(pairs: dict[int, float], game: Game) -> dict[int, float]:
@@ -192,7 +203,6 @@ class StrokeValues:
             number=rally.number,
             factor=None if factor is None else (factor.value, factor.low, factor.high),
             strokes=[self._stroke(rally, i, *about) for i, about in enumerate(strokes)],
-            landings=[_landings(rally.aim[choice.seat], choice) for choice in found.decisions],
             win_after=float(found.rally_win[-1]) if over else None,
             match_after=float(found.match_win[-1]) if over else None,
         )
@@ -209,9 +219,6 @@ class StrokeValues:
             question = messages.Question(
                 right=int(choice.stroke[right]),
                 wrong=[int(choice.stroke[k]) for k in wrong],
-                share=rounded(rated.share[right]),
-                theme=theme_of(rally, number, above=bool(self.game.contact(choice.state))),
-                usual=usual_of(SHOTS[rated.shot[right]]),
             )
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
@@ -233,7 +240,7 @@ class StrokeValues:
         """What the receiver of a stroke could do, and what the striker gains by it."""
         found = places_of(self.game, choice.state, choice.seat, self.policies.solution) if self.game.recovery else None
         if found is None:
-            return {"places": None, "open": None, "wait": None}
+            return {"places": None, "open": None, "wait": False}
         columns = found.position, found.people, found.perfect, found.loss, found.win[rank]
         places = [messages.Place(int(p), *map(rounded, rest)) for p, *rest in zip(*columns, strict=True)]
         waited = waited_at(rally, self.game, number, choice.state)
@@ -243,8 +250,7 @@ class StrokeValues:
             best = int(gain.argmax())
             if gain[best] >= OPEN:
                 side = messages.OpenSide(**stroke_facts(rally, int(choice.stroke[best]), choice.seat), gain=rounded(gain[best]))
-        asked = None if waited is None else found.question(waited)
-        return {"places": places, "open": side, "wait": asked}
+        return {"places": places, "open": side, "wait": waited is not None and found.asks(waited)}
 
     def positions(self, state: int, receiver: int) -> list[float]:
         """Probabilities with which perfect play waits where the opponent is in a state; empty: a receiver has no choice there."""
@@ -300,9 +306,3 @@ class StrokeValues:
         second = 1 - self.policies.values((ELITE, sides[1])).odds().rally
         shots = [figure(SHOTS[k], mixes[:, k]) for k in order]
         return messages.Styles(figures=figures, shots=shots, strength=(rounded(first), rounded(second)))
-
-
-def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:
-    """Probability with which the striker's policy aims at each area, ``[9]``; None for the receiver."""
-    aims = [round(float(p), 4) for p in np.bincount(area[choice.stroke], choice.probability, court.N_AREAS)]
-    return (aims, None) if choice.seat == 0 else (None, aims)

@@ -35,10 +35,8 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.exact import Solution, evaluate, moved
 from shuttle_marl.game.pairs import without_recovery, without_skill
 from shuttle_marl.game.policy import position_shares
-from shuttle_marl.game.rally import Rally
-from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes, refits_of
-from shuttle_marl.game.stroke import N_SHOTS, SHOTS
+from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import TYPICAL_TAU, human_policy
@@ -57,11 +55,6 @@ _UNIT: Final = 400 / math.log(10)
 _CENTRE: Final = 1500.0
 _TAU: Final = 0.5
 
-THEMES: Final = ("return", "third", "defence", "attack", "net", "wait")
-"""Situations of puzzles: return of serve, third stroke, after a hard stroke, above the net, other strokes, and where to wait."""
-_HARD: Final = ("smash", "half-smash", "net-kill", "push", "drive")
-USUAL: Final = ("drive", "lift", "drop", "block", "half-smash", "push", "cross-court-net-shot", "net-shot", "smash")
-"""Right answers of questions, the rarest first."""
 GOOD: Final = 0.005  # loss up to which a position counts as good as the best one, in rallies
 MATTERS: Final = 0.02  # loss of the position chosen from which it is asked where to wait
 
@@ -217,19 +210,6 @@ def _computed(game: Game) -> Rater:
     return Rater(game)
 
 
-def theme_of(rally: Rally, number: int, *, above: bool) -> str:
-    """The theme of a stroke of a rally, with the contact above the net or below; ``number``: of the stroke, from 0."""
-    if number < 3:
-        return ("serve", *THEMES[:2])[number]
-    came = SHOTS[rally.catalogue.shot[rally.stroke[number - 1]]]
-    return "defence" if came in _HARD else "attack" if above else "net"
-
-
-def usual_of(shot: str) -> int:
-    """Position of a shot type in :data:`USUAL`; all others come last."""
-    return USUAL.index(shot) if shot in USUAL else len(USUAL)
-
-
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Places:
     """The M feasible positions of a receiver, against the K legal strokes of the striker.
@@ -258,17 +238,11 @@ class Places:
         """``[K, M]`` rallies that a stroke wins more than against a receiver who waits as people do."""
         return np.asarray(self.win - (self.win @ self.people)[:, None])
 
-    def question(self, waited: int) -> int | None:
-        """Rank of the right answer to the question where to wait, for a receiver at a position; None: it is not asked.
-
-        It is asked where the position loses clearly and at least one more does. The middle of the court is the usual answer,
-        the last rank, all others have rank 0, as in :func:`usual_of`.
-        """
+    def asks(self, waited: int) -> bool:
+        """Whether a receiver at a position is asked where to wait: it loses clearly, and at least one more does."""
         loss = dict(zip(self.position.tolist(), self.loss.tolist(), strict=True))
         wrong = sum(lost > GOOD for lost in loss.values())
-        if loss.get(waited, 0.0) < MATTERS or wrong < 2:  # the receiver of a recorded rally may wait where few do
-            return None
-        return 0 if loss.get(CENTRE, 1.0) > GOOD else len(USUAL)
+        return loss.get(waited, 0.0) >= MATTERS and wrong > 1  # the receiver of a recorded rally may wait where few do
 
 
 def places_of(game: Game, state: int, seat: int, solution: Solution) -> Places | None:

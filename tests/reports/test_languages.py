@@ -1,7 +1,6 @@
 """Every language has every text that is used, and no other; its words of badminton are those of the readers of files."""
 
 import datetime
-import math
 import re
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 import shuttle_marl
-from shuttle_marl.court.clips import base91
 from shuttle_marl.data.words import bare, table
 from shuttle_marl.game.court import AREA_WORDS, AREAS
 from shuttle_marl.game.shipped import Estimate, default_game
@@ -168,30 +166,3 @@ def test_a_difference_of_a_match_is_said_of_one_player() -> None:
         (1, "lift", "closer", 0.25),
     ]
     assert len(differences(found, match=False)) == 6
-
-
-def decoded(text: str) -> bytes:
-    """The content of basE91 text, as its description says: two letters are 13 bits, or 14 if these would be below 89."""
-    letters = [chr(code) for code in range(33, 127) if chr(code) not in '"\\<']
-    bits = ""
-    for i in range(0, len(text), 2):
-        pair = [letters.index(letter) for letter in text[i : i + 2]]
-        value = pair[0] + 91 * pair[1] if len(pair) == 2 else pair[0]
-        size = (13 if value & 8191 > 88 else 14) if len(pair) == 2 and i + 2 < len(text) else 16
-        bits = f"{value:0{size}b}"[-size:] + bits
-    size = len(bits) % 8
-    whole = int(bits, 2).to_bytes(len(bits) // 8 + bool(size), "little")
-    return whole
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 12, 13, 14, 15, 200])
-def test_packed_content_is_unpacked_to_the_same(size: int) -> None:
-    rng = np.random.default_rng(size)
-    contents = (bytes(size), b"\xff" * size, b"\x58" * size, *(rng.integers(0, 256, size, np.uint8).tobytes() for _ in range(20)))
-    for content in contents:
-        text = base91(content)
-        assert not set(text) & set('"\\< \n')
-        assert decoded(text)[:size] == content
-        assert not any(decoded(text)[size:])
-        assert len(text) <= math.ceil(16 * size / 13) + 1
-    assert base91(b"") == ""

@@ -66,27 +66,21 @@ def test_a_receiver_without_a_choice_has_no_places(game: Game, solution: Solutio
 
 
 @pytest.mark.parametrize(
-    ("loss", "waited", "usual"),
+    ("loss", "waited", "asked"),
     [
-        ([0.0, 0.03, 0.04], 5, 9),
-        ([0.0, 0.03, 0.04], CENTRE, None),
-        ([0.0, 0.001, 0.04], 5, None),
-        ([0.02, 0.0, 0.04], 5, 0),
-        ([0.0, 0.03, 0.01], 5, None),
-        ([0.0, 0.03, 0.04], 8, None),
+        ([0.0, 0.03, 0.04], 5, True),
+        ([0.0, 0.03, 0.04], CENTRE, False),
+        ([0.0, 0.001, 0.04], 5, False),
+        ([0.02, 0.0, 0.04], 5, True),
+        ([0.0, 0.03, 0.01], 5, False),
+        ([0.0, 0.03, 0.04], 8, False),
     ],
 )
-def test_it_is_asked_where_it_matters(loss: list[float], waited: int, usual: int | None) -> None:
-    """Of the positions 4, 2 and 5; the usual answer is the middle."""
+def test_it_is_asked_where_it_matters(loss: list[float], waited: int, asked: bool) -> None:
+    """Of the positions 4, 2 and 5."""
     third = np.full(3, 1 / 3)
     fields: Any = {"position": np.array([CENTRE, 2, 5]), "people": third, "perfect": third, "struck": np.ones(1)}
-    assert Places(win=np.array([loss]), **fields).question(waited) == usual
-
-
-def test_the_middle_is_right_if_it_is_as_good_as_the_best_position() -> None:
-    fourth, win = np.full(4, 1 / 4), np.array([[GOOD, 0.0, 0.04, 0.04]])
-    places = Places(position=np.array([CENTRE, 2, 5, 8]), people=fourth, perfect=fourth, struck=np.ones(1), win=win)
-    assert places.question(5) == 9
+    assert Places(win=np.array([loss]), **fields).asks(waited) == asked
 
 
 def test_places_lose_against_the_best_one() -> None:

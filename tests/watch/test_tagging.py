@@ -52,8 +52,8 @@ def corners(*clicks: tuple[float, float]) -> list[dict[str, Any]]:
 CORNERS: list[dict[str, Any]] = [*corners(*CLICKS), {"kind": "confirm"}]
 
 
-def shot(name: str, time: float, technique: int = 0, height: int = 0, probability: float | None = None) -> dict[str, Any]:
-    fields = {"time": time, "technique": technique, "height": height, "probability": probability}
+def shot(name: str, time: float, technique: int = 0, height: int = 0, **known: Any) -> dict[str, Any]:
+    fields = {"time": time, "technique": technique, "height": height, "probability": None, "areas": None, **known}
     return {"kind": "shot", "shot": SHOTS.index(name), **fields}
 
 
@@ -130,6 +130,10 @@ def test_improbable_inputs_are_asked_once(tmp_path: Path) -> None:
     assert found["phases"][-1] == "ask"
     assert "hardly ever" in found["question"]
     assert tagged(tmp_path, [*rare, cell(5), {"kind": "confirm"}, cell(5)])["phases"][-3:] == ["ask", "place", "shot"]
+    shares = [0.5, 0.4, 0.09, *[0.0] * 6]  # a block goes to the front
+    block = [SETUP, shot("short-serve", 1), cell(7), shot("lift", 2), cell(2), shot("block", 3, areas=shares)]
+    assert tagged(tmp_path, [*block, cell(8)])["question"] == "A block to back centre is hardly ever played."
+    assert tagged(tmp_path, [*block, cell(2)])["phases"][-1] == "shot"
     wrong_court = tagged(tmp_path, [SETUP, shot("short-serve", 1), cell(9)])
     assert "right service court" in wrong_court["question"]
     for y, ending, asks in ((-0.3, "landed", True), (-0.3, "out", False), (0.1, "out", True)):
@@ -227,6 +231,10 @@ def test_suggestions_are_shares_of_the_policy() -> None:
     assert {SHOTS[one.shot] for one in replies[:4]} == {"clear", "drop", "smash", "half-smash"}
     assert [sorted(one.ways) for one in replies] == [list(range(len(TECHNIQUES) * len(HEIGHTS)))] * len(SHOTS)
     assert [HEIGHTS[one.ways[0] % 2] for one in replies[:4]] == ["above"] * 4
+    smash = TagStroke(shot=SHOTS.index("smash"), technique=0, height=1, area=4)
+    (block,) = [one for one in suggestions(game, policy, [*line, smash]) if SHOTS[one.shot] == "block"]
+    assert sum(block.areas) == pytest.approx(1, abs=1e-4)
+    assert sum(block.areas[6:]) < 0.005, "no block goes to the back"
     mirrored = [*line, TagStroke(shot=SHOTS.index("lift"), technique=0, height=0, area=6)]
     assert suggestions(game, policy, mirrored, ("right", "left")) == replies != suggestions(game, policy, mirrored)
     assert suggestions(game, policy, lifted * 1 + [TagStroke(shot=SHOTS.index("drop"), technique=0, height=1, area=None)])
@@ -538,6 +546,9 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         viewer.open(server.address)
         page.fill("[name=near]", "Ada")
         page.fill("[name=far]", "Bea")
+        page.click("text=Begin")
+        assert page.locator("form :invalid").get_attribute("name") == "discipline", "it is asked"
+        page.select_option("[name=discipline]", "WS")
         page.click("text=Begin")
         viewer.until(lambda: viewer.state("suggested") is not None)
         assert viewer.state("suggested")[0] == "short-serve"

@@ -1,30 +1,24 @@
 // Panels that show the values of strokes.
 
-import { capitalised, h, percent, replaceChildren, s, sideColour, signed } from "./dom";
+import { capitalised, h, percent, replaceChildren, s, sideColour } from "./dom";
 import { hurriedTag, term } from "./glossary";
-import { nameAt } from "./names";
+import { nameAt, shown } from "./names";
+import { choiceWords, verdict } from "./verdict";
 import type { Analysis, RallyFacts, Stroke } from "./wire.gen";
 import { decimal, type Key, listed, say, words } from "./words";
 
-/** Probability that seat 0 wins the rally, over time. */
-export function winSteps(rally: RallyFacts, analysis: Analysis): { time: number; win: number }[] {
-  const steps: { time: number; win: number }[] = [];
-  analysis.strokes.forEach((value, i) => {
-    const stroke = rally.strokes[i]!;
-    steps.push({ time: i === 0 ? 0 : stroke.time - 1e-3, win: value.win });
-    steps.push({ time: stroke.time, win: value.chosen });
+/** Probability that seat 0 wins the rally, over the time of so many strokes, and to its end if there are not as many. */
+function winSteps(rally: RallyFacts, analysis: Analysis, named: number): { time: number; win: number }[] {
+  const steps = analysis.strokes.slice(0, named).flatMap(({ win, chosen }, i) => {
+    const { time } = rally.strokes[i]!;
+    return [
+      { time: i === 0 ? 0 : time - 1e-3, win },
+      { time, win: chosen },
+    ];
   });
   const last = rally.strokes.at(-1);
-  if (last && analysis.win_after !== null) {
-    steps.push({ time: last.end_time, win: analysis.win_after });
-  }
-  return steps;
-}
-
-/** Probability that seat 0 wins the rally at a time; null before the values are known. */
-export function winAt(rally: RallyFacts, analysis: Analysis | null, time: number): number | null {
-  const steps = analysis ? winSteps(rally, analysis) : [];
-  return (steps.findLast((step) => step.time <= time + 1e-6) ?? steps[0])?.win ?? null;
+  const over = last && analysis.win_after !== null && named > rally.strokes.length;
+  return over ? [...steps, { time: last.end_time, win: analysis.win_after! }] : steps;
 }
 
 /** Share of the judged strokes of a seat in some rallies that have no `?!`, `?` or `??`, as words. */
@@ -41,71 +35,45 @@ function textWidth(label: string): number {
 }
 
 export class Curve {
-  readonly element = h("section", { class: "panel bottom", "aria-label": say("page.timeline") });
+  readonly element = h("div", { class: "timeline" });
+  readonly slider: HTMLInputElement;
   private readonly drawing = s("svg", { class: "curve", viewBox: "0 0 1000 96", preserveAspectRatio: "none", role: "img" });
-  private readonly cursor = s("line", {
-    y1: 0,
-    y2: 96,
-    stroke: "var(--text)",
-    "stroke-width": 2,
-    "vector-effect": "non-scaling-stroke",
-  });
+  private readonly ahead = s("rect", { y: 0, height: 96, width: 1000, class: "ahead" });
   private readonly names = h("div", { "aria-hidden": "true" });
   private duration = 1;
   private labelled: Stroke[] = [];
 
-  /** @param back button that leaves a "what if". */
-  constructor(seek: (time: number) => void, back: HTMLElement) {
-    this.element.append(
-      h("h2", {}, term("win probability", say("term.win_probability")), back),
-      h("div", { class: "timeline" }, this.drawing, this.names),
-    );
-    new ResizeObserver(() => this.label()).observe(this.drawing);
-    this.drawing.addEventListener("click", (event) => {
-      const box = this.drawing.getBoundingClientRect();
-      seek((((event as MouseEvent).clientX - box.left) / box.width) * this.duration);
+  constructor(seek: (time: number) => void) {
+    this.slider = h("input", {
+      type: "range",
+      min: 0,
+      max: 1,
+      step: 0.02,
+      value: 0,
+      "aria-label": say("page.position"),
+      oninput: () => seek(Number(this.slider.value)),
     });
+    this.element.append(this.drawing, this.names, this.slider);
+    new ResizeObserver(() => this.label()).observe(this.drawing);
   }
 
-  /** @param named number of strokes whose names are shown. */
+  /** @param named number of strokes that are told; more than there are: the end of the rally as well. */
   show(rally: RallyFacts, duration: number, analysis: Analysis | null, named: number): void {
     this.duration = duration;
+    this.slider.max = String(duration);
     const x = (time: number) => (1000 * time) / duration;
     const y = (win: number) => 92 - 88 * win;
-    const parts: SVGElement[] = [
-      s("line", {
-        x1: 0,
-        x2: 1000,
-        y1: y(0.5),
-        y2: y(0.5),
-        stroke: "var(--off)",
-        "stroke-dasharray": "6 6",
-        "vector-effect": "non-scaling-stroke",
-      }),
-    ];
+    const line = (x1: number, x2: number, y1: number, y2: number, colour: string, more: Record<string, string | number>) =>
+      s("line", { x1, x2, y1, y2, stroke: colour, "vector-effect": "non-scaling-stroke", ...more });
+    const parts = [line(0, 1000, y(0.5), y(0.5), "var(--off)", { "stroke-dasharray": "6 6" })];
     this.labelled = rally.strokes.slice(0, named);
     this.label();
-    for (const stroke of rally.strokes) {
-      const colour = sideColour(stroke.seat);
-      parts.push(
-        s("line", {
-          x1: x(stroke.time),
-          x2: x(stroke.time),
-          y1: 2,
-          y2: 94,
-          stroke: colour,
-          "stroke-opacity": 0.55,
-          "vector-effect": "non-scaling-stroke",
-        }),
-      );
+    for (const { time, seat } of this.labelled) {
+      parts.push(line(x(time), x(time), 2, 94, sideColour(seat), { "stroke-opacity": 0.55 }));
     }
-    const steps = analysis ? winSteps(rally, analysis) : [];
+    const steps = analysis ? winSteps(rally, analysis, named) : [];
     if (steps.length) {
-      let path = `M0 ${y(steps[0]!.win)}`;
-      for (const step of steps) {
-        path += `H${x(step.time)}V${y(step.win)}`;
-      }
-      path += "H1000";
+      const path = `M0 ${y(steps[0]!.win)}${steps.map(({ time, win }) => `H${x(time)}V${y(win)}`).join("")}H1000`;
       parts.push(s("path", { d: `${path}V92H0Z`, fill: "var(--a)", "fill-opacity": 0.2 }));
       parts.push(
         s("path", { d: path, fill: "none", stroke: "var(--a)", "stroke-width": 2, "vector-effect": "non-scaling-stroke" }),
@@ -117,7 +85,7 @@ export class Curve {
         ? say("page.curve", { from: percent(steps[0]!.win), to: percent(steps.at(-1)!.win) })
         : say("page.strokes_timeline"),
     );
-    this.drawing.replaceChildren(...parts, this.cursor);
+    this.drawing.replaceChildren(...parts, this.ahead);
   }
 
   /** Names the strokes whose names have room. */
@@ -136,10 +104,10 @@ export class Curve {
     });
   }
 
+  /** Moves to a time; what is ahead is dim. */
   move(time: number): void {
-    const x = String((1000 * time) / this.duration);
-    this.cursor.setAttribute("x1", x);
-    this.cursor.setAttribute("x2", x);
+    this.slider.value = String(time);
+    this.ahead.setAttribute("x", String((1000 * time) / this.duration));
   }
 }
 
@@ -151,11 +119,11 @@ export class MoveList {
 
   constructor(private readonly seek: (stroke: number) => void) {}
 
-  show(rally: RallyFacts, analysis: Analysis | null, upTo = Infinity): void {
+  /** @param named number of strokes that are told; more than there are: the end of the rally as well. */
+  show(rally: RallyFacts, analysis: Analysis | null, named: number): void {
     this.current = -2;
-    this.rows = rally.strokes.slice(0, upTo).map((stroke, i) => {
+    this.rows = rally.strokes.slice(0, named).map((stroke, i) => {
       const value = analysis?.strokes[i];
-      const delta = value?.change ?? null;
       const bad = value?.mark.includes("?") ? " bad" : "";
       return h(
         "button",
@@ -173,18 +141,20 @@ export class MoveList {
           stroke.person
             ? h("span", { class: "tag" }, say(rally.names[stroke.seat] === "you" ? "page.yours" : "page.tried"))
             : null,
+          value ? verdict(rally, analysis!, i, named) : null,
         ),
-        delta === null ? "" : h("span", { class: delta >= 0 ? "up" : "down" }, signed(delta)),
       );
     });
     const count = rally.strokes.length;
+    const over = rally.winner !== null && named > count;
+    const key = !over ? "page.rally_number" : count === 1 ? "page.rally_stroke" : "page.rally_strokes";
     const heading = h(
       "h2",
       {},
-      h("span", {}, say(count === 1 ? "page.rally_stroke" : "page.rally_strokes", { number: rally.number + 1, count })),
-      term("change"),
+      h("span", {}, say(key, { number: rally.number + 1, count })),
+      term("change", say("verdict.term")),
     );
-    const ended = rally.winner === null || upTo < rally.strokes.length ? null : endLine(rally);
+    const ended = over ? endLine(rally) : null;
     replaceChildren(this.element, heading, h("ol", {}, ...this.rows.map((row) => h("li", {}, row))), ended);
   }
 
@@ -194,6 +164,7 @@ export class MoveList {
     }
     this.rows[this.current]?.removeAttribute("aria-current");
     this.current = stroke;
+    this.rows.forEach((row, i) => row.classList.toggle("ahead", i > stroke));
     this.rows[stroke]?.setAttribute("aria-current", "true");
     this.moved = true;
   }
@@ -216,7 +187,7 @@ function endLine(rally: RallyFacts): HTMLElement {
   return h(
     "p",
     { class: "end" },
-    h("b", { class: seat ? "b" : "a" }, capitalised(nameAt(rally.names, seat))),
+    h("b", { class: seat ? "b" : "a" }, shown(capitalised(nameAt(rally.names, seat)))),
     say(rally.names[seat] === "you" ? "page.win_rally" : "page.wins_rally", {
       reason: say(`reason.${rally.reason}` as Key),
       points: rally.after!.points.join(" – "),
@@ -303,7 +274,7 @@ export class OptionTable {
         "h2",
         {},
         h("span", {}, say("page.at_stroke", { name: nameAt(rally.names, stroke.seat), number: index + 1 })),
-        value.change === null ? h("span", {}, say("page.rare")) : term("change", signed(value.change)),
+        term("change", choiceWords(value, stroke.seat)),
       ),
       h("table", { class: "options" }, h("thead", {}, head), h("tbody", {}, ...rows)),
       h("p", { class: "quiet" }, `${strong ? say("page.strongly") : ""}${sure(value.support)}${realised(analysis!.factor)}`),

@@ -14,15 +14,15 @@ import { displayName, nameOnShirt } from "./names";
 import type { Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { matchOf } from "./rally_browser";
-import { Saving } from "./saving";
 import { type Acts, Screen } from "./screen";
+import { save } from "./share";
 import type { Stage } from "./stage";
-import { type Choice, openStartCard } from "./start";
+import { type Choice, startCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
 import { playing, Timeline, type Tried } from "./timeline";
 import type { FriendReply, Hello, RallyFacts, Side } from "./wire.gen";
-import { say } from "./words";
+import { decimal, say } from "./words";
 
 /** That the strokes have the skill of both players, of a day or of the last one known. */
 function skillWords(day: string): string {
@@ -36,19 +36,15 @@ export class App {
   private readonly course: Timeline;
   private readonly screen: Screen;
   private readonly rallies: Rallies;
-  private readonly saving: Saving;
   private readonly keys: Record<string, () => void>;
   private readonly values: StrokeValues;
   private readonly challenges: Challenges;
   private shown: Shown | null = null;
+  private card: HTMLElement | null = null; // of the first visit
   private pictured: Promise<void> | null = null; // resolves after the first picture
   private readonly ending: Ending;
   private readonly unseen: number[] = []; // times of choices after which no frame has moved yet
-  private readonly listener: FrameListener = {
-    advanced: (ended) => this.advanced(ended),
-    update: () => this.screen.update(),
-    drawn: (ended) => this.drawn(ended),
-  };
+  private readonly listener: FrameListener = { update: () => this.screen.update(), drawn: (ended) => this.drawn(ended) };
   private readonly turnTimes: number[] = [];
 
   constructor(
@@ -80,7 +76,6 @@ export class App {
       source,
       this.values,
       {
-        count: this.count,
         go: (rally, stroke, playing) => this.go(rally, stroke, playing),
         setMode: (mode) => this.setMode(mode),
         enter: (mode) => this.enter(mode, mode === "play"),
@@ -91,17 +86,20 @@ export class App {
     if (source.friend && this.live) {
       this.course.friend = new FriendGame(source.friend, layout, (now) => this.friendPlayed(now));
     }
-    this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, () =>
-      this.go(this.course.number + 1, null, true),
-    );
-    this.saving = new Saving(this.course, this.player, this.frames, source, this.screen);
+    this.ending = new Ending(this.course, this.frames, this.rallies, () => this.go(this.course.number + 1, null, true));
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
     const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
     const opened = this.openPlace({ ...place, rally: first }, place.stroke === null);
     this.frames.start(this.listener);
     if (!location.hash && this.live) {
-      openStartCard(hello.ladder, hello.duel, (choice) => void opened.then(() => this.begin(choice)));
+      this.card = startCard(
+        hello.plan.sides.map(({ policy }) => policy) as [string, string],
+        hello.ladder,
+        hello.duel,
+        (choice) => void opened.then(() => this.begin(choice)),
+      );
+      layout.court.append(this.card);
     }
   }
 
@@ -140,16 +138,13 @@ export class App {
       mode: (mode) => this.setMode(mode),
       newMatch: () => this.askNewMatch(),
       friend: () => this.begin("friend"),
-      copyLink: () => this.saving.copyLink(),
-      savePicture: () => this.saving.picture(() => this.draw()),
-      savePage: (match) => void this.saving.page(match),
-      saveFilm: () => this.saving.film(() => this.draw()),
+      copyLink: () => this.copyLink(),
+      savePage: () => void this.savePage(),
       rally: (step) => void this.go(this.course.number + step),
       stroke: (step) => this.stepStroke(step),
       toggle: () => this.toggle(),
       replay: () => this.player.replay(),
       speed: (speed) => (this.player.speed = speed),
-      loop: (on) => (this.ending.loop = on),
       autoNext: (on) => (this.ending.autoNext = on),
       seek: (time) => this.seek(time),
       sound: () => this.screen.toggleSound(),
@@ -172,9 +167,8 @@ export class App {
       changeSide: (seat, side) => this.changeSide(seat, side),
       takeOver: (seat) => void this.takeOver(seat),
       choose: (choice) => void this.choose(choice),
-      nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
+      nextQuestion: () => void this.go(this.course.number + 1),
       isLast: () => this.isLast,
-      daily: this.source.puzzles ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
       retry: () => void this.retry(),
       hints: async () => {
         const { friend, number } = this.course;
@@ -226,8 +220,6 @@ export class App {
   private show(shown: Shown, time: number, playing: boolean): void {
     const { course, frames, player, hello } = this;
     const { rally, motion } = shown;
-    this.saving.endFilm();
-    this.ending.restoreCamera();
     this.shown = shown;
     if (course.person) {
       this.seeFrom(course.person.seat, rally);
@@ -244,7 +236,7 @@ export class App {
     if (played?.chosen && played.rally === rally.number && played.strokes === rally.strokes.length) {
       this.screen.answered = rally.turn; // before the page was loaded again
     }
-    this.saving.updateAddress();
+    this.updateAddress();
     // A new server compiles for these; on a machine of few cores, the first picture would wait for it.
     this.pictured ??= nextPicture();
     this.values.latest = this.pictured.then(() => {
@@ -265,8 +257,8 @@ export class App {
     const failed = (error: Error) => this.screen.layout.say(error.message, true);
     if (typeof choice === "number") {
       challenges.duel(choice).catch(failed);
-    } else if (choice === "daily" || choice === "friend") {
-      (choice === "daily" ? challenges.daily() : challenges.friend(null)).catch(failed);
+    } else if (choice === "friend") {
+      challenges.friend(null).catch(failed);
     } else if (choice !== "watch") {
       this.setMode(choice);
     }
@@ -280,13 +272,13 @@ export class App {
       return;
     }
     if (mode !== "learn") {
-      screen.learn.start(null);
+      screen.learn.end();
     }
     this.enter(mode, mode === "watch" || mode === "play");
     if (mode === "play" && !course.person && course.plan) {
       course.playFromStart();
       this.values.reset();
-      void this.go(0, null, true).then(() => screen.layout.say(say("page.you_play", { side: "A" })));
+      void this.go(0, null, true);
       return;
     }
     if (before === "play") {
@@ -296,6 +288,7 @@ export class App {
   }
 
   private enter(mode: Mode, autoNext = true): void {
+    this.card?.remove();
     this.screen.showMode(mode);
     this.ending.autoNext = autoNext;
     this.screen.layout.showAutoNext(autoNext);
@@ -318,12 +311,12 @@ export class App {
   seekStroke(stroke: number): void {
     this.player.playing = false;
     this.seek(this.shown?.rally.strokes[stroke]?.time ?? 0);
-    this.saving.updateAddress();
+    this.updateAddress();
   }
 
   stepStroke(step: number): void {
     if (this.player.stepStroke(step)) {
-      this.saving.updateAddress();
+      this.updateAddress();
     } else {
       this.seek(step > 0 ? this.player.duration : 0);
     }
@@ -354,7 +347,7 @@ export class App {
     if (this.live) {
       this.course.newMatch();
       this.values.reset();
-      this.screen.learn.start(null);
+      this.screen.learn.end();
       void this.go(0, null, true);
     }
   }
@@ -385,7 +378,7 @@ export class App {
     }
     const { layout } = this.screen;
     layout.say(say("page.plays_so", { name: displayName(side.policy) }));
-    this.saving.updateAddress();
+    this.updateAddress();
     this.rallies.load(course.wanted(from)).catch((error: Error) => layout.say(error.message, true));
   }
 
@@ -411,7 +404,6 @@ export class App {
     const taken = await this.rallies.fetch(course.wanted(course.number), null, undo);
     if (taken) {
       this.show(taken, Math.min(time, taken.motion.duration), true);
-      layout.say(say("page.you_play", { side: "AB"[seat]! }));
     }
   }
 
@@ -495,7 +487,7 @@ export class App {
       }
     } else if (plan) {
       course.open(plan);
-      this.saving.updateAddress();
+      this.updateAddress();
     }
   }
 
@@ -537,16 +529,7 @@ export class App {
 
   // Time.
 
-  private advanced(ended: boolean): void {
-    if (ended || !this.player.playing) {
-      this.saving.endFilm();
-    }
-  }
-
   private drawn(ended: boolean): void {
-    if (!this.frames.onDemand) {
-      this.saving.drawn();
-    }
     if (ended) {
       this.ending.reached(this.shown!);
     }
@@ -557,20 +540,42 @@ export class App {
 
   draw(): void {
     this.frames.draw(this.listener);
-    if (this.frames.onDemand) {
-      this.saving.drawn();
+  }
+
+  // Links and files.
+
+  /** Updates the address of the page. */
+  private updateAddress(): void {
+    history.replaceState(null, "", this.course.link(this.player.stroke));
+  }
+
+  private copyLink(): void {
+    this.updateAddress();
+    navigator.clipboard?.writeText(location.href).catch(() => {});
+    this.screen.layout.say(say("page.link_copied"));
+  }
+
+  /** Saves the rally as a page that opens from disk. */
+  private async savePage(): Promise<void> {
+    const { course, source, shown } = this;
+    const { layout } = this.screen;
+    if (!source.share || !shown) {
+      return;
+    }
+    layout.say(say("page.creating"));
+    try {
+      const title = shown.rally.names.map(displayName).join(say("page.versus"));
+      const page = await source.share(course.wanted(course.number), title, course.link(this.player.stroke));
+      save(page, `rally-${course.number + 1}.html`);
+      layout.say(say("page.saved", { size: decimal(page.size / 1e6, 1) }));
+    } catch (error) {
+      layout.say((error as Error).message, true);
     }
   }
 
-  /** Fills the window with the court and its overlays, for a video; resolves when the values of the strokes are known. */
-  async film(): Promise<void> {
-    this.player.playing = false;
-    this.frames.onDemand = true;
-    document.body.classList.add("film");
-    this.saving.fillWindow();
-    this.seek(0);
-    await this.values.latest;
-    this.draw();
+  /** Where players and shuttle are in the picture at a time; nothing is drawn. */
+  held(time: number): ReturnType<Stage["held"]> | null {
+    return this.shown && (this.stage?.held(this.shown.rally, this.shown.motion, time) ?? null);
   }
 
   /** State of the page for tests and scripts. */

@@ -25,11 +25,15 @@ const KEYS: Record<string, string> = {
 /** Places of the areas, by the hand of the receiver: an area is named by the side of the forehand. */
 const GRID = { right: [6, 7, 8, 3, 4, 5, 0, 1, 2], left: [8, 7, 6, 5, 4, 3, 2, 1, 0] } as const;
 
+type Box = [number, number, number, number];
+
 export interface BoardHooks {
   /** Plays a stroke, or waits in a position, as the turn asks. */
   choose(choice: number): void;
   hints(): Promise<OptionsReply>;
-  aim(box: [number, number, number, number] | null): void;
+  aim(box: Box | null): void;
+  /** Paints the areas that may be chosen. */
+  paint(boxes: Box[]): void;
 }
 
 export class Board {
@@ -42,6 +46,8 @@ export class Board {
   private order: readonly number[] = GRID.right;
   private values = new Map<number, Option>();
   private readonly pad: Pad;
+  /** Beside the pointer: the stroke that a click plays. */
+  private readonly label = h("p", { class: "label hidden", "aria-hidden": "true" });
 
   constructor(
     private readonly hall: HallFacts,
@@ -51,7 +57,9 @@ export class Board {
       wait: (position) => hooks.choose(position),
       perfect: async () => (await hooks.hints()).positions,
       aim: (box) => hooks.aim(box),
+      paint: (boxes) => hooks.paint(boxes),
     });
+    document.body.append(this.label);
   }
 
   /** Offers the choices of a turn of a rally; null: none. */
@@ -61,7 +69,7 @@ export class Board {
     }
     this.turn = turn;
     this.values.clear();
-    document.body.classList.toggle("choosing", turn !== null);
+    this.label.classList.add("hidden");
     if (turn?.positions.length) {
       this.pad.show(turn, rally!);
     } else if (turn) {
@@ -71,6 +79,7 @@ export class Board {
       (this.element.querySelector(".shots button:not(:disabled)") as HTMLElement | null)?.focus({ preventScroll: true });
     } else {
       this.hooks.aim(null);
+      this.hooks.paint([]);
       this.wait();
     }
   }
@@ -111,19 +120,28 @@ export class Board {
   private choose(parts: { shot?: string; area?: string; technique?: string }): void {
     const { strokes } = this.turn!;
     const fits = (test: (s: TurnStroke) => boolean) => strokes.filter(test);
+    if (parts.area && !this.shot) {
+      this.shot = this.usual(strokes.filter((s) => s.area === parts.area))!.shot;
+    }
     this.shot = parts.shot ?? this.shot;
     let left = fits((s) => s.shot === this.shot);
     const area = parts.area ?? this.area;
-    this.area = left.some((s) => s.area === area) ? area : this.likeliest(left).area;
+    this.area = left.some((s) => s.area === area) ? area : this.usual(left)!.area;
     left = left.filter((s) => s.area === this.area);
     const technique = parts.technique ?? this.technique;
-    this.technique = left.some((s) => s.technique === technique) ? technique : this.likeliest(left).technique;
+    this.technique = left.some((s) => s.technique === technique) ? technique : this.usual(left)!.technique;
     this.draw();
     this.hooks.aim(this.selected?.box ?? null);
   }
 
-  private likeliest(strokes: TurnStroke[]): TurnStroke {
-    return strokes.reduce((best, s) => (s.p_succ > best.p_succ ? s : best));
+  /** The stroke that people play most. */
+  private usual(strokes: TurnStroke[]): TurnStroke | undefined {
+    return strokes.reduce<TurnStroke | undefined>((best, s) => (best && played(best) >= played(s) ? best : s), undefined);
+  }
+
+  /** The strokes of the chosen shot; all before one is chosen. */
+  private get offered(): TurnStroke[] {
+    return this.turn!.strokes.filter(({ shot }) => !this.shot || shot === this.shot);
   }
 
   /** Win probability of the best of several strokes; null until hints arrive. */
@@ -142,25 +160,23 @@ export class Board {
       const best = this.best(strokes.filter((s) => s.shot === shot));
       return h(
         "button",
-        {
-          "aria-pressed": String(shot === this.shot),
-          "data-key": `shot ${shot}`,
-          onclick: () => this.choose({ shot }),
-        },
+        { "aria-pressed": String(shot === this.shot), "data-key": `shot ${shot}`, onclick: () => this.choose({ shot }) },
         words(shot),
         h("small", {}, h("kbd", {}, KEYS[shot]!), best ? say("board.wins", { share: best }) : ""),
       );
     });
     const folded = shots.filter((shot) => !legal.includes(shot));
-    const ofShot = strokes.filter((s) => s.shot === this.shot);
+    const ofShot = this.offered;
+    this.hooks.paint(Object.values(Object.fromEntries(ofShot.map(({ area, box }) => [area, box]))));
     const areaButtons = this.order.map((index, place) => {
       const area = this.hall.areas[index]!.name;
       const mine = ofShot.filter((s) => s.area === area);
       const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
       const best = this.best(mine);
+      const shot = this.shot ? null : words(this.usual(mine)?.shot ?? "clear");
       const facts = mine.length
-        ? [say("board.in", { share: percent(share) }), best && say("board.wins", { share: best }).trim()]
-        : [say(this.shot ? "board.not_modelled" : "board.choose")];
+        ? [shot, say("board.in", { share: percent(share) }), best && say("board.wins", { share: best }).trim()]
+        : [say(`board.not_${height}` as Key)];
       return h(
         "button",
         {
@@ -172,21 +188,23 @@ export class Board {
           style: mine.length ? `background:${shade(share)}` : "",
           onclick: () => this.choose({ area }),
         },
-        mine.length ? (best ?? percent(share)) : "–",
+        mine.length ? (best ?? shot ?? percent(share)) : "",
       );
     });
     const there = (technique: string) => ofShot.some((s) => s.area === this.area && s.technique === technique);
-    const techniques = this.hall.techniques.filter(there).map((technique) =>
-      h(
-        "button",
-        {
-          "aria-pressed": String(technique === this.technique),
-          "data-key": `technique ${technique}`,
-          onclick: () => this.choose({ technique }),
-        },
-        words(technique),
-      ),
-    );
+    const techniques = this.hall.techniques
+      .filter(there)
+      .map((technique) =>
+        h(
+          "button",
+          {
+            "aria-pressed": String(technique === this.technique),
+            "data-key": `technique ${technique}`,
+            onclick: () => this.choose({ technique }),
+          },
+          words(technique),
+        ),
+      );
     const now = this.selected;
     const option = now ? this.values.get(now.stroke) : undefined;
     const chances = now
@@ -195,7 +213,7 @@ export class Board {
           say("board.back", { share: percent(now.p_ret) }),
           ...(option ? [say("board.wins", { share: percent(option.win) }).trim()] : []),
         ].join(" · ")
-      : say("board.choose_shot");
+      : say("board.point");
     replaceChildren(
       this.element,
       h(
@@ -216,7 +234,13 @@ export class Board {
           "div",
           {},
           h("div", { class: "shots" }, ...shotButtons),
-          folded.length ? h("p", { class: "folded" }, say("board.folded", { shots: listed(folded.map(words)) })) : null,
+          folded.length
+            ? h(
+                "p",
+                { class: "folded" },
+                say(`board.not_${height}` as Key) + say("board.folded", { shots: listed(folded.map(words)) }),
+              )
+            : null,
         ),
         h("div", { class: "targets", role: "group", "aria-label": say("board.target") }, ...areaButtons),
       ),
@@ -256,17 +280,36 @@ export class Board {
     }
   }
 
-  /** Selects the area that contains a point of the court. */
-  aimAt(x: number, y: number): void {
-    if (this.turn?.positions.length) {
-      this.pad.aimAt(x, y);
-      return;
+  private at(x: number, y: number): TurnStroke | undefined {
+    return this.usual(this.offered.filter(({ box: [x0, x1, y0, y1] }) => x0 <= x && x <= x1 && y0 <= y && y <= y1));
+  }
+
+  /** Shows what a click plays at a point of the court; null: nothing. */
+  point(place: [number, number] | null, left: number, top: number): void {
+    if (this.turn?.positions.length && place) {
+      this.pad.pointAt(...place, false);
+    } else if (this.turn?.strokes.length) {
+      const found = place ? this.at(...place) : undefined;
+      this.label.classList.toggle("hidden", !found);
+      this.hooks.aim((found ?? this.selected)?.box ?? null);
+      if (found) {
+        const name = say("stroke.to", { shot: words(found.shot), area: words(found.area) });
+        this.label.textContent = `${name} · ${say("board.in", { share: percent(found.p_succ) })}`;
+        this.label.style.left = `${Math.min(left + 14, innerWidth - this.label.offsetWidth - 6)}px`;
+        this.label.style.top = `${top - 34}px`;
+      }
     }
-    const found = this.turn?.strokes.find(
-      ({ shot, box: [x0, x1, y0, y1] }) => shot === this.shot && x0 <= x && x <= x1 && y0 <= y && y <= y1,
-    );
-    if (found) {
-      this.choose({ area: found.area });
+  }
+
+  /** Plays the stroke that people play most at a point of the court, or waits there. */
+  playAt(x: number, y: number): void {
+    if (this.turn?.positions.length) {
+      this.pad.pointAt(x, y, true);
+    } else if (this.turn) {
+      const found = this.at(x, y);
+      if (found) {
+        this.hooks.choose(found.stroke);
+      }
     }
   }
 
@@ -298,7 +341,7 @@ export class Board {
     const place = [7, 8, 9, 4, 5, 6, 1, 2, 3].indexOf(Number(key));
     if (/^[1-9]$/.test(key)) {
       const area = this.hall.areas[this.order[place]!]!.name;
-      if (strokes.some((s) => s.shot === this.shot && s.area === area)) {
+      if (this.offered.some((s) => s.area === area)) {
         this.choose({ area });
       }
       return true;
@@ -310,6 +353,11 @@ export class Board {
     }
     return false;
   }
+}
+
+/** How often people play a stroke; where that is not known, how often it is in. */
+function played({ support, p_succ }: TurnStroke): number {
+  return support ?? p_succ;
 }
 
 /** Colour of a probability on the panel, from red to green; text on it keeps its contrast. */

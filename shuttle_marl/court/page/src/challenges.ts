@@ -1,10 +1,9 @@
-// Reasons to come back: the puzzles of the day, and duels with a ladder of opponents.
+// Duels: with a ladder of opponents, or with a friend.
 
-import { Daily, today } from "./daily";
 import { keepRating, keepRung, rating } from "./decisions";
 import { h, replaceChildren } from "./dom";
 import type { Mode } from "./layout";
-import { opponentName } from "./names";
+import { displayName } from "./names";
 import type { Source } from "./rallies";
 import type { Screen } from "./screen";
 import type { StrokeValues } from "./strokeValues";
@@ -16,8 +15,6 @@ import { say } from "./words";
 const PRO: Side = { policy: "bc", temperature: 1 };
 
 export interface ChallengeHooks {
-  /** Number of rallies of the page; null: a server plays others. */
-  count: number | null;
   go(rally: number, stroke: number | null, playing: boolean): Promise<void>;
   setMode(mode: Mode): void;
   enter(mode: Mode): void;
@@ -35,20 +32,6 @@ export class Challenges {
     private readonly hello: Hello,
   ) {}
 
-  /** Starts the puzzles of the day: of a match of its own, or of the rallies of this page. */
-  async daily(): Promise<void> {
-    const { course, screen, hooks } = this;
-    const daily = new Daily(today(), hooks.count);
-    if (hooks.count === null) {
-      course.open({ seed: daily.seed, sides: [PRO, PRO] });
-      course.person = null;
-      hooks.seeFrom(0);
-    }
-    screen.learn.start(daily);
-    hooks.enter("learn");
-    await hooks.go(daily.first, null, false);
-  }
-
   /** Starts a duel with an opponent of the ladder. */
   async duel(number: number): Promise<void> {
     const { course, screen, hooks } = this;
@@ -62,7 +45,7 @@ export class Challenges {
     hooks.seeFrom(0);
     screen.hear();
     await hooks.go(0, null, true);
-    screen.layout.say(say("duel.begins", { points: duel, name: opponentName(policy) }));
+    screen.layout.say(say("duel.begins", { points: duel, name: displayName(policy) }));
   }
 
   /**
@@ -138,7 +121,7 @@ export class Challenges {
           "div",
           { class: "row" },
           begin(at, say("duel.another")),
-          stronger && begin(at + 1, say("duel.next", { name: opponentName(stronger) })),
+          stronger && begin(at + 1, say("duel.next", { name: displayName(stronger) })),
         ),
     ];
     replaceChildren(dialog.querySelector("div")!, ...content);

@@ -1,8 +1,9 @@
 // Decisions of a person: what the last one was worth, the score of both sides, the streak, and the rating that the browser keeps.
 
-import { h, signed } from "./dom";
+import { capitalised, h, keep, kept } from "./dom";
+import { choiceWords } from "./verdict";
 import type { Analysis, RallyFacts, RatingReply } from "./wire.gen";
-import { type Key, say, words } from "./words";
+import { say, words } from "./words";
 
 const RATING = "shuttle_marl.rating";
 const RUNG = "shuttle_marl.rung";
@@ -15,23 +16,6 @@ interface Decision {
   /** null: not judged. */
   quality: number | null;
   mistake: boolean;
-}
-
-function kept<T>(name: string, otherwise: T, fits: (found: T) => boolean): T {
-  try {
-    const found = JSON.parse(localStorage.getItem(name) ?? "null") as T | null;
-    return found !== null && fits(found) ? found : otherwise;
-  } catch {
-    return otherwise; // nothing is stored, or not by this page
-  }
-}
-
-function keep(name: string, what: unknown): void {
-  try {
-    localStorage.setItem(name, JSON.stringify(what));
-  } catch {
-    // A browser that stores nothing keeps no rating.
-  }
 }
 
 export function rating(): RatingReply {
@@ -109,11 +93,11 @@ export class Decisions {
       return;
     }
     const better = value.options.find((option) => option.stroke === value.better);
-    const change = value.change ?? 0;
-    const kind = value.change === null ? "unknown" : value.loss > 0 && change < 0 ? "worse" : "good";
     const stroke = better && say("stroke.to", { shot: words(better.shot), area: words(better.area) });
-    this.told.className = kind === "good" ? "up" : kind === "worse" ? "down" : "quiet";
-    this.told.textContent = say(`decide.${kind}` as Key, { share: signed(change), stroke: stroke ?? "" });
+    const worse = value.change !== null && value.loss > 0 && value.change < 0 && stroke;
+    this.told.className = value.change === null ? "quiet" : worse ? "down" : "up";
+    const choice = capitalised(choiceWords(value, seat));
+    this.told.textContent = worse ? say("decide.worse", { choice, stroke: stroke! }) : choice;
     this.line.textContent = practice ? say("decide.practice") : this.summary(seat);
   }
 

@@ -82,3 +82,21 @@ export function nextPicture(): Promise<void> {
     setTimeout(resolve, 1000);
   });
 }
+
+/** What the browser keeps under a name, if it fits. */
+export function kept<T>(name: string, otherwise: T, fits: (found: T) => boolean): T {
+  try {
+    const found = JSON.parse(localStorage.getItem(name) ?? "null") as T | null;
+    return found !== null && fits(found) ? found : otherwise;
+  } catch {
+    return otherwise; // nothing is stored, or not by this page
+  }
+}
+
+export function keep(name: string, what: unknown): void {
+  try {
+    localStorage.setItem(name, JSON.stringify(what));
+  } catch {
+    // A browser that stores nothing.
+  }
+}

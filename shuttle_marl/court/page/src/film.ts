@@ -46,6 +46,7 @@ export class Film {
     this.video.addEventListener("loadedmetadata", () => {
       this.video.playbackRate = 0.5;
       this.slider.max = String(this.video.duration);
+      document.body.style.setProperty("--shape", String(this.video.videoWidth / this.video.videoHeight));
       this.draw();
     });
     this.slider.addEventListener("input", () => this.jump(Number(this.slider.value)));

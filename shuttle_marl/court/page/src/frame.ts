@@ -12,11 +12,9 @@ const LONGEST = 0.1; // maximum time step of a frame [s]
 const FRAMES = 240; // number of frame durations that are stored
 
 export interface FrameListener {
-  /** Time has passed; `ended`: the rally reached its end. */
-  advanced(ended: boolean): void;
   /** Updates everything beside the court. */
   update(): void;
-  /** The frame is drawn. */
+  /** The frame is drawn; `ended`: the rally reached its end. */
   drawn(ended: boolean): void;
 }
 
@@ -27,17 +25,15 @@ export class Frames {
   readonly durations: number[] = [];
   /** Target area of a person: x0, x1, y0, y1. */
   aim: [number, number, number, number] | null = null;
+  /** Areas that a person may choose. */
+  legal: [number, number, number, number][] = [];
   /** Flight of a stroke that is pointed at. */
   flight: Flight | null = null;
   /** The stroke whose positions and open side are shown; null: none are. */
   waiting: StrokeValue | null = null;
-  /** Whether frames are drawn on demand only, for a video. */
-  onDemand = false;
   private shown: { rally: RallyFacts; motion: Motion } | null = null;
   private last = 0; // time of the last frame [ms]
   private version = 0; // increases with each rally shown
-  private size: [number, number] = [1, 1]; // of the court on the page
-  private fixed: [number, number] | null = null;
   private seen = ""; // state that the last frame depends on
   private unsettled = 0; // frames to draw although nothing changed
   private drawnAt = 0;
@@ -65,16 +61,8 @@ export class Frames {
   }
 
   resize(width: number, height: number): void {
-    this.size = [width, height];
-    this.stage?.resize(...(this.fixed ?? this.size));
+    this.stage?.resize(width, height);
     this.seen = "";
-  }
-
-  /** Draws with a fixed number of pixels from now on, whatever the size of the window; null: as the window. */
-  fix(size: [number, number] | null): void {
-    this.fixed = size;
-    this.stage?.drawWhole(size !== null);
-    this.resize(...this.size);
   }
 
   start(listener: FrameListener): void {
@@ -86,10 +74,7 @@ export class Frames {
     const seconds = Math.min(LONGEST, (now - this.last) / 1000);
     this.last = now;
     const ended = this.player.advance(seconds);
-    listener.advanced(ended);
-    if (!this.onDemand) {
-      this.draw(listener);
-    }
+    this.draw(listener);
     listener.drawn(ended);
     this.durations.push(performance.now() - began);
     if (this.durations.length > FRAMES) {
@@ -120,6 +105,7 @@ export class Frames {
       stage.camera,
       stage.flipped,
       this.aim,
+      this.legal.length,
       this.flight?.shot,
       this.waiting !== null,
       player.playing,
@@ -131,7 +117,7 @@ export class Frames {
     if (this.unsettled > 0 || stage.camera === "free") {
       this.unsettled--;
       [this.drawnAt, this.drawnTime] = [now, player.time];
-      stage.draw(rally, motion, player.time, this.aim, this.flight, this.waiting, !player.playing && !player.waits);
+      stage.draw(rally, motion, player.time, this.aim, this.legal, this.flight, this.waiting, !player.playing && !player.waits);
     }
   }
 }

@@ -1,6 +1,6 @@
 // A game with a friend by a link: the server collects the choices of both, and this page asks once a second how it stands.
 
-import { h } from "./dom";
+import { h, keep, kept } from "./dom";
 import type { Layout } from "./layout";
 import { dialog } from "./menus";
 import type { Wanted } from "./rallies";
@@ -13,14 +13,9 @@ const LOCAL = /^(localhost|127\.|\[::1\])/;
 
 type Ask = (asked: FriendRequest) => Promise<FriendReply>;
 
-/** The seat that this browser has in a game; null: none. */
-function kept(token: string): string | null {
-  try {
-    const found = JSON.parse(localStorage.getItem(STORED) ?? "null") as FriendSeat | null;
-    return found?.token === token ? found.key : null;
-  } catch {
-    return null; // nothing is stored, or not by this page
-  }
+/** The key of the seat that this browser has in a game; null: none. */
+function keyIn(token: string): string | null {
+  return kept<FriendSeat | null>(STORED, null, (seat) => seat?.token === token)?.key ?? null;
 }
 
 export class FriendGame {
@@ -48,15 +43,11 @@ export class FriendGame {
    */
   async join(token: string | null): Promise<FriendReply> {
     this.leave();
-    const now = await this.ask({ token, key: token && kept(token), rally: 0, stroke: 0 });
+    const now = await this.ask({ token, key: token && keyIn(token), rally: 0, stroke: 0 });
     if (now.refused) {
       throw new Error(say(`friend.${now.refused}`));
     }
-    try {
-      localStorage.setItem(STORED, JSON.stringify({ token: now.token, key: now.key }));
-    } catch {
-      // A browser that stores nothing keeps no seat.
-    }
+    keep(STORED, { token: now.token, key: now.key });
     this.now = now;
     document.body.classList.add("friend");
     this.again();

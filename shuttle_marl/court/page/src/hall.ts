@@ -43,20 +43,17 @@ function* numbers(seed: number): Generator<number, never> {
   }
 }
 
-/** @returns excitement of the spectators, from 0 (all sit) to 1 (all stand). */
-export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): { value: number } {
-  const excitement = { value: 0 };
+export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): void {
   scene.fog = new THREE.Fog(DARK, 26, 60);
   addFloor(scene, facts);
   addBoards(scene);
-  addStands(scene, lite, excitement);
+  addStands(scene, lite);
   scene.traverse((part) => part.layers.set(BEHIND));
   addNet(scene, facts, lite);
   addLights(scene, lite);
   if (lite) {
     simplify(scene);
   }
-  return excitement;
 }
 
 /** Replaces materials and textures by ones that are cheap in software rendering. */
@@ -231,7 +228,7 @@ function addBoards(scene: THREE.Scene): void {
 }
 
 /** Four stands with spectators. */
-function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: number }): void {
+function addStands(scene: THREE.Scene, lite: boolean): void {
   const rows = lite ? 9 : 16;
   const random = numbers(20417);
   const spots: { spot: THREE.Vector3; turn: number }[] = [];
@@ -270,17 +267,6 @@ function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: numbe
         new THREE.BoxGeometry(0.3, 0.13, 0.36).translate(0, 0.07, -0.22),
       ]);
   const material = new THREE.MeshLambertMaterial({ color: 0xffffff });
-  if (!lite) {
-    // Spectators rise one after the other, each at a level of excitement of its own.
-    material.onBeforeCompile = (shader) => {
-      shader.uniforms["excitement"] = excitement;
-      const rise = "transformed.y *= 1.0 + 0.5 * smoothstep(0.8 * mood, 0.8 * mood + 0.2, excitement);";
-      const mood = "float mood = fract(43758.5453 * sin(dot(instanceMatrix[3].xz, vec2(12.9898, 78.233))));";
-      shader.vertexShader = shader.vertexShader
-        .replace("void main() {", "uniform float excitement;\nvoid main() {")
-        .replace("#include <begin_vertex>", `#include <begin_vertex>\n${mood}\n${rise}`);
-    };
-  }
   const crowd = new THREE.InstancedMesh(body, material, spots.length);
   const matrix = new THREE.Matrix4();
   const colour = new THREE.Color();
@@ -336,13 +322,12 @@ export class Backdrop {
   private size = "";
 
   constructor(private readonly renderer: THREE.WebGLRenderer) {
-    // The picture is that of the canvas already: it is copied pixel by pixel.
     this.material = new THREE.RawShaderMaterial({
       glslVersion: THREE.GLSL3,
-      uniforms: { picture: { value: null } },
+      uniforms: { picture: { value: null }, part: { value: new THREE.Vector4() }, size: { value: new THREE.Vector2() } },
       vertexShader: "in vec3 position; void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }",
-      fragmentShader:
-        "precision mediump float; uniform sampler2D picture; out vec4 colour; void main() { colour = texelFetch(picture, ivec2(gl_FragCoord.xy), 0); }",
+      fragmentShader: `precision mediump float; uniform sampler2D picture; uniform vec4 part; uniform vec2 size; out vec4 colour;
+        void main() { colour = texture(picture, part.xy + part.zw * gl_FragCoord.xy / size); }`,
       depthTest: false,
       depthWrite: false,
     });
@@ -355,12 +340,26 @@ export class Backdrop {
     this.screen.add(sheet);
   }
 
-  /** Renders a scene; the layer `BEHIND` is rendered once per view and cached. */
-  render(scene: THREE.Scene, eye: THREE.PerspectiveCamera): void {
+  /**
+   * Renders a scene; the layer `BEHIND` is rendered once per view and cached.
+   * @param widen sets the lens to the picture that is cached, and `narrow` to the one that is shown.
+   * @param part the one that is shown in the cached one: corner and size.
+   */
+  render(
+    scene: THREE.Scene,
+    eye: THREE.PerspectiveCamera,
+    widen: () => void,
+    narrow: () => void,
+    part: [number, number, number, number],
+  ): void {
     const { renderer } = this;
+    const { uniforms } = this.material;
     eye.updateMatrixWorld();
-    const behind = this.pictureOf(scene, eye);
-    this.material.uniforms["picture"]!.value = behind;
+    widen();
+    uniforms["picture"]!.value = this.pictureOf(scene, eye);
+    narrow();
+    uniforms["part"]!.value.set(...part);
+    uniforms["size"]!.value.set(renderer.domElement.width, renderer.domElement.height);
     renderer.autoClear = false;
     renderer.render(this.screen, this.flat);
     renderer.clearDepth();
@@ -386,6 +385,7 @@ export class Backdrop {
     }
     const picture =
       this.pictures.length < MAX_PICTURES ? new THREE.FramebufferTexture(width, height) : this.pictures.shift()!.picture;
+    picture.magFilter = picture.minFilter = THREE.LinearFilter;
     eye.layers.set(BEHIND);
     renderer.render(scene, eye);
     renderer.copyFramebufferToTexture(picture);

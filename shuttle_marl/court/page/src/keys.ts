@@ -20,7 +20,7 @@ interface Acts {
 
 interface Page {
   speed: { value: string };
-  details: { click(): void };
+  panel: { click(): void };
   showText(on: boolean): void;
   toggleHelp(): void;
 }
@@ -38,7 +38,7 @@ export function keyList(match: boolean): { general: [string, string][]; play: [s
     ["r", say("keys.replay")],
     ["m", say("keys.sound")],
     ["w", say("keys.words")],
-    ["e", say("keys.details")],
+    ["e", say("page.panel")],
     ["h", say("keys.keys")],
   ];
   if (!match) {
@@ -73,12 +73,7 @@ export function keyTable(
     player.speed = SPEEDS[Math.min(Math.max(at + step, 0), SPEEDS.length - 1)]!;
     layout.speed.value = String(player.speed);
   };
-  const matchKeys = {
-    n: () => acts.newMatch(),
-    t: () => acts.takeOver(0),
-    T: () => acts.takeOver(1),
-    u: () => acts.retry(),
-  };
+  const matchKeys = { n: () => acts.newMatch(), t: () => acts.takeOver(0), T: () => acts.takeOver(1), u: () => acts.retry() };
   return {
     " ": () => acts.toggle(),
     ArrowLeft: () => acts.stroke(-1),
@@ -99,33 +94,40 @@ export function keyTable(
     ...(match ? matchKeys : {}),
     m: () => acts.sound(),
     w: () => layout.showText(!document.body.classList.contains("text")),
-    e: () => layout.details.click(),
+    e: () => layout.panel.click(),
     h: () => layout.toggleHelp(),
     "?": () => layout.toggleHelp(),
     Escape: () => hideTip(),
   };
 }
 
+/** The key of an event: digits, and letters of another alphabet, count by their place. */
+export function keyOf({ code, key }: KeyboardEvent): string {
+  const [, digit, letter] = /^(?:(?:Numpad|Digit)(\d)|Key([A-Z]))$/.exec(code) ?? [];
+  return digit ?? (letter && !/^[\x20-\x7e]$/.test(key) ? letter.toLowerCase() : key);
+}
+
 /** Calls `act` with every key that no control handles; it returns whether it handled the key. */
 export function listen(act: (key: string) => boolean, board: HTMLElement): void {
   document.addEventListener("keydown", (event) => {
     const target = event.target as HTMLElement;
-    const typing = /^(SELECT|TEXTAREA)$/.test(target.tagName) || (target as HTMLInputElement).type === "range";
-    const dialog = document.querySelector("dialog[open]") !== null && !"h?".includes(event.key);
+    const typing = /^(SELECT|TEXTAREA)$/.test(target.tagName) || /^(range|search)$/.test((target as HTMLInputElement).type);
+    const key = keyOf(event);
+    const dialog = document.querySelector("dialog[open]") !== null && !"h?".includes(key);
     if (
       event.ctrlKey ||
       event.metaKey ||
       event.altKey ||
       typing ||
       dialog ||
-      (event.key === " " && target.closest("button, summary"))
+      (key === " " && target.closest("button, summary"))
     ) {
       return;
     }
-    if (event.key === "Enter" && target.closest("button, summary") && !board.contains(target)) {
+    if (key === "Enter" && target.closest("button, summary") && !board.contains(target)) {
       return;
     }
-    if (act(event.key)) {
+    if (act(key)) {
       event.preventDefault();
     }
   });

@@ -1,7 +1,6 @@
 // Quiz: stops before the costliest decisions of a rally and asks for a better stroke.
 
 import { accuracy } from "./analysis";
-import { type Daily, PUZZLES } from "./daily";
 import { capitalised, h, percent, replaceChildren, signed } from "./dom";
 import { term } from "./glossary";
 import { nameAt } from "./names";
@@ -15,13 +14,6 @@ const RALLIES = 20; // rallies without a question that are skipped
 
 interface Question {
   stroke: number;
-  /** Share of elite players who choose a right answer. */
-  share: number;
-  theme: string;
-  /** How usual the right answer is. */
-  usual: number;
-  /** Name of the right answer; no day asks twice for one. */
-  key: string;
   /** What the stroke or the position played loses. */
   loss: number;
 }
@@ -49,32 +41,19 @@ function strokeQuestion({ question, options }: StrokeValue, stroke: number): Ask
   }
   const pick = (wanted: number) => options.find((option) => option.stroke === wanted)!;
   const [best, wrong] = [pick(question.right), question.wrong.map(pick)];
-  const { share, theme, usual } = question;
-  return [{ stroke, share, theme, usual, key: best.shot, loss: best.best - wrong[0]!.best, best, wrong }];
+  return [{ stroke, loss: best.best - wrong[0]!.best, best, wrong }];
 }
 
 function placeQuestion({ wait, places }: StrokeValue, stroke: number, waited: number | null): Asked[] {
-  if (wait === null || !places) {
-    return [];
-  }
-  const likeliest = places.reduce((a, b) => (b.perfect > a.perfect ? b : a));
-  const share = places.reduce((sum, { loss, people }) => sum + (loss <= GOOD ? people : 0), 0);
-  const loss = places.find(({ position }) => position === waited)!.loss;
-  return [{ stroke, share, theme: "wait", usual: wait, key: `wait ${likeliest.position}`, loss, places }];
+  return wait && places ? [{ stroke, loss: places.find(({ position }) => position === waited)!.loss, places }] : [];
 }
 
-/**
- * Decisions to ask for, in order of time: the costliest, or of a puzzle one with a new theme and a rare right answer.
- * @param daily puzzles, whose themes and right shot types are not asked for again; null: no puzzle.
- */
-export function questions(rally: RallyFacts, analysis: Analysis, daily: Daily | null = null): Asked[] {
-  const found = analysis.strokes
+/** Decisions to ask for, in order of time: the costliest. */
+function questions(rally: RallyFacts, analysis: Analysis): Asked[] {
+  return analysis.strokes
     .flatMap((value, i) => [...strokeQuestion(value, i), ...placeQuestion(value, i, rally.strokes[i]!.waited)])
-    .filter(({ theme, key }) => daily?.takes(theme, key) ?? true);
-  const again = ({ theme }: Question) => Number(daily!.themes.has(theme));
-  return found
-    .sort((a, b) => (daily ? again(a) - again(b) || a.usual - b.usual || a.share - b.share : b.loss - a.loss))
-    .slice(0, daily ? 1 : QUESTIONS)
+    .sort((a, b) => b.loss - a.loss)
+    .slice(0, QUESTIONS)
     .sort((a, b) => a.stroke - b.stroke);
 }
 
@@ -85,11 +64,7 @@ function answers({ best, wrong }: StrokeQuestion): Option[] {
 }
 
 function name(option: Option): string {
-  return say("stroke.with_area", {
-    shot: words(option.shot),
-    area: words(option.area),
-    technique: words(option.technique),
-  });
+  return say("stroke.with_area", { shot: words(option.shot), area: words(option.area), technique: words(option.technique) });
 }
 
 export interface LearnHooks {
@@ -98,8 +73,6 @@ export interface LearnHooks {
   nextRally(): void;
   /** Whether the page has no rally after this one. */
   isLast(): boolean;
-  /** Starts the puzzles of the day; null: this page has too few rallies. */
-  daily: (() => void) | null;
   /** Draws the target and the flight of a stroke; null: of none. */
   point(option: Option | null): void;
   /** Plays the rally on from a stroke. */
@@ -113,11 +86,7 @@ export interface LearnHooks {
 }
 
 export class Learn {
-  readonly element = h("section", {
-    class: "panel learn hidden",
-    "aria-label": say("learn.title"),
-    "aria-live": "polite",
-  });
+  readonly element = h("section", { class: "panel learn hidden", "aria-label": say("learn.title"), "aria-live": "polite" });
   private rally: RallyFacts | null = null;
   private analysis: Analysis | null = null;
   private question: Asked | null = null;
@@ -127,7 +96,6 @@ export class Learn {
   private asked = 0;
   private skipped = 0;
   private answered = false;
-  private daily: Daily | null = null;
 
   constructor(
     private readonly hall: HallFacts,
@@ -149,35 +117,17 @@ export class Learn {
     if (this.rally) {
       return;
     }
-    const { daily } = this;
-    this.left = questions(rally, analysis, daily);
-    if (daily) {
-      daily.rallies++;
-    }
+    this.left = questions(rally, analysis);
     this.element.classList.remove("hidden");
-    const another = daily
-      ? daily.after(rally.number) !== null
-      : this.skipped < RALLIES && !rally.after?.over && !this.hooks.isLast();
-    if (!this.left.length && another) {
+    if (!this.left.length && this.skipped < RALLIES && !rally.after?.over && !this.hooks.isLast()) {
       this.skipped++;
-      replaceChildren(this.element, h("h2", {}, h("span", {}, this.title)), h("p", {}, say("learn.looking")));
+      replaceChildren(this.element, h("h2", {}, h("span", {}, say("learn.title"))), h("p", {}, say("learn.looking")));
       this.hooks.nextRally();
       return;
     }
     [this.rally, this.analysis] = [rally, analysis];
     this.right = this.asked = this.skipped = 0;
     void this.next();
-  }
-
-  /** Starts the puzzles of a day; null: questions about any rally, as after leaving them; `begin` follows with the first rally. */
-  start(daily: Daily | null): void {
-    this.daily = daily;
-    this.end();
-  }
-
-  /** The rally of the next question. */
-  following(rally: number): number {
-    return this.daily?.after(rally) ?? rally + 1;
   }
 
   end(): void {
@@ -204,14 +154,7 @@ export class Learn {
     this.answered = false;
     const question = left.shift();
     if (!question) {
-      if (!this.daily) {
-        this.tellAccuracy();
-      } else if (this.asked && !this.daily.done && this.daily.after(this.rally!.number) !== null) {
-        this.end();
-        this.hooks.nextRally();
-      } else {
-        this.tellDay(this.daily);
-      }
+      this.tellAccuracy();
       return;
     }
     this.question = question;
@@ -221,12 +164,8 @@ export class Learn {
       h(
         "h2",
         {},
-        term("better stroke", this.title),
-        h(
-          "span",
-          {},
-          this.daily ? say("learn.theme", { theme: say(`theme.${question.theme}` as Key), place: this.place }) : this.place,
-        ),
+        term("better stroke", say("learn.title")),
+        h("span", {}, say("learn.of", { number: this.asked + 1, count: this.asked + left.length + 1 })),
       ),
       h(
         "p",
@@ -240,21 +179,6 @@ export class Learn {
     this.hooks.stopBefore(question.stroke);
   }
 
-  private get title(): string {
-    return say(this.daily ? "learn.day" : "learn.title");
-  }
-
-  private get place(): string {
-    const { daily, asked } = this;
-    const [number, count] = daily ? [daily.answers.length, PUZZLES] : [asked, asked + this.left.length + 1];
-    return say("learn.of", { number: number + 1, count });
-  }
-
-  private dayButton(): HTMLElement | null {
-    const { daily } = this.hooks;
-    return daily && h("button", { onclick: daily }, say("start.daily"));
-  }
-
   /** Shows the question when the playback reaches the decision. */
   ask(): void {
     if (!this.question || this.element.querySelector(".quiz")) {
@@ -265,10 +189,6 @@ export class Learn {
       this.askPlace(question);
     } else {
       this.askStroke(question);
-    }
-    const day = this.daily ? null : this.dayButton();
-    if (day) {
-      this.element.append(h("div", { class: "day row" }, day));
     }
     (this.element.querySelector(".quiz button:not(:disabled)") as HTMLElement | null)?.focus({ preventScroll: true });
     this.clear(); // nothing is pointed at before the viewer does
@@ -345,7 +265,7 @@ export class Learn {
     const verdict = right ? say("learn.correct") : say("learn.better", { stroke: name(best), share: lost(given) });
     const support = Math.round(Math.min(...this.options.map((option) => option.support!)));
     const told = say("learn.verdict", { verdict, share: lost(played), count: decimal(support, 0) });
-    this.tell(question, right, this.options.length, told, { stroke: best.stroke });
+    this.tell(question.stroke, right, told, { stroke: best.stroke });
   }
 
   private answerPlace(given: number): void {
@@ -372,25 +292,18 @@ export class Learn {
       place: positionWords(this.hall, waited!),
       share: lost(of(waited)),
     });
-    this.tell(question, right, question.places.length, told, { position: best.position });
+    this.tell(question.stroke, right, told, { position: best.position });
   }
 
-  /** Counts an answer of so many, and says what was right. */
-  private tell(question: Asked, right: boolean, count: number, told: string, better: Tried): void {
-    const { stroke, key, theme } = question;
+  /** Counts an answer, and says what was right. */
+  private tell(stroke: number, right: boolean, told: string, better: Tried): void {
     this.asked++;
     this.right += right ? 1 : 0;
     this.answered = true;
-    if (this.daily) {
-      this.daily.shots.add(key);
-      this.daily.themes.add(theme);
-      this.daily.add(right, count);
-    }
     this.hooks.reveal(stroke);
     const { playInstead, playFrom } = this.hooks;
-    this.element.querySelector(".day")?.remove();
-    const last = say(this.daily ? (this.daily.done ? "learn.result" : "learn.next_puzzle") : "learn.show_accuracy");
-    const next = h("button", { onclick: () => void this.next() }, this.left.length ? say("learn.next_question") : last);
+    const name = say(this.left.length ? "learn.next_question" : "learn.show_accuracy");
+    const next = h("button", { onclick: () => void this.next() }, name);
     this.element.append(
       h("p", {}, told),
       h(
@@ -402,39 +315,6 @@ export class Learn {
       ),
     );
     next.focus({ preventScroll: true });
-  }
-
-  private tellDay(daily: Daily): void {
-    this.question = null;
-    const right = daily.answers.filter(Boolean).length;
-    const copied = h("p", { role: "status", class: "quiet" });
-    const copy = () =>
-      navigator.clipboard.writeText(daily.card).then(
-        () => (copied.textContent = say("learn.copied")),
-        () => (copied.textContent = daily.card),
-      );
-    const share = h("button", { onclick: () => void copy() }, say("learn.copy"));
-    const more = () => {
-      this.start(null);
-      this.hooks.nextRally();
-    };
-    const marks = daily.answers.map((answer) =>
-      h(
-        "span",
-        { role: "img", class: answer ? "up" : "down", "aria-label": say(answer ? "learn.right" : "learn.wrong") },
-        answer ? "●" : "○",
-      ),
-    );
-    replaceChildren(
-      this.element,
-      h("h2", {}, h("span", {}, this.title), h("span", {}, daily.date)),
-      h("p", {}, h("b", {}, `${right}/${daily.answers.length} `), ...marks),
-      h("p", {}, daily.answers.length ? daily.rating : say("learn.no_questions")),
-      h("div", { class: "row" }, share, h("button", { onclick: more }, say("learn.more"))),
-      copied,
-    );
-    this.hooks.reveal(Infinity);
-    share.focus({ preventScroll: true });
   }
 
   private tellAccuracy(): void {
@@ -456,7 +336,7 @@ export class Learn {
       h("p", {}, score),
       ...shares,
       h("p", { class: "quiet" }, say("learn.accuracy_about")),
-      h("div", { class: "row" }, done, this.dayButton()),
+      h("div", { class: "row" }, done),
     );
     this.hooks.reveal(Infinity);
     done.focus({ preventScroll: true });

@@ -2,7 +2,6 @@
 
 import "./style.css";
 import { App } from "./app";
-import { expanded, isCondensed } from "./condensed";
 import { Connection } from "./connection";
 import { h } from "./dom";
 import { Motion } from "./motion";
@@ -26,7 +25,7 @@ function query({ plan, rally, person, tried, friend }: Wanted): Omit<RallyReques
 }
 
 async function unpacked({ facts, body }: { facts: { rally: RallyFacts }; body: ArrayBuffer }, before: Motion | null = null) {
-  return { rally: facts.rally, motion: isCondensed(body) ? expanded(body) : await Motion.unpack(body, before) };
+  return { rally: facts.rally, motion: await Motion.unpack(body, before) };
 }
 
 interface Opened {
@@ -51,35 +50,22 @@ async function served(): Promise<Opened> {
     rating: async ({ points, deviation, volatility }, scores) =>
       (await server.ask("rating", { points, deviation, volatility, scores })).facts,
     friend: async (asked) => (await server.ask("friend", asked)).facts,
-    puzzles: true,
     model: fetchModel,
-    share: async (rallies, title, hash, progress) => {
+    share: async (wanted, title, hash) => {
       const [script = "", style = ""] = await Promise.all(
         ["watch.js", "watch.css"].map(async (name) => (await fetch(name)).text()),
       );
-      const replies = new Map<string, ArrayBuffer>();
-      const athletes = new Set<string>();
-      for (const [i, wanted] of rallies.entries()) {
-        progress(i);
-        const reply = await server.ask("rally", { ...query(wanted), have: false });
-        reply.facts.rally.players.forEach(({ athlete }) => athletes.add(athlete));
-        replies.set(`rally ${wanted.rally}`, reply.raw);
-        replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw);
-        if (wanted.plan && !replies.has("styles")) {
-          replies.set("styles", (await server.ask("styles", query(wanted))).raw);
-          if (rallies.length > 1) {
-            const last = { ...query(rallies.at(-1)!), partial: true };
-            replies.set("match", (await server.ask("match", last)).raw);
-          }
-        }
+      const reply = await server.ask("rally", { ...query(wanted), have: false });
+      const athletes = new Set(reply.facts.rally.players.map(({ athlete }) => athlete));
+      const replies = new Map<string, ArrayBuffer>([
+        [`rally ${wanted.rally}`, reply.raw],
+        [`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw],
+      ]);
+      if (wanted.plan) {
+        replies.set("styles", (await server.ask("styles", query(wanted))).raw);
       }
       const models = new Map(await Promise.all([...athletes].map(async (name) => [name, await fetchModel(name)] as const)));
-      return sharedPage(
-        { script, style, hello: raw, replies, models },
-        rallies.map(({ rally }) => `rally ${rally}`),
-        title,
-        hash,
-      );
+      return sharedPage({ script, style, hello: raw, replies, models }, title, hash);
     },
   };
   return { hello, source, server };
@@ -98,7 +84,6 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
     rating: noPlay,
     styles: async () => (await find<Styles>("styles")).facts,
     match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
-    puzzles: false,
     friend: null,
     model,
     share: null,
@@ -132,7 +117,7 @@ async function site(): Promise<Opened> {
   };
   const { facts: hello } = await find<Hello>("hello");
   const match = ({ plan, rally }: Wanted) => `match ${plan ? 0 : rally}`;
-  return { hello, source: { ...stored(find, match, fetchModel), puzzles: true } };
+  return { hello, source: stored(find, match, fetchModel) };
 }
 
 const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();
@@ -154,8 +139,8 @@ try {
       go: (rally: number, stroke: number | null = null) => app.go(rally, stroke),
       key: (key: string) => app.key(key),
       draw: () => app.draw(),
-      film: () => app.film(),
-      floorAt: (x: number, y: number) => app.stage?.floorAt(x, y) ?? null,
+      held: (time: number) => app.held(time),
+      windowAt: (x: number, y: number) => app.stage?.windowAt(x, y) ?? null,
     };
   }
 } catch (error) {

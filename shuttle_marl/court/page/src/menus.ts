@@ -1,10 +1,10 @@
 // Menus and dialogs of the page.
 
-import { h } from "./dom";
+import { type Child, h } from "./dom";
 import { say } from "./words";
 
 /** Closes an open `<details>` menu on Escape and on a click outside. */
-export function menu(name: string, ...items: HTMLElement[]): HTMLDetailsElement {
+export function menu(name: Child, ...items: Child[]): HTMLDetailsElement {
   const summary = h("summary", { class: "button" }, name);
   const element = h("details", { class: "menu" }, summary, h("div", {}, ...items));
   document.addEventListener("pointerdown", (event) => {

@@ -18,14 +18,19 @@ const KNOWN: Record<string, string> = {
 };
 const GROUPS: [string, (identifier: string) => boolean][] = [
   [say("names.people"), (name) => /^bc(:|$)/.test(name)],
-  [say("names.solved"), (name) => /^(minimax|best-response|human)/.test(name)],
-  [say("names.trained"), (name) => /^(ppo|a2c|sac)(:|$)/.test(name)],
-  [say("names.simple"), (name) => name in KNOWN],
+  [say("names.strongest"), (name) => /^human(:|$)/.test(name)],
+  [say("names.simple"), (name) => ["attacking", "defensive", "safe", "random"].includes(name)],
+  [say("names.laboratory"), (name) => /^(minimax|best-response|ppo|a2c|sac)(:|$)/.test(name)],
 ];
 const OTHERS = say("names.others");
 
 function capitalized(words: string): string {
   return words.replace(/(^|[ -])\p{L}/gu, (letter) => letter.toUpperCase());
+}
+
+/** A name within other text: its direction changes nothing around it. */
+export function shown(name: string): HTMLElement {
+  return h("bdi", {}, name);
 }
 
 /** Name of a policy that a viewer knows; its identifier if there is none. A suffix `@0.5` is its variety. */
@@ -43,7 +48,7 @@ function plainName(name: string): string {
     return known;
   }
   if (key === "bc" && argument) {
-    return say("names.imitated", { name: capitalized(argument.replaceAll("-", " ")) });
+    return capitalized(argument.replaceAll("-", " "));
   }
   if (/^(ppo|a2c|sac)$/.test(key)) {
     const agent = say("names.agent", { name: key.toUpperCase() });
@@ -55,17 +60,9 @@ function plainName(name: string): string {
   return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
 }
 
-const STYLES: Record<string, string> = { "bc:kento-momota": say("names.left_hander"), safe: say("names.net_player") };
-
-/** An opponent of the ladder, with their style. */
-export function opponentName(policy: string): string {
-  const style = STYLES[policy];
-  return style ? `${displayName(policy)} · ${style}` : displayName(policy);
-}
-
 /** Name of a seat; two of one name are told apart by their sides. */
 export function nameAt(names: readonly [string, string], seat: number): string {
-  const name = displayName(names[seat as 0 | 1]);
+  const name = isolated(displayName(names[seat as 0 | 1]));
   return names[0] === names[1] ? `${name} (${"AB"[seat]})` : name;
 }
 
@@ -75,6 +72,11 @@ export function handTag(hand: string): HTMLElement | null {
   return hand === "left"
     ? h("span", { class: "tag", role: "img", "aria-label": label, title: label }, say("page.left_short"))
     : null;
+}
+
+/** A name within a sentence of plain text, isolated from the direction of the sentence. */
+function isolated(name: string): string {
+  return /[\u0590-\u08ff\ufb1d-\ufefc]/.test(name) ? `\u2068${name}\u2069` : name;
 }
 
 /** A seat with a verb, at the start of a sentence: "Average pro wins", "You win". */

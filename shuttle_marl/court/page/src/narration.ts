@@ -24,10 +24,7 @@ export function strokeSentence(hall: HallFacts, rally: RallyFacts, i: number): s
     waited:
       stroke.waited === null
         ? ""
-        : say("stroke.waited", {
-            name: nameAt(rally.names, 1 - stroke.seat),
-            position: positionWords(hall, stroke.waited),
-          }),
+        : say("stroke.waited", { name: nameAt(rally.names, 1 - stroke.seat), position: positionWords(hall, stroke.waited) }),
   });
 }
 

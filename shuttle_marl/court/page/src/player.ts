@@ -20,7 +20,7 @@ export class Player {
   /** End of the interval in which players wait for the serve of a person; null: none. */
   waiting: number | null = null;
   private breath = 0; // phase of breathing
-  private until: { time: number; speed: number; cut: boolean } | null = null;
+  private until: { time: number; speed: number } | null = null;
 
   /** @param still whether waiting players stand still. */
   show(rally: RallyFacts, motion: Motion, time: number, still: boolean): void {
@@ -79,7 +79,6 @@ export class Player {
       this.playing = false;
     }
     if (this.until && time >= this.until.time) {
-      time = this.until.cut ? this.duration : time;
       this.endReplay();
     }
     this.time = Math.min(time, this.duration);
@@ -105,14 +104,13 @@ export class Player {
     return true;
   }
 
-  /** Replays a stroke, by default the last one, in slow motion, then continues; `cut`: ends the rally after it instead. */
-  replay(index = Math.max(this.stroke, 0), cut = false): void {
-    const stroke = this.rally?.strokes[index];
+  /** Replays the last stroke in slow motion, then continues. */
+  replay(): void {
+    const stroke = this.rally?.strokes[Math.max(this.stroke, 0)];
     if (!stroke) {
       return;
     }
-    const time = cut ? stroke.end_time + 0.3 : Math.max(this.time, stroke.end_time);
-    const resume = { time, speed: this.until?.speed ?? this.speed, cut };
+    const resume = { time: Math.max(this.time, stroke.end_time), speed: this.until?.speed ?? this.speed };
     this.time = Math.max(0, stroke.time - 0.7);
     this.speed = 0.25;
     this.playing = true;

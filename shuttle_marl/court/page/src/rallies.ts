@@ -41,11 +41,9 @@ export interface Source {
   friend: ((asked: FriendRequest) => Promise<FriendReply>) | null;
   /** The rating of a person after a match. */
   rating(before: RatingReply, scores: number[]): Promise<RatingReply>;
-  /** Whether the page has enough rallies for the puzzles of the day. */
-  puzzles: boolean;
   model(athlete: string): Promise<ArrayBuffer>;
-  /** Creates a page that opens from disk with these rallies; null on such a page. */
-  share: ((wanted: Wanted[], title: string, hash: string, progress: (done: number) => void) => Promise<Blob>) | null;
+  /** Creates a page that opens from disk with a rally; null on such a page. */
+  share: ((wanted: Wanted, title: string, hash: string) => Promise<Blob>) | null;
 }
 
 const MAX_CACHED = 10;

@@ -6,23 +6,6 @@ import { displayName } from "./names";
 import type { MatchRally, MatchReply, RecordedMatch } from "./wire.gen";
 import { language, say } from "./words";
 
-/** Whether a number lies in a range, such as 5–9 or 10+. */
-function within(value: number, range: string): boolean {
-  const [least, most = Number.POSITIVE_INFINITY] = range.split("–").map(Number.parseFloat);
-  return value >= least! && value <= most;
-}
-
-/** What the list may be limited to: the values of each choice, and whether a rally has one. */
-const FILTERS = {
-  game: { values: ["1", "2", "3"], has: ({ games }: MatchRally, value: string) => games[0] + games[1] + 1 === Number(value) },
-  server: { values: ["A", "B"], has: ({ server }: MatchRally, value: string) => "AB"[server] === value },
-  length: { values: ["1–4", "5–9", "10+"], has: ({ strokes }: MatchRally, value: string) => within(strokes, value) },
-  leader: {
-    values: ["0–10", "11–17", "18+"],
-    has: ({ points }: MatchRally, value: string) => within(Math.max(...points), value),
-  },
-};
-
 /** The match of a rally. */
 export function matchOf(matches: RecordedMatch[], rally: number): RecordedMatch | undefined {
   return matches.findLast(({ first }) => first <= rally);
@@ -36,23 +19,8 @@ function matchName({ title, names, date }: RecordedMatch): string {
 export class RallyBrowser {
   readonly element = h("section", { class: "panel browser", "aria-label": say("page.match_rallies") });
   private list = h("ol");
-  private readonly files = new Map([
-    ["report", h("a", { target: "_blank", rel: "noopener" }, say("page.report"))],
-    ["strokes.csv", h("a", { download: "" }, say("page.as_csv"))],
-    ["strokes.parquet", h("a", { download: "" }, say("page.as_parquet"))],
-  ]);
+  private readonly report = h("a", { target: "_blank", rel: "noopener" }, say("page.report"));
   private match: MatchReply | null = null;
-  private readonly count = h("p", { class: "quiet", role: "status" });
-  private readonly filters = (Object.keys(FILTERS) as (keyof typeof FILTERS)[]).map((name) => {
-    const { values, has } = FILTERS[name];
-    const select = h(
-      "select",
-      { "aria-label": say(`page.any_${name}`), onchange: () => this.limit() },
-      h("option", { value: "" }, say(`page.any_${name}`)),
-      ...values.map((value) => h("option", { value }, say(`page.of_${name}`, { value }))),
-    );
-    return { select, has };
-  });
   private readonly picker: HTMLElement | null;
 
   /** @param live whether the page has a server, which makes match reports. */
@@ -80,50 +48,37 @@ export class RallyBrowser {
     replaceChildren(this.element, this.picker, h("p", { class: "quiet" }, say("page.computing_style")));
   }
 
-  /** Lists the rallies that every filter lets through. */
-  private limit(): void {
-    const rallies = this.match!.rallies;
-    const listed = rallies.filter((rally) =>
-      this.filters.every(({ select, has }) => !select.value || has(rally, select.value)),
+  /** A rally; of those that are not played yet, nothing but the number is told. */
+  private row(rally: MatchRally, current: number, all: boolean): HTMLElement {
+    const { number, winner, games, points, strokes, swing } = rally;
+    const [begun, played] = [all || number <= current, all || number < current];
+    const score = begun ? say("page.game_points", { game: games[0] + games[1] + 1, points: points.join("–") }) : "";
+    return h(
+      "li",
+      {},
+      h(
+        "button",
+        { onclick: () => this.open(number), "data-rally": number },
+        h("b", { class: played && winner ? "b" : "a" }, played ? "AB"[winner]! : ""),
+        h("span", {}, score || say("page.rally_number", { number: number + 1 })),
+        h("span", { class: "quiet" }, played ? `${strokes} · ±${percent(swing)}` : ""),
+      ),
     );
-    for (const [i, row] of [...this.list.children].entries()) {
-      row.classList.toggle("hidden", !listed.includes(rallies[i]!));
-    }
-    const won = listed.filter(({ winner }) => winner === 0).length;
-    this.count.textContent = listed.length
-      ? say("page.listed", { count: listed.length, share: percent(won / listed.length) })
-      : say("page.none");
   }
 
   /**
    * @param match the match; null: as before.
    * @param current number of the rally on the court.
+   * @param all whether all rallies are told; else those before the current one.
    * @param over whether nothing more is known of the match.
    */
-  show(match: MatchReply | null, current: number, over = false): void {
+  show(match: MatchReply | null, current: number, all: boolean, over = false): void {
     if (over && !match?.rallies.length) {
       replaceChildren(this.element, this.picker);
     }
-    if (match?.rallies.length && match !== this.match) {
-      this.match = match;
-      const rows = match.rallies.map((rally) =>
-        h(
-          "li",
-          {},
-          h(
-            "button",
-            { onclick: () => this.open(rally.number), "data-rally": rally.number },
-            h("b", { class: rally.winner ? "b" : "a" }, rally.winner ? "B" : "A"),
-            h(
-              "span",
-              {},
-              say("page.game_points", { game: rally.games[0] + rally.games[1] + 1, points: rally.points.join("–") }),
-            ),
-            h("span", { class: "quiet" }, `${rally.strokes} · ±${percent(rally.swing)}`),
-          ),
-        ),
-      );
-      this.list = h("ol", {}, ...rows);
+    this.match = match?.rallies.length ? match : this.match;
+    if (this.match) {
+      this.list = h("ol", {}, ...this.match.rallies.map((rally) => this.row(rally, current, all)));
       const missing = matchOf(this.matches, current)?.missing ?? 0;
       replaceChildren(
         this.element,
@@ -131,20 +86,13 @@ export class RallyBrowser {
         h("h2", {}, term("rallies", say("term.rallies")), h("span", {}, say("page.swing"))),
         h("p", { class: "quiet" }, say("page.restaged")),
         missing > 0 && h("p", { class: "quiet" }, say(missing > 1 ? "page.missing" : "page.missing_one", { count: missing })),
-        h("div", { class: "filters" }, ...this.filters.map(({ select }) => select)),
-        this.count,
         this.list,
-        this.live && h("p", { class: "files" }, ...this.files.values()),
+        this.live && this.report,
       );
-      this.limit();
     }
-    for (const [name, link] of this.files) {
-      link.href = `${name}?rally=${current + 1}${name === "report" ? `&language=${language}` : ""}`;
-    }
+    this.report.href = `report?rally=${current + 1}&language=${language}`;
     for (const button of this.list.querySelectorAll("button")) {
-      const here = button.dataset["rally"] === String(current);
-      button.removeAttribute("aria-current");
-      if (here) {
+      if (button.dataset["rally"] === String(current)) {
         button.setAttribute("aria-current", "true");
         this.element.scrollTop = button.offsetTop - this.element.clientHeight / 2;
       }

@@ -1,6 +1,6 @@
 // Where players wait: the positions on the court, and the pad on which a person chooses theirs.
 
-import { type Child, h, percent, replaceChildren, sideColour } from "./dom";
+import { type Child, h, percent, replaceChildren, sideColour, signed } from "./dom";
 import { hurriedTag, term } from "./glossary";
 import { facing } from "./hall";
 import { displayName, nameAt } from "./names";
@@ -72,6 +72,7 @@ export interface PadHooks {
   wait(position: number): void;
   perfect(): Promise<number[]>;
   aim(box: [number, number, number, number] | null): void;
+  paint(boxes: [number, number, number, number][]): void;
 }
 
 /** The choice of a position, while the opponent strikes. */
@@ -93,6 +94,7 @@ export class Pad {
     this.rally = rally;
     this.perfect = [];
     this.select(turn.positions.indexOf(Math.max(...turn.positions)));
+    this.hooks.paint(this.feasible.map((position) => boxOf(this.hall, rally, turn.seat, position)));
     (this.element.querySelector("[aria-pressed=true]") as HTMLElement | null)?.focus({ preventScroll: true });
   }
 
@@ -165,9 +167,14 @@ export class Pad {
     }
   }
 
-  /** Selects the position that contains a point of the court. */
-  aimAt(x: number, y: number): void {
-    this.select(positionAt(this.hall, this.rally!, this.turn!.seat, this.feasible, x, y) ?? this.position);
+  /** Points at the position that contains a point of the court; `wait`: waits there. */
+  pointAt(x: number, y: number, wait: boolean): void {
+    const position = positionAt(this.hall, this.rally!, this.turn!.seat, this.feasible, x, y);
+    if (position !== undefined && wait) {
+      this.hooks.wait(position);
+    } else if (position !== undefined && position !== this.position) {
+      this.select(position);
+    }
   }
 
   key(key: string): boolean {
@@ -204,7 +211,8 @@ export class PlacePanel {
   ) {}
 
   show(rally: RallyFacts, index: number, analysis: Analysis | null): void {
-    const [stroke, places] = [rally.strokes[index], analysis?.strokes[index]?.places];
+    const stroke = rally.strokes[index];
+    const { places, open } = analysis?.strokes[index] ?? {};
     this.element.classList.toggle("hidden", !stroke || !places);
     if (!stroke || !places) {
       this.element.replaceChildren();
@@ -251,6 +259,8 @@ export class PlacePanel {
         ),
         h("tbody", {}, ...places.map(row)),
       ),
+      open &&
+        h("p", {}, say("recover.open", { stroke: `${words(open.shot)} → ${words(open.area)}`, share: signed(open.gain) })),
     );
   }
 }

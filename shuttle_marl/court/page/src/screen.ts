@@ -1,29 +1,28 @@
 // View of a rally at a given time: the court, its overlays, and the panels.
 
-import { Curve, MoveList, OptionTable, winAt } from "./analysis";
+import { Curve, MoveList, OptionTable } from "./analysis";
 import { Board } from "./board";
-import type { Moment } from "./card";
-import { Chip, cameraButtons, ScoreBug } from "./court_view";
+import { Chip, cameraMenu, ScoreBug } from "./court_view";
 import { Decisions } from "./decisions";
-import { h, replaceChildren } from "./dom";
+import { capitalised, h } from "./dom";
 import type { Frames } from "./frame";
 import { facing } from "./hall";
 import { type Hooks, Layout, MODES, type Mode } from "./layout";
 import { Learn } from "./learn";
 import { MatchPanel } from "./match_panel";
-import { displayName, does } from "./names";
-import { endSentence, reason, startSentence, strokeSentence } from "./narration";
+import { displayName, shown } from "./names";
+import { endSentence, startSentence, strokeSentence } from "./narration";
 import type { Player } from "./player";
 import { RallyBrowser } from "./rally_browser";
 import { boxOf, PlacePanel } from "./recover";
 import { SideCard, StylePanel } from "./sides";
 import { Sound } from "./sound";
 import type { Camera, Stage } from "./stage";
-import { Chances, LandingMap } from "./stroke_panels";
 import type { Analysis, HallFacts, Hello, Option, OptionsReply, RallyFacts, Side, Styles, Turn } from "./wire.gen";
 import { decimal, say } from "./words";
 
 export interface Acts extends Hooks {
+  seek(time: number): void;
   camera(camera: Camera): void;
   seekStroke(stroke: number): void;
   /** Shows a rally, from a stroke or from its start. */
@@ -43,13 +42,13 @@ export interface Acts extends Hooks {
   nextQuestion(): void;
   /** Whether the page has no rally after this one. */
   isLast(): boolean;
-  /** Starts the puzzles of the day; null: this page has too few rallies. */
-  daily: (() => void) | null;
   gameOver(rally: RallyFacts): void;
   /** Plays the rally again from the last stroke of the person on the court. */
   retry(): void;
 }
 
+const NARROW = 760; // width of a court on which players may be below the score [px]
+const COVERED = 90; // height of the score and its distance to the edge [px]
 const BEFORE = 0.03; // time before a contact at which a question stops the playback [s]
 
 export class Screen {
@@ -68,18 +67,18 @@ export class Screen {
   private readonly sound = new Sound();
   private readonly modes: readonly Mode[];
   private readonly bug = new ScoreBug();
-  private readonly chip: Chip;
+  private readonly chip = new Chip();
   private readonly cameras;
   private readonly curve: Curve;
   private readonly moves: MoveList;
   private readonly options: OptionTable;
   private readonly places: PlacePanel;
-  private readonly chances = new Chances();
-  private readonly landing: LandingMap;
+  /** Of rallies that were on the court: how many strokes were played, one more at their end. */
+  private readonly furthest = new Map<string, number>();
   private readonly back: HTMLElement;
   private readonly sides: [SideCard, SideCard];
   private rally: RallyFacts | null = null;
-  private hidden: number | null = null; // in Learn mode: number of strokes with visible values
+  private hidden: number | null = null; // in Learn mode: number of strokes that are told
   private saidStroke = -2;
   private shownStroke = -2;
   private ended = false;
@@ -102,17 +101,15 @@ export class Screen {
     this.stage = stage;
     const match = hello.recorded === null;
     this.modes = match && live ? MODES : MODES.slice(0, 3);
-    this.chip = new Chip(hello.hall);
-    this.cameras = cameraButtons((camera) => acts.camera(camera));
+    this.cameras = cameraMenu((camera) => acts.camera(camera));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
     this.places = new PlacePanel(hello.hall, live ? (position) => acts.waitThere(position) : null);
     this.decisions = new Decisions(() => acts.retry());
     this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
     this.browser = match ? null : new RallyBrowser((rally) => acts.open(rally, null), live, hello.recorded!.matches);
-    this.landing = new LandingMap(hello.hall);
     this.back = h("button", { class: "back hidden", onclick: () => void acts.backToPlayed() }, say("page.back_to_played"));
-    this.curve = new Curve((time) => acts.seek(time), this.back);
+    this.curve = new Curve((time) => acts.seek(time));
     const card = (seat: number) =>
       new SideCard(
         seat,
@@ -126,7 +123,6 @@ export class Screen {
       reveal: (upTo) => this.reveal(upTo),
       nextRally: () => acts.nextQuestion(),
       isLast: () => acts.isLast(),
-      daily: acts.daily,
       point: (option) => this.point(option),
       mark: (position) => this.markPlace(position),
       playFrom: async (stroke) => {
@@ -145,36 +141,24 @@ export class Screen {
       choose: (choice) => acts.choose(choice),
       hints: () => acts.hints(),
       aim: (box) => (frames.aim = box),
+      paint: (boxes) => (frames.legal = boxes),
     });
-    for (const { element } of [this.options, this.chances, this.landing, this.styles]) {
-      element.classList.add("detail");
-    }
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [
-          this.bug.element,
-          this.cameras.element,
-          this.chip.element,
-          this.chip.waits,
-          this.chip.count,
-          this.decisions.element,
-        ],
-        left: [
-          ...(match && live ? this.sides.map((side) => side.element) : []),
-          match ? this.styles.element : null,
-          this.browser?.element ?? null,
-        ],
+        overlays: [this.bug.element, this.chip.element, this.decisions.element, this.back],
+        cameras: this.cameras,
+        sides: match && live ? this.sides.map((side) => side.element) : [],
         task: [this.learn.element, this.board.element],
-        right: [
+        facts: [
+          this.browser?.element ?? null,
           this.match.element,
           this.moves.element,
           this.options.element,
           this.places.element,
-          this.chances.element,
-          this.landing.element,
+          match ? this.styles.element : null,
         ],
-        curve: this.curve.element,
+        timeline: this.curve.element,
       },
       this.modes,
       acts,
@@ -183,10 +167,14 @@ export class Screen {
     );
     this.layout.showMode(this.mode);
     this.layout.showText(!stage);
+    stage?.canvas.addEventListener("pointermove", (event) => {
+      this.board.point(stage.floorAt(event.clientX, event.clientY), event.clientX, event.clientY);
+    });
+    stage?.canvas.addEventListener("pointerleave", () => this.board.point(null, 0, 0));
     stage?.canvas.addEventListener("click", (event) => {
       const place = stage.floorAt(event.clientX, event.clientY);
       if (place && !stage.dragged) {
-        this.board.aimAt(...place);
+        this.board.playAt(...place);
         this.learn.answerAt(...place);
       }
     });
@@ -197,6 +185,9 @@ export class Screen {
   resize(): void {
     const { clientWidth, clientHeight } = this.layout.court;
     if (clientWidth && clientHeight) {
+      if (this.stage) {
+        this.stage.covered = clientWidth < NARROW ? Math.min(0.3, COVERED / clientHeight) : 0;
+      }
       this.frames.resize(clientWidth, clientHeight);
     }
   }
@@ -240,19 +231,16 @@ export class Screen {
     }
     this.board.show(null);
     this.layout.quiet();
-    this.layout.scrubber.max = String(this.player.duration);
     this.person = seat !== null;
+    if (this.stage) {
+      this.stage.raised = this.person;
+    }
     this.board.playing = this.person;
-    this.browser?.show(null, rally.number);
-    this.layout.what.textContent = say("page.title", {
-      a: displayName(rally.names[0]),
-      b: displayName(rally.names[1]),
-      where,
-      number: rally.number + 1,
-    });
+    this.browser?.show(null, rally.number, this.mode === "analyse");
+    const [a, b] = rally.names.map((name) => shown(capitalised(displayName(name))));
+    this.layout.title([a, say("page.versus"), b], say("page.title", { where, number: rally.number + 1 }));
     sides?.forEach((side, i) => this.sides[i]!.show(side, facing(rally, i) > 0, seat === i, rally.players[i]!.hand));
     this.layout.tellFromStart(startSentence(rally));
-    this.layout.banner.classList.add("hidden");
     this.back.classList.toggle("hidden", !tried);
     this.showValues();
   }
@@ -263,16 +251,6 @@ export class Screen {
     if (this.mode === "learn") {
       this.learn.begin(this.rally!, analysis);
     }
-  }
-
-  /** What a picture of the current moment shows; null before the first rally. */
-  get moment(): Moment | null {
-    const { rally, player } = this;
-    if (!rally) {
-      return null;
-    }
-    const win = winAt(rally, this.hidden === null ? this.analysis : null, player.time);
-    return { rally, stroke: player.stroke, over: this.isOver(rally), win };
   }
 
   private isOver(rally: RallyFacts): boolean {
@@ -294,17 +272,24 @@ export class Screen {
     this.frames.aim = rally && position !== null ? boxOf(this.hall, rally, seat, position) : null;
   }
 
-  showStyles(styles: Styles): void {
+  /** @param styles null: they are being computed. */
+  showStyles(styles: Styles | null): void {
     this.styles.show(styles);
-    styles.strength.forEach((share, seat) => this.sides[seat]!.showStrength(share));
+    this.sides.forEach((side, seat) => side.showStrength(styles?.strength[seat as 0 | 1] ?? null));
+  }
+
+  /** Number of strokes of the rally that are told, one more with its end: in Watch and Play, what was on the court. */
+  private get told(): number {
+    const { rally, mode } = this;
+    const played = mode === "analyse" || mode === "learn" ? Infinity : (this.furthest.get(keyOf(rally!)) ?? 0);
+    return this.hidden ?? played;
   }
 
   private showValues(): void {
     const rally = this.rally!;
     const seen = this.hidden === null ? this.analysis : null;
-    const named = this.hidden ?? (this.mode === "play" ? Math.max(this.player.stroke + 1, 0) : Infinity);
-    this.curve.show(rally, this.player.duration, seen, named);
-    this.moves.show(rally, seen, named);
+    this.curve.show(rally, this.player.duration, seen, this.told);
+    this.moves.show(rally, seen, this.told);
     this.shownStroke = -2;
   }
 
@@ -339,14 +324,13 @@ export class Screen {
     this.moves.keepInView();
     const over = this.isOver(rally);
     this.bug.show(rally, player.stroke >= 0, over);
-    this.chip.show(rally, player.stroke, this.frames.waiting);
-    this.curve.move(player.time);
+    this.chip.show(rally, player.stroke, over, this.offersNew ? say("page.new_hint") : "");
     if (this.stage) {
-      this.cameras.show(this.stage.camera);
+      this.cameras.value = this.stage.camera;
     }
     const time = player.waits ? player.choice : player.time;
-    this.layout.scrubber.value = String(time);
-    this.layout.clock.textContent = `${decimal(Math.min(time, player.duration), 2)} / ${decimal(player.duration, 1)} s`;
+    this.curve.move(Math.min(time, player.duration));
+    this.layout.clock.textContent = `${decimal(Math.min(time, player.duration), 1)} s`;
     this.layout.showPlaying(player.playing);
     if (player.stroke !== this.shownStroke) {
       this.showStroke(rally, player.stroke);
@@ -354,7 +338,6 @@ export class Screen {
     if (over && !this.ended) {
       this.rallyEnded(rally);
     }
-    this.layout.banner.classList.toggle("hidden", !over); // the viewer may go back
     if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
       this.board.show(rally.turn, rally);
     }
@@ -368,23 +351,27 @@ export class Screen {
     if (this.player.playing && stroke > this.saidStroke && stroke >= 0) {
       this.sound.hit(rally.strokes[stroke]!.speed);
     }
-    if (this.mode === "play") {
-      this.showValues();
-    }
+    this.reach(stroke + 1);
     this.shownStroke = stroke;
     const at = Math.max(stroke, 0);
-    const known = this.hidden === null ? this.mode !== "play" || rally.winner !== null : at < this.hidden;
-    this.frames.waiting = known ? (this.analysis?.strokes[at] ?? null) : null;
+    const known = this.hidden === null ? this.mode === "analyse" : at < this.hidden;
+    this.frames.waiting = known && this.mode === "analyse" ? (this.analysis?.strokes[at] ?? null) : null;
     this.moves.mark(stroke);
     this.options.show(rally, at, known ? this.analysis : null, this.mode === "learn");
     this.places.show(rally, at, known ? this.analysis : null);
-    this.chances.show(rally, at);
-    const landing = known ? (this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null) : null;
-    this.landing.show(rally, at, landing);
     for (let i = Math.max(this.saidStroke + 1, 0); i <= stroke; i++) {
       this.layout.tell(strokeSentence(this.hall, rally, i));
     }
     this.saidStroke = Math.max(this.saidStroke, stroke);
+  }
+
+  /** Tells so many strokes of the rally, which were on the court. */
+  private reach(count: number): void {
+    const key = keyOf(this.rally!);
+    if (count > (this.furthest.get(key) ?? 0)) {
+      this.furthest.set(key, count);
+      this.showValues();
+    }
   }
 
   /** Whether `n` starts a new match; while a person plays, it is the net shot. */
@@ -397,19 +384,8 @@ export class Screen {
     this.ended = true;
     if (this.player.playing) {
       this.sound[rally.strokes.at(-1)?.end === "net" ? "net" : "bounce"]();
-      this.sound.crowd(rally.strokes.length);
     }
-    const won = say(after.over ? "won.match" : after.game_won ? "won.game" : "won.rally");
-    replaceChildren(
-      this.layout.banner,
-      h("b", { class: rally.winner ? "b" : "a" }, does(rally.names, rally.winner!, "win")),
-      won,
-      h(
-        "small",
-        {},
-        `${reason(rally)} · ${after.points[0]} – ${after.points[1]}${after.over && this.offersNew ? say("page.new_hint") : ""}`,
-      ),
-    );
+    this.reach(rally.strokes.length + 1);
     this.layout.tell(endSentence(rally));
     if (after.over) {
       this.board.finish();
@@ -418,4 +394,9 @@ export class Screen {
       this.acts.gameOver(rally);
     }
   }
+}
+
+/** A rally as it was played. */
+function keyOf({ number, names, strokes }: RallyFacts): string {
+  return JSON.stringify([number, names, strokes.map(({ stroke }) => stroke)]);
 }

@@ -1,17 +1,9 @@
-// A rally or a match as one page that opens from disk, and downloads.
+// A rally as one page that opens from disk.
 
-import { decode, encode } from "./base91";
-import { condense } from "./condensed";
 import { parseMessage } from "./connection";
-import { Motion } from "./motion";
-import type { RallyFacts } from "./wire.gen";
 import { say } from "./words";
 
-/** Total duration above which the quantization of motions gets coarser, which limits the size of the page [s]. */
-const FINE = 1000;
-const COARSEST = 4;
-
-/** Content of a shared page: replies of the server by request, and models; compressed with gzip and encoded with basE91. */
+/** Content of a shared page: replies of the server by request, and models; compressed with gzip and encoded with base64. */
 export interface Shared {
   hello: string;
   replies: Record<string, string>;
@@ -20,15 +12,16 @@ export interface Shared {
 
 async function gzipped(content: ArrayBuffer): Promise<string> {
   const stream = new Blob([content]).stream().pipeThrough(new CompressionStream("gzip"));
-  return encode(new Uint8Array(await new Response(stream).arrayBuffer()));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
 }
 
 function decompressed(content: BlobPart): Promise<ArrayBuffer> {
   return new Response(new Blob([content]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
 }
 
-export async function ungzipped(text: string): Promise<ArrayBuffer> {
-  return decompressed(decode(text));
+export function ungzipped(text: string): Promise<ArrayBuffer> {
+  return decompressed(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)));
 }
 
 /** Parts of a shared page: script, style, and replies of the server. */
@@ -40,46 +33,16 @@ export interface Content {
   models: Map<string, ArrayBuffer>;
 }
 
-/**
- * Creates a page that opens from disk; the motions of a match are compressed.
- * @param rallies names of the replies with rallies.
- */
+/** Creates a page that opens from disk. */
 export async function sharedPage(
   { script, style, hello, replies, models }: Content,
-  rallies: string[],
   title: string,
   hash: string,
 ): Promise<Blob> {
-  if (rallies.length > 1) {
-    const lasting = rallies.map((key) =>
-      Number((parseMessage(replies.get(key)!).facts as { rally: RallyFacts }).rally.strokes.at(-1)?.end_time ?? 0),
-    );
-    const seconds = lasting.reduce((sum, time) => sum + time, 0);
-    for (const key of rallies) {
-      replies.set(key, await condensedReply(replies.get(key)!, seconds));
-    }
-  }
-  const all = async (parts: Map<string, ArrayBuffer>) => {
-    const packed: Record<string, string> = {};
-    for (const [key, content] of parts) {
-      packed[key] = await gzipped(content);
-    }
-    return packed;
-  };
-  return written(
-    script,
-    style,
-    { hello: await gzipped(hello), replies: await all(replies), models: await all(models) },
-    title,
-    hash,
-  );
-}
-
-/** A reply with a rally and its compressed motion; `seconds` is the duration of all rallies of the page. */
-async function condensedReply(reply: ArrayBuffer, seconds: number): Promise<ArrayBuffer> {
-  const { body } = parseMessage(reply);
-  const motion = condense(await Motion.unpack(body), Math.min(COARSEST, Math.max(1, seconds / FINE)));
-  return new Blob([reply.slice(0, reply.byteLength - body.byteLength), motion]).arrayBuffer();
+  const all = async (parts: Map<string, ArrayBuffer>) =>
+    Object.fromEntries(await Promise.all([...parts].map(async ([key, content]) => [key, await gzipped(content)])));
+  const packed = { hello: await gzipped(hello), replies: await all(replies), models: await all(models) };
+  return written(script, style, packed, title, hash);
 }
 
 /** Content security policy of a saved page: its own inline scripts, and no connection to any host. */
@@ -120,7 +83,7 @@ export async function openReply<F>(content: BlobPart): Promise<{ facts: F; body:
 }
 
 export async function openShared<F>(text: string): Promise<{ facts: F; body: ArrayBuffer }> {
-  return openReply<F>(decode(text));
+  return parseMessage(await ungzipped(text)) as unknown as { facts: F; body: ArrayBuffer };
 }
 
 export function save(content: Blob, name: string): void {

@@ -214,6 +214,8 @@ class Area {
 /** Markers of the target area of a stroke, of the positions of its receiver, and of the point where a rally ended. */
 export class Marks {
   readonly area = new Area(0.25);
+  /** Areas at which a person may aim. */
+  readonly legal = Array.from({ length: POSITIONS }, () => new Area(0.1));
   /** What the position of the receiver leaves open. */
   readonly open = new Area(0.16);
   readonly landing: THREE.Mesh;
@@ -256,6 +258,10 @@ export class Marks {
       dot.position.copy(at(x, y, 0.013));
       dot.scale.setScalar(Math.sqrt(share) || 1);
     });
+  }
+
+  showLegal(boxes: [number, number, number, number][], colour: THREE.Color): void {
+    this.legal.forEach((area, i) => area.show(boxes[i] ?? null, colour));
   }
 
   showFlight(flight: Flight | null): void {

@@ -12,7 +12,7 @@ export class SideCard {
   private readonly slider: HTMLInputElement;
   private readonly output = h("output");
   private readonly take: HTMLButtonElement;
-  private readonly identifier = h("code", { class: "detail" });
+  private readonly identifier = h("code", {});
   private readonly strength = h("span");
   private readonly half = h("b");
   private readonly meter = h("span", { class: "meter" });
@@ -54,7 +54,7 @@ export class SideCard {
       this.select,
       h("p", { class: "identifier" }, this.identifier, this.strength),
       this.meter,
-      h("div", { class: "variety detail" }, term("variety"), this.slider, this.output),
+      h("div", { class: "variety" }, term("variety"), this.slider, this.output),
       this.take,
     );
   }
@@ -76,10 +76,11 @@ export class SideCard {
     this.take.firstElementChild!.textContent = say(person ? "page.hand_back" : "page.take_over");
   }
 
-  /** Shows the share of rallies that the player wins against the average pro. */
-  showStrength(share: number): void {
-    replaceChildren(this.strength, term("strength", say("term.strength", { share: percent(share) })));
-    replaceChildren(this.meter, h("i", { style: `width:${100 * share}%;background:var(--mine)` }));
+  /** Shows the share of rallies that the player wins against the average pro; null: it is being computed. */
+  showStrength(share: number | null): void {
+    const known = share !== null && term("strength", say("term.strength", { share: percent(share) }));
+    replaceChildren(this.strength, known || say("page.computing_style"));
+    replaceChildren(this.meter, h("i", { style: `width:${100 * (share ?? 0)}%;background:var(--mine)` }));
   }
 }
 

@@ -5,16 +5,17 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
+import { Framing, mixed, type Picture } from "./framing";
 import { at, Backdrop, BEHIND, buildHall, DARK, facing, simplify } from "./hall";
 import type { Motion } from "./motion";
 import { placeOf } from "./recover";
 import { type Flight, Marks, Shuttle } from "./shuttle";
-import type { HallFacts, RallyFacts, StrokeValue, Vec3 } from "./wire.gen";
+import type { HallFacts, RallyFacts, Stroke, StrokeValue, Vec3 } from "./wire.gen";
 
 export const CAMERAS = ["broadcast", "side", "corner", "follow", "top", "free", "director"] as const;
 export type Camera = (typeof CAMERAS)[number];
-/** What is seen; the director chooses between the others and the winner of the rally. */
-type Shot = Exclude<Camera, "director"> | "winner";
+/** What is seen; the director chooses between the others. */
+type Shot = Exclude<Camera, "director">;
 
 export const COLOURS: [string, string] = ["#38bdf8", "#fb7185"];
 const KITS: [Kit, Kit] = [
@@ -26,21 +27,24 @@ const TOUCHED = matchMedia("(pointer: coarse)");
 const BLEND = 180; // [ms]
 const CLICK = 5; // maximum pointer movement of a click [px]
 const LATE = 80; // frame time above which software rendering lowers the resolution [ms]
-const CORNERS = 0.4; // tangent of the horizontal angle of a near corner, seen from the broadcast camera
 const ATTACKS = new Set(["smash", "half-smash", "net-kill"]);
 const BEFORE = 0.5; // time before an attack at which the director shows the side [s]
-const AFTER = 0.8; // time after the rally at which the director shows the winner [s]
-const RISING = 0.7; // time that spectators take to rise after a rally [s]
+const WIDE = 1.5; // shape of a window from which on the side is shown
+const TURNING = 600; // time in which the picture follows another motion [ms]
 const LANDED = 2.1; // time for which the landing point is marked [s]
-const LONG = 20; // strokes of a rally after which all of them rise
+const OFFERED = new THREE.Color(0xe6edf7); // of areas that may be chosen
 const OPEN = new THREE.Color(0xf97316); // of the open side
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
+/** Where a camera stands and looks, and the distance behind which it sees: stands and boards in front of it are left out. */
 interface View {
   eye: THREE.Vector3;
   look: THREE.Vector3;
-  fov: number;
+  from: number;
 }
+
+/** Left, top, right, bottom. */
+type Box = [number, number, number, number];
 
 /** Whether WebGL renders in software; tested on a separate canvas, because antialiasing is fixed when a context is created. */
 function isSlow(): boolean {
@@ -56,6 +60,10 @@ export class Stage {
   readonly lite: boolean;
   camera: Camera = "broadcast";
   flipped = false;
+  /** Whether a person plays: the camera stands higher and holds the whole court, so that they can point at it. */
+  raised = false;
+  /** Part of the height that the score covers: the picture leaves it free. */
+  covered = 0;
   /** Whether the last pointer gesture was a drag. */
   dragged = false;
   private readonly renderer: THREE.WebGLRenderer;
@@ -65,19 +73,19 @@ export class Stage {
   private readonly controls: OrbitControls;
   private readonly shuttle: Shuttle;
   private readonly marks = new Marks();
-  private readonly excitement: { value: number };
   private readonly colours = COLOURS.map((colour) => new THREE.Color(colour)) as [THREE.Color, THREE.Color];
   private readonly models = new Map<string, THREE.Object3D>();
   private athletes: [Athlete, Athlete] | null = null;
   private shades: THREE.Mesh[] = [];
   private cast = "";
-  private aim: View = { eye: at(0, -13, 7.5), look: at(0, 1, 0.5), fov: 36 };
+  private framing: { key: string; motion: Motion; of: Framing } | null = null;
+  private picture: Picture = [-1, 1, -0.5, 0.5];
+  private turning: { from: Picture; began: number } | null = null;
   private shownCamera: Shot | null = null;
   private blend: { motion: Motion; time: number; began: number } | null = null;
   private area: [number, number, number, number] | null = null;
   private drawn = 0; // time of the last frame
   private late = 0; // consecutive slow frames
-  private hurried = true; // whether slow frames lower the resolution
 
   constructor(
     private readonly facts: HallFacts,
@@ -105,7 +113,7 @@ export class Stage {
     this.renderer.shadowMap.enabled = !this.lite;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.setPixelRatio(this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
-    this.excitement = buildHall(this.scene, facts, this.lite);
+    buildHall(this.scene, facts, this.lite);
     this.shuttle = new Shuttle(facts.shuttle);
     this.scene.add(
       this.shuttle.root,
@@ -116,6 +124,7 @@ export class Stage {
       this.marks.landing,
       this.marks.flight,
       this.marks.waits,
+      ...this.marks.legal.map(({ root }) => root),
     );
     this.controls = new OrbitControls(this.eye, this.canvas);
     this.controls.enabled = false;
@@ -182,7 +191,6 @@ export class Stage {
   resize(width: number, height: number): void {
     this.renderer.setSize(width, height, false);
     this.eye.aspect = width / height;
-    this.eye.updateProjectionMatrix();
   }
 
   /** Blends from the poses of another motion for a short time. */
@@ -193,6 +201,7 @@ export class Stage {
   /**
    * Draws a rally at a time [s].
    * @param target replaces the target area of the stroke unless it is null.
+   * @param legal areas that may be chosen.
    * @param flight flight that is sketched; null: none.
    * @param waiting the stroke whose positions and open side are shown; null: none are.
    * @param paused whether the whole flight of the shuttle is drawn.
@@ -201,7 +210,8 @@ export class Stage {
     rally: RallyFacts,
     motion: Motion,
     time: number,
-    target: [number, number, number, number] | null,
+    target: Box | null,
+    legal: Box[],
     flight: Flight | null,
     waiting: StrokeValue | null,
     paused: boolean,
@@ -229,39 +239,38 @@ export class Stage {
     const flying = stroke !== undefined && time < stroke.end_time + 0.25;
     const colour = this.colours[stroke?.seat ?? 0]!;
     this.aimAt(rally, motion, time);
-    const pixels = this.canvas.height / this.renderer.getPixelRatio() / (2 * Math.tan((this.eye.fov * Math.PI) / 360));
+    const pixels = this.canvas.height / this.renderer.getPixelRatio() / (this.picture[3] - this.picture[2]);
     this.shuttle.show(motion, time, flying ? stroke : null, paused, colour, this.eye.position, pixels);
     this.area = target ?? (flying ? stroke.box : null);
     this.marks.showFlight(flight);
+    this.marks.showLegal(legal, OFFERED);
     this.marks.area.show(this.area, target ? new THREE.Color("#fbbf24") : colour);
     const receiver = 1 - (stroke?.seat ?? 0);
     const place = (position: number) => placeOf(this.facts, rally, receiver, position);
-    const stood = flying && stroke.waited !== null ? place(stroke.waited) : null;
     const seen = flying ? waiting : null;
+    const stood = seen && stroke!.waited !== null ? motion.hipsAt(stroke!.time, receiver, [0, 0, 0]) : null;
     const perfect = (seen?.places ?? []).map((one): Vec3 => [...place(one.position), one.perfect]);
-    this.marks.showWaits(stood, perfect, this.colours[receiver]!);
+    this.marks.showWaits(stood && [stood[0], stood[1]], perfect, this.colours[receiver]!);
     this.marks.open.show(seen?.open?.box ?? null, OPEN);
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
-    this.excitement.value = over
-      ? Math.min(1, (time - last.end_time) / RISING) * Math.min(1, 0.3 + rally.strokes.length / LONG)
-      : 0;
     this.marks.showLanding(over && time < last.end_time + LANDED ? last.end_point : null, last?.end === "winner");
-    if (this.lite && this.hurried) {
+    if (this.lite) {
       this.easeOff(paused); // before the picture, which a new resolution clears
     }
     // Software rendering draws the static background once per view.
-    if (this.lite && this.shownCamera !== "free" && this.shownCamera !== "follow") {
-      this.backdrop.render(this.scene, this.eye);
+    if (this.lite && this.framing && this.shownCamera !== "free" && this.shownCamera !== "follow") {
+      const whole = this.framing.of.whole(this.eye.aspect, this.covered);
+      this.backdrop.render(
+        this.scene,
+        this.eye,
+        () => this.look(whole),
+        () => this.look(this.picture),
+        inside(this.picture, whole),
+      );
     } else {
       this.renderer.render(this.scene, this.eye);
     }
-  }
-
-  /** Whether every frame has the full resolution at one pixel per unit, so that it depends on the rally only. */
-  drawWhole(on: boolean): void {
-    this.hurried = !on;
-    this.renderer.setPixelRatio(on || this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
   }
 
   /** Lowers the resolution after several slow frames; while paused, frames come when the viewer steps. */
@@ -276,85 +285,98 @@ export class Stage {
   }
 
   private aimAt(rally: RallyFacts, motion: Motion, time: number): void {
-    const camera = this.camera === "director" ? directed(rally, time) : this.camera;
+    const { eye, controls } = this;
+    const camera = this.camera === "director" ? directed(rally, time, eye.aspect) : this.camera;
     const changed = this.shownCamera !== camera;
     this.shownCamera = camera;
     // Touch scrolls the page unless it turns the view.
-    this.controls.enabled = this.camera === "free" || !TOUCHED.matches;
-    this.canvas.style.touchAction = this.controls.enabled ? "none" : "pan-y";
+    controls.enabled = this.camera === "free" || !TOUCHED.matches;
+    this.canvas.style.touchAction = controls.enabled ? "none" : "pan-y";
     if (camera === "free") {
-      this.eye.up.copy(THREE.Object3D.DEFAULT_UP);
       if (changed) {
-        this.controls.target.copy(this.aim.look);
+        eye.up.copy(THREE.Object3D.DEFAULT_UP);
+        eye.fov = 34;
+        eye.near = 0.1;
       }
-      this.controls.update();
+      eye.updateProjectionMatrix();
+      controls.update();
       return;
     }
     // From above, the court lies across a wide window.
-    this.eye.up.copy(this.turned ? at(this.flipped ? -1 : 1, 0, 0) : THREE.Object3D.DEFAULT_UP);
-    const wanted = this.view(camera, rally, motion, time);
-    const share = changed || this.still || this.lite ? 1 : 0.14;
-    this.aim.eye.lerp(wanted.eye, camera === "follow" ? Math.min(share, 0.2) || 1 : share);
-    this.aim.look.lerp(wanted.look, share);
-    this.aim.fov += share * (wanted.fov - this.aim.fov);
-    this.eye.position.copy(this.aim.eye);
-    this.controls.target.copy(this.aim.look);
-    this.eye.fov = this.aim.fov;
-    this.eye.updateProjectionMatrix();
-    this.eye.lookAt(this.aim.look);
+    eye.up.copy(camera === "top" && eye.aspect > 1.2 ? at(this.flipped ? -1 : 1, 0, 0) : THREE.Object3D.DEFAULT_UP);
+    const view = this.view(camera, rally, motion, time);
+    eye.position.copy(view.eye);
+    controls.target.copy(view.look);
+    eye.lookAt(view.look);
+    eye.updateMatrixWorld();
+    eye.near = view.from;
+    this.picture = camera === "follow" ? centred(1, eye.aspect) : this.framed(camera, motion, time);
+    this.look(this.picture);
   }
 
-  private get turned(): boolean {
-    return this.camera === "top" && this.eye.aspect > 1.2;
+  /** The picture of a camera that stands still; it follows another motion from where it was. */
+  private framed(camera: Shot, motion: Motion, time: number): Picture {
+    const { aspect, matrixWorldInverse } = this.eye;
+    const key = [camera, this.flipped, this.raised, camera === "top" && aspect > 1.2].join();
+    if (this.framing?.key !== key || this.framing.motion !== motion) {
+      const follows = this.framing?.key === key && !this.still && !this.lite;
+      this.turning = follows ? { from: this.picture, began: performance.now() } : null;
+      const { half_width: x, half_length: y } = this.facts.court;
+      const corners: [number, number][] = [[-x, -y], [x, -y], [-x, y], [x, y]]; // biome-ignore format: a line
+      this.framing = { key, motion, of: new Framing(motion, matrixWorldInverse, this.raised ? corners : []) };
+    }
+    const wanted = this.framing.of.at(time, aspect, this.covered);
+    const share = this.turning ? (performance.now() - this.turning.began) / TURNING : 1;
+    return share < 1 ? mixed(this.turning!.from, wanted, share * share * (3 - 2 * share)) : wanted;
+  }
+
+  /** Sets the lens to a picture. */
+  private look([left, right, bottom, top]: Picture): void {
+    const { near, far } = this.eye;
+    this.eye.projectionMatrix.makePerspective(left * near, right * near, top * near, bottom * near, near, far);
+    this.eye.projectionMatrixInverse.copy(this.eye.projectionMatrix).invert();
   }
 
   private view(camera: Shot, rally: RallyFacts, motion: Motion, time: number): View {
     const end = this.flipped ? -1 : 1;
-    // A narrow window needs a wider angle to hold the whole court.
-    const wide = Math.max(1, 1.45 / this.eye.aspect);
-    // The angle at which the broadcast camera sees both near corners.
-    const whole = (360 / Math.PI) * Math.atan(CORNERS / this.eye.aspect);
     switch (camera) {
-      case "winner": {
-        const seat = rally.winner!;
-        const hips = motion.hipsAt(rally.strokes.at(-1)!.end_time, seat, [0, 0, 0]);
-        const net = facing(rally, seat);
-        return {
-          eye: at(0.8 * hips[0], hips[1] + net * 4, 1.7),
-          look: at(hips[0], hips[1], 1.15),
-          fov: 38 * Math.min(wide, 1.6),
-        };
-      }
       case "side":
-        return { eye: at(-end * 10.2, 0, 2.6), look: at(0, 0, 1.25), fov: 44 * Math.min(wide, 1.6) };
-      case "corner": {
-        const back = 0.88 + 0.12 * Math.min(wide, 1.9); // not behind the boards of the stands
-        return {
-          eye: at(-end * 7.4, -end * 11, 4.3).multiplyScalar(back),
-          look: at(end * 0.8, -end * 0.5, 0.9),
-          fov: 40 * Math.min(wide, 1.6),
-        };
-      }
+        return { eye: at(-end * 15, 0, 4.2), look: at(0, 0, 1.2), from: 8.5 };
+      case "corner":
+        return { eye: at(-end * 9.5, -end * 13.5, 5), look: at(0, 0, 0.9), from: 6 };
       case "top":
-        return this.turned
-          ? {
-              eye: at(0, -end * 0.01, 15.5),
-              look: at(0, 0, 0),
-              fov: Math.max(29, (360 / Math.PI) * Math.atan(0.5 / this.eye.aspect)),
-            }
-          : { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
+        return { eye: at(0, -end * 0.01, 19), look: at(0, 0, 0), from: 5 };
       case "follow": {
         const seat = facing(rally, 0) === end ? 0 : 1; // the player at the near end
         const hips = motion.hipsAt(time, seat, [0, 0, 0]);
-        const away = -end;
-        return { eye: at(hips[0] * 0.85, hips[1] + away * 4.4, 2.55), look: at(hips[0] * 0.5, -away * 2.5, 1.35), fov: 50 };
+        return { eye: at(hips[0] * 0.85, hips[1] - end * 4.4, 2.55), look: at(hips[0] * 0.5, end * 2.5, 1.35), from: 0.1 };
       }
-      default: {
-        const shuttle = motion.shuttleAt(time, [0, 0, 0]);
-        const sway = rally.strokes.length && !this.lite ? 0.1 * shuttle[0] : 0;
-        return { eye: at(sway, -end * 13.8, 6.7), look: at(0.4 * sway, -end * 0.5, 0.42), fov: Math.max(35.5, whole) };
-      }
+      default:
+        return this.raised
+          ? { eye: at(0, -end * 15, 8.5), look: at(0, 0, 0), from: 7 }
+          : { eye: at(0, -end * 16.5, 4.4), look: at(0, 0, 1), from: 7 };
     }
+  }
+
+  /** Where players, as the rectangles of their joints, and the shuttle are in the picture: fractions, from the upper left. */
+  held(rally: RallyFacts, motion: Motion, time: number): { players: Box[]; shuttle: [number, number] } {
+    this.athletes?.forEach((athlete, seat) => athlete.pose(motion, time, seat));
+    this.turning = null;
+    this.aimAt(rally, motion, time);
+    const { x, y } = at(...motion.shuttleAt(time, [0, 0, 0])).project(this.eye);
+    return { players: [0, 1].map((seat) => this.joints(seat)!), shuttle: [(x + 1) / 2, (1 - y) / 2] };
+  }
+
+  private joints(seat: number): Box | null {
+    const out: Box = [Infinity, Infinity, -Infinity, -Infinity];
+    this.athletes?.[seat]?.root.traverse((part) => {
+      if (part instanceof THREE.Bone) {
+        const { x, y } = part.getWorldPosition(new THREE.Vector3()).project(this.eye);
+        const [u, v] = [(x + 1) / 2, (1 - y) / 2];
+        [out[0], out[1], out[2], out[3]] = [Math.min(out[0], u), Math.min(out[1], v), Math.max(out[2], u), Math.max(out[3], v)];
+      }
+    });
+    return this.athletes ? out : null;
   }
 
   /** Centre of the string bed of a player, in court axes. */
@@ -367,27 +389,12 @@ export class Stage {
     return [-v.x, v.z, v.y];
   }
 
-  /** Smallest rectangle of the window that contains the joints of a player: left, top, right, bottom; null before the first. */
-  outline(seat: number): [number, number, number, number] | null {
-    const athlete = this.athletes?.[seat];
-    if (!athlete) {
-      return null;
-    }
+  /** Smallest rectangle of the window that contains the joints of a player; null before the first. */
+  outline(seat: number): Box | null {
     const box = this.canvas.getBoundingClientRect();
-    const out: [number, number, number, number] = [Infinity, Infinity, -Infinity, -Infinity];
-    athlete.root.traverse((part) => {
-      if (part instanceof THREE.Bone) {
-        const { x, y } = part.getWorldPosition(new THREE.Vector3()).project(this.eye);
-        const [left, top] = [box.left + ((x + 1) / 2) * box.width, box.top + ((1 - y) / 2) * box.height];
-        [out[0], out[1], out[2], out[3]] = [
-          Math.min(out[0], left),
-          Math.min(out[1], top),
-          Math.max(out[2], left),
-          Math.max(out[3], top),
-        ];
-      }
-    });
-    return out;
+    const found = this.joints(seat);
+    const [x, y] = [(u: number) => box.left + u * box.width, (v: number) => box.top + v * box.height];
+    return found && [x(found[0]), y(found[1]), x(found[2]), y(found[3])];
   }
 
   /** Point of the floor at window coordinates, or null. */
@@ -398,6 +405,13 @@ export class Stage {
     ray.setFromCamera(point, this.eye);
     const hit = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 1, 0), 0), new THREE.Vector3());
     return hit ? [-hit.x, hit.z] : null;
+  }
+
+  /** Window coordinates of a point of the floor. */
+  windowAt(x: number, y: number): [number, number] {
+    const box = this.canvas.getBoundingClientRect();
+    const seen = at(x, y, 0).project(this.eye);
+    return [box.left + ((seen.x + 1) / 2) * box.width, box.top + ((1 - seen.y) / 2) * box.height];
   }
 
   /** What the last frame shows; null before the first. */
@@ -415,14 +429,17 @@ export class Stage {
   }
 }
 
-/** Camera of the director: the side for an attack, the winner after the rally, else that of a broadcast. */
-function directed(rally: RallyFacts, time: number): Shot {
-  const last = rally.strokes.at(-1);
-  if (last && rally.winner !== null && time >= last.end_time + AFTER) {
-    return "winner";
-  }
-  const attack = rally.strokes.some(
-    (stroke) => ATTACKS.has(stroke.shot) && time >= stroke.time - BEFORE && time < stroke.end_time,
-  );
-  return attack ? "side" : "broadcast";
+/** Camera of the director: the side for an attack, if the window is wide, else that of a broadcast. */
+function directed(rally: RallyFacts, time: number, aspect: number): Shot {
+  const attacks = ({ shot, time: begins, end_time }: Stroke) => ATTACKS.has(shot) && time >= begins - BEFORE && time < end_time;
+  return aspect >= WIDE && rally.strokes.some(attacks) ? "side" : "broadcast";
+}
+
+function centred(height: number, aspect: number): Picture {
+  return [(-height * aspect) / 2, (height * aspect) / 2, -height / 2, height / 2];
+}
+
+/** A picture as a part of another: its corner and its size, as fractions. */
+function inside([left, right, bottom, top]: Picture, [l, r, b, t]: Picture): [number, number, number, number] {
+  return [(left - l) / (r - l), (bottom - b) / (t - b), (right - left) / (r - l), (top - bottom) / (t - b)];
 }

@@ -88,11 +88,12 @@ export class StrokeValues {
       if (screen.mode === "analyse" || screen.browser) {
         const match = await this.overview(wanted);
         if (now()) {
-          screen.browser?.show(match, rally.number, true);
+          screen.browser?.show(match, rally.number, screen.mode === "analyse", true);
           screen.match.show(screen.mode === "analyse" ? match : null, rally.names, rally.number);
         }
       }
       if (wanted.plan && sides !== this.styled) {
+        screen.showStyles(null);
         const styles = await source.styles(wanted);
         if (now()) {
           this.styled = sides;

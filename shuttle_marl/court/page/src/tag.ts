@@ -5,6 +5,7 @@ import "./tag.css";
 import type { Connection } from "./connection";
 import { type Child, capitalised, h, percent, replaceChildren, s } from "./dom";
 import { Film } from "./film";
+import { keyOf } from "./keys";
 import { languageMenu } from "./layout";
 import {
   CORNER_NAMES,
@@ -80,6 +81,7 @@ export class Tagging {
   private readonly prompt = h("p", { class: "prompt", role: "status" });
   private readonly refusal = h("p", { class: "refusal", role: "alert" });
   private readonly keys = h("div", { class: "keys" });
+  private readonly court = s("svg", { class: "mini", viewBox: "-3.3 -7 6.6 14", "aria-hidden": "true" });
   private readonly list = h("ol", { class: "strokes", "aria-label": say("tag.strokes") });
   private readonly status = h("p", { class: "status", role: "status" });
   private readonly setup: HTMLFormElement;
@@ -93,7 +95,15 @@ export class Tagging {
     this.hall = hello.hall;
     this.after = file.after;
     this.setup = this.form();
-    this.board = h("div", { class: "board" }, this.score, this.prompt, this.refusal, this.keys, this.list);
+    this.board = h(
+      "div",
+      { class: "board" },
+      this.score,
+      this.prompt,
+      this.refusal,
+      this.keys,
+      h("div", { class: "done" }, this.court, this.list),
+    );
     this.resume();
     document.title = say("tag.title", { video: file.video });
     document.body.classList.add("tagging");
@@ -172,7 +182,16 @@ export class Tagging {
         h("input", { name, value, ...allowed, onchange: (event) => trim(event.target as HTMLInputElement) }),
       );
     const select = (name: string, label: string, options: [string, string][]) =>
-      h("label", {}, label, h("select", { name }, ...options.map(([value, text]) => h("option", { value }, text))));
+      h(
+        "label",
+        {},
+        label,
+        h(
+          "select",
+          { name, required: !name.endsWith("hand") },
+          ...options.map(([value, text]) => h("option", { value }, text)),
+        ),
+      );
     const hands: [string, string][] = [
       ["", say("tag.hand_unknown")],
       ["right", say("tag.hand_right")],
@@ -204,6 +223,7 @@ export class Tagging {
         ["1", say("tag.far_player")],
       ]),
       select("discipline", say("tag.discipline"), [
+        ["", say("tag.discipline_asked")],
         ["MS", say("disciplines.men")],
         ["WS", say("disciplines.women")],
       ]),
@@ -256,10 +276,7 @@ export class Tagging {
       return;
     }
     const acts = this.acts();
-    // Keys of the keypad and letters of another alphabet count by their place.
-    const [, digit, letter] = /^(?:Numpad(\d)|Key([A-Z]))$/.exec(event.code) ?? [];
-    const latin = /^[\x20-\x7e]$/.test(event.key);
-    const key = digit ?? (latin || !letter ? event.key : letter.toLowerCase());
+    const key = keyOf(event);
     const act = acts[key] ?? acts[key.toLowerCase()];
     if (act) {
       event.preventDefault();
@@ -321,6 +338,7 @@ export class Tagging {
       technique: Math.floor(way / 2),
       height: way % 2,
       probability: known?.probability ?? null,
+      areas: known?.areas ?? null,
     });
   }
 
@@ -443,11 +461,7 @@ export class Tagging {
         this.after = facts.after;
         this.unsaved.shift();
         this.savingTimes.push(performance.now() - change.begun);
-        this.status.textContent = say("tag.saved", {
-          inputs: change.inputs,
-          strokes: change.strokes,
-          file: this.file.out,
-        });
+        this.status.textContent = say("tag.saved", { inputs: change.inputs, strokes: change.strokes, file: this.file.out });
       }
     } catch (error) {
       this.status.textContent = say("tag.not_saved", { reason: (error as Error).message, inputs: this.unsaved.length });
@@ -542,17 +556,16 @@ export class Tagging {
     const blocks: Child[] = [];
     if (phase === "shot") {
       const fresh = this.suggestedFor === this.line() ? this.suggested : [];
-      const rank = new Map(fresh.map(({ shot }, rank) => [shot, rank]));
-      const order = this.shots().sort((a, b) => (rank.get(a) ?? a) - (rank.get(b) ?? b));
-      blocks.push(
-        ...order.map((shot, i) => {
-          const found = rank.has(shot) && likely(fresh[i]!, i) ? fresh[i]! : null;
-          const [usual, other] = this.waysOf(shot).map((way) => this.way(way));
-          const note = found && h("small", {}, ` ${percent(found.probability)}`, h("br"), `${usual}, Shift: ${other}`);
-          const act = (shift: boolean) => this.shot(shot, shift);
-          return key(SHOT_KEYS[shot]!, words(this.hall.shots[shot]!), act, found ? "likely" : "", note);
-        }),
+      // The likely ones in their order, beside all of them at fixed places.
+      const suggested = fresh.filter(likely).map(({ shot, probability }) => {
+        const [usual, other] = this.waysOf(shot).map((way) => this.way(way));
+        const note = h("small", {}, ` ${percent(probability)}`, h("br"), `${usual}, Shift: ${other}`);
+        return key(SHOT_KEYS[shot]!, words(this.hall.shots[shot]!), (shift) => this.shot(shot, shift), "likely", note);
+      });
+      const grid = this.shots().map((shot) =>
+        key(SHOT_KEYS[shot]!, words(this.hall.shots[shot]!), (shift) => this.shot(shot, shift)),
       );
+      blocks.push(h("div", { class: "both" }, h("div", { class: "letters" }, ...grid), h("div", {}, ...suggested)));
     }
     if (phase === "place") {
       const cells = [7, 8, 9, 4, 5, 6, 1, 2, 3].map((cell) =>
@@ -580,7 +593,26 @@ export class Tagging {
     replaceChildren(this.keys, ...blocks);
   }
 
+  /** The last stroke on a small court, as the picture shows it. */
+  private showCourt(): void {
+    const last = current(this.state).strokes.findLast(({ area }) => area !== null);
+    const parts = courtLines(this.hall.court).map((line) =>
+      s("polyline", { points: line.map(([x, y]) => `${x},${-y}`).join(" ") }),
+    );
+    if (last) {
+      const sign = last.seat === this.state.near ? 1 : -1;
+      const [[x0, x1], [y0, y1]] = this.hall.areas[last.area!]!.box;
+      const [left, top] = [Math.min(sign * x0, sign * x1), Math.min(-sign * y0, -sign * y1)];
+      parts.unshift(s("rect", { x: left, y: top, width: x1 - x0, height: y1 - y0 }));
+      if (last.place) {
+        parts.push(s("circle", { cx: sign * last.place[0], cy: -sign * last.place[1], r: 0.25 }));
+      }
+    }
+    this.court.replaceChildren(...parts);
+  }
+
   private showList(): void {
+    this.showCourt();
     const { players, hands } = this.state.setup!;
     const items = this.state.rallies.slice(-40).flatMap((rally) =>
       rally.strokes.map(({ seat, shot, area, time }, i) => {

@@ -1,7 +1,7 @@
 // Tagging a video: the state that follows from a person's inputs, as a pure reducer, and the rows of the table.
 
 import { type HallFacts, RULES, type TagRow, type TagStroke } from "./wire.gen";
-import { say, words } from "./words";
+import { areaWords, say, words } from "./words";
 
 export const ENDINGS = ["out", "net", "short", "foul", "let", "landed", "misjudged"] as const;
 export type Ending = (typeof ENDINGS)[number];
@@ -23,7 +23,16 @@ export type Input =
       rules: Rules;
     }
   | { kind: "corner"; x: number; y: number }
-  | { kind: "shot"; shot: number; time: number; technique: number; height: number; probability: number | null }
+  | {
+      kind: "shot";
+      shot: number;
+      time: number;
+      technique: number;
+      height: number;
+      /** Of the shot, and of its targets; null: not known. */
+      probability: number | null;
+      areas: number[] | null;
+    }
   | { kind: "way"; technique: number; height: number }
   | { kind: "cell"; cell: number; time: number }
   | { kind: "place"; x: number; y: number; time: number }
@@ -50,6 +59,8 @@ export interface Tagged {
   time: number;
   area: number | null;
   place: Point | null;
+  /** Probabilities of targets; null: not known. */
+  areas: number[] | null;
 }
 
 export interface Rally {
@@ -95,6 +106,7 @@ const FRAME_RATE = 30; // of the column `frame`: browsers do not tell that of a 
 const BY_HAND = 0.2; // accuracy of places that are clicked [m]
 const FLAT = 1e-4; // least area of three corners, of that of the picture
 const RARE = 0.001; // probability below which a shot is asked about
+const RARE_TARGET = 0.005; // … a target is asked about
 const FAULTS: readonly Ending[] = ["out", "net", "short", "foul"];
 const WITHOUT_PLACE: readonly Ending[] = ["net", "short", "foul", "let"];
 
@@ -185,8 +197,8 @@ function struck(state: State, input: Input & { kind: "shot" }, hall: HallFacts):
   if (before && input.time - before.time < 1 / FRAME_RATE) {
     refuse(say("refusal.earlier"));
   }
-  const { shot, technique, height, time } = input;
-  const stroke = { seat: striker(rally), shot, technique, height, time, area: null, place: null };
+  const { shot, technique, height, time, areas } = input;
+  const stroke = { seat: striker(rally), shot, technique, height, time, area: null, place: null, areas };
   const next = { ...withRally(state, { strokes: [...rally.strokes, stroke] }), phase: "place", met: null } as const;
   return asked(
     next,
@@ -230,10 +242,17 @@ function placed(state: State, area: number, place: Point | null, hall: HallFacts
   const [side, right] = [area % 3, rally.points[rally.server]! % 2 === 0];
   const wrong = rally.strokes.length === 1 && side === (right ? 2 : 0);
   const score = rally.points.join(":");
+  const rare = rally.strokes.length > 1 && (last.areas?.[area] ?? 1) < RARE_TARGET;
+  const receiver = state.setup!.hands[other(last.seat)] ?? "right";
   return asked(
     next,
     (wrong && say(right ? "refusal.right_court" : "refusal.left_court", { score })) ||
-      (place !== null && place[1] < -hall.court.net_depth && say("refusal.own_side")),
+      (place !== null && place[1] < -hall.court.net_depth && say("refusal.own_side")) ||
+      (rare &&
+        say("refusal.unlikely_place", {
+          shot: words(hall.shots[last.shot]!),
+          area: areaWords(hall.areas[area]!.name, receiver),
+        })),
   );
 }
 

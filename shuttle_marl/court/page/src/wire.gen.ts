@@ -57,32 +57,16 @@ export interface CourtFacts {
 }
 
 /** A target area in the frame of the striker [m]. */
-export interface AreaFacts {
-  name: string;
-  box: [[number, number], [number, number]];
-}
+export interface AreaFacts { name: string; box: [[number, number], [number, number]]; }
 
 /** A position as a right-handed player sees it, in their own frame, and the place where they stand in it [m]. */
-export interface PositionFacts {
-  box: [[number, number], [number, number]];
-  place: [number, number];
-}
+export interface PositionFacts { box: [[number, number], [number, number]]; place: [number, number]; }
 
 /** Dimensions of a racket [m]. */
-export interface RacketFacts {
-  length: number;
-  sweet_spot: number;
-  butt: number;
-  head: [number, number];
-}
+export interface RacketFacts { length: number; sweet_spot: number; butt: number; head: [number, number]; }
 
 /** Dimensions of a shuttle [m]; ends of a feather: distance from the axis, half width, distance behind the cork. */
-export interface ShuttleFacts {
-  scale: number;
-  cork: number;
-  feathers: number;
-  feather: [Vec3, Vec3];
-}
+export interface ShuttleFacts { scale: number; cork: number; feathers: number; feather: [Vec3, Vec3]; }
 
 /** Skeleton of an athlete: rest positions [m], parents of bones, axes of the racket, rotations of the fingers. */
 export interface AthleteFacts {
@@ -105,34 +89,16 @@ export interface Plan {
 }
 
 /** The player of a seat. */
-export interface Side {
-  policy: string;
-  temperature: number;
-}
+export interface Side { policy: string; temperature: number; }
 
 /** A change of player during a match. */
-export interface Change {
-  rally: number;
-  seat: number;
-  side: Side;
-}
+export interface Change { rally: number; seat: number; side: Side; }
 
 /** Recorded rallies that the server shows; ``matches``: of annotated ones, in the order of their rallies. */
-export interface RecordedFacts {
-  title: string;
-  count: number;
-  first: number;
-  matches: RecordedMatch[];
-}
+export interface RecordedFacts { title: string; count: number; first: number; matches: RecordedMatch[]; }
 
 /** An annotated match: its first rally, event, players and date. */
-export interface RecordedMatch {
-  first: number;
-  title: string;
-  names: [string, string];
-  date: string | null;
-  missing: number;
-}
+export interface RecordedMatch { first: number; title: string; names: [string, string]; date: string | null; missing: number; }
 
 /** The video that is tagged. */
 export interface TagFacts {
@@ -147,34 +113,25 @@ export interface TagFacts {
 }
 
 /** Strokes and motion of a rally. */
-export interface RallyRequest {
+export interface RallyRequest extends Query { have: boolean; }
+
+/** A request about a rally. */
+export interface Query {
   rally: number;
   plan?: Plan | null;
   person?: Person | null;
   tried?: Record<string, number>;
   friend?: FriendSeat | null;
-  have: boolean;
 }
 
 /** A person who plays instead of a policy. */
-export interface Person {
-  seat: number;
-  rally: number;
-  stroke: number;
-  practice: boolean;
-  friend: boolean;
-}
+export interface Person { seat: number; rally: number; stroke: number; practice: boolean; friend: boolean; }
 
 /** The seat of a person in a game of two persons: token of the game, and key of the seat, which nobody else knows. */
-export interface FriendSeat {
-  token: string;
-  key: string;
-}
+export interface FriendSeat { token: string; key: string; }
 
 /** Reply to RallyRequest; its body is the packed motion. */
-export interface RallyReply {
-  rally: RallyFacts;
-}
+export interface RallyReply { rally: RallyFacts; }
 
 /** A rally without its motion. */
 export interface RallyFacts {
@@ -206,14 +163,7 @@ export interface ScoreFacts {
 }
 
 /** A stroke of a rally. */
-export interface Stroke {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
+export interface Stroke extends StrokeFacts {
   state: number;
   p_succ: number;
   p_ret: number;
@@ -233,6 +183,17 @@ export interface Stroke {
   speed: number;
 }
 
+/** A stroke of the catalogue, and the area at which it aims, as a right-handed receiver sees it; ``box``: where it lies. */
+export interface StrokeFacts {
+  stroke: number;
+  seat: number;
+  shot: string;
+  area: string;
+  height: string;
+  technique: string;
+  box: [number, number, number, number];
+}
+
 /** A choice of a person: of a stroke, or of the position in which they wait for one of the opponent. */
 export interface Turn {
   seat: number;
@@ -244,39 +205,19 @@ export interface Turn {
 }
 
 /** A stroke that a person may choose. */
-export interface TurnStroke {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
-  p_succ: number;
-  p_ret: number;
-}
+export interface TurnStroke extends StrokeFacts { p_succ: number; p_ret: number; support: number | null; }
 
 /** Appearance of a player. */
-export interface PlayerFacts {
-  athlete: string;
-  hand: string;
-}
+export interface PlayerFacts { athlete: string; hand: string; }
 
 /** Values of the strokes of a rally. */
-export interface AnalysisRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
-}
+export interface AnalysisRequest extends Query {  }
 
 /** Reply to AnalysisRequest; ``factor``: share of an advantage that real matches realise, and its interval. */
 export interface Analysis {
   number: number;
   factor: Vec3 | null;
   strokes: StrokeValue[];
-  landings: ([number[] | null, number[] | null])[];
   win_after: number | null;
   match_after: number | null;
 }
@@ -297,27 +238,14 @@ export interface StrokeValue {
   support: number | null;
   places: Place[] | null;
   open: OpenSide | null;
-  wait: number | null;
+  wait: boolean;
 }
 
 /** A question about a stroke. */
-export interface Question {
-  right: number;
-  wrong: number[];
-  share: number;
-  theme: string;
-  usual: number;
-}
+export interface Question { right: number; wrong: number[]; }
 
 /** A stroke of a decision: ``win`` if both players continue with their policies, ``best`` if both play strongly. */
-export interface Option {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
+export interface Option extends StrokeFacts {
   p_succ: number;
   p_ret: number;
   support: number | null;
@@ -327,73 +255,28 @@ export interface Option {
 }
 
 /** A position of the receiver of a stroke. */
-export interface Place {
-  position: number;
-  people: number;
-  perfect: number;
-  loss: number;
-  win: number;
-}
+export interface Place { position: number; people: number; perfect: number; loss: number; win: number; }
 
 /** The stroke that gains most by where the receiver waits: rallies more than against one who waits as people do. */
-export interface OpenSide {
-  stroke: number;
-  seat: number;
-  shot: string;
-  area: string;
-  height: string;
-  technique: string;
-  box: [number, number, number, number];
-  gain: number;
-}
+export interface OpenSide extends StrokeFacts { gain: number; }
 
 /** Values of the strokes between which a person chooses, or where perfect play waits. */
-export interface OptionsRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
-}
+export interface OptionsRequest extends Query {  }
 
 /** Reply to OptionsRequest: strokes, or probabilities of positions under perfect play; the other is empty. */
-export interface OptionsReply {
-  options: Option[];
-  positions: number[];
-}
+export interface OptionsReply { options: Option[]; positions: number[]; }
 
 /** Styles of both players of a rally. */
-export interface StylesRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
-}
+export interface StylesRequest extends Query {  }
 
 /** Reply to StylesRequest; ``strength``: fraction of rallies that each player wins against imitated elite players. */
-export interface Styles {
-  figures: StyleFigure[];
-  shots: StyleFigure[];
-  strength: [number, number];
-}
+export interface Styles { figures: StyleFigure[]; shots: StyleFigure[]; strength: [number, number]; }
 
 /** A statistic of both players beside that of imitated elite players. */
-export interface StyleFigure {
-  name: string;
-  values: [number, number];
-  reference: number | null;
-}
+export interface StyleFigure { name: string; values: [number, number]; reference: number | null; }
 
 /** Overview of the match of a rally. */
-export interface MatchRequest {
-  rally: number;
-  plan?: Plan | null;
-  person?: Person | null;
-  tried?: Record<string, number>;
-  friend?: FriendSeat | null;
-  partial: boolean;
-}
+export interface MatchRequest extends Query { partial: boolean; }
 
 /** Reply to MatchRequest; ``marks``: numbers of ``!!``, ``!``, ``?!``, ``?`` and ``??`` of both sides. */
 export interface MatchReply {
@@ -428,20 +311,10 @@ export interface Moment {
 }
 
 /** The rating of a person after a match. */
-export interface RatingRequest {
-  points: number;
-  deviation: number;
-  volatility: number;
-  scores: number[];
-}
+export interface RatingRequest { points: number; deviation: number; volatility: number; scores: number[]; }
 
 /** Reply to RatingRequest; ``interval``: that of 95 %. */
-export interface RatingReply {
-  points: number;
-  deviation: number;
-  volatility: number;
-  interval: [number, number];
-}
+export interface RatingReply { points: number; deviation: number; volatility: number; interval: [number, number]; }
 
 /** A person opens a game of two persons, takes a seat in it, chooses, or asks how it stands. */
 export interface FriendRequest {
@@ -476,11 +349,7 @@ export interface TagRequest {
 }
 
 /** A tagged stroke, a row of the table; the fields are columns of ``data import``. */
-export interface TagRow {
-  shot: number;
-  technique: number;
-  height: number;
-  area: number | null;
+export interface TagRow extends TagStroke {
   match: string;
   discipline: "MS" | "WS";
   rules: "21" | "15" | "11" | "21x1" | "21x5" | "15x1" | "15x5" | "11x1" | "11x3";
@@ -502,38 +371,20 @@ export interface TagRow {
   points_opponent: number | null;
 }
 
+/** A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area. */
+export interface TagStroke { shot: number; technique: number; height: number; area: number | null; }
+
 /** Reply to TagRequest: numbers of inputs and rows that are saved, and the hash of the inputs. */
-export interface Saved {
-  inputs: number;
-  rows: number;
-  after: string;
-}
+export interface Saved { inputs: number; rows: number; after: string; }
 
 /** Shot types that probably follow the strokes of a rally. */
-export interface SuggestRequest {
-  line: TagStroke[];
-  receivers: ["right" | "left", "right" | "left"];
-}
-
-/** A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area. */
-export interface TagStroke {
-  shot: number;
-  technique: number;
-  height: number;
-  area: number | null;
-}
+export interface SuggestRequest { line: TagStroke[]; receivers: ["right" | "left", "right" | "left"]; }
 
 /** Reply to SuggestRequest, the most probable first. */
-export interface Suggestions {
-  shots: Suggestion[];
-}
+export interface Suggestions { shots: Suggestion[]; }
 
-/** A shot type with its probability, and the ways of playing it, the usual one first: twice the technique plus the height. */
-export interface Suggestion {
-  shot: number;
-  probability: number;
-  ways: number[];
-}
+/** A shot type with its probability, the ways of playing it, the usual one first, and the probabilities of its targets. */
+export interface Suggestion { shot: number; probability: number; ways: number[]; areas: number[]; }
 
 /** Requests by operation. */
 export interface Requests {

@@ -1,0 +1,52 @@
+// A stroke judged twice: what was chosen, and what became of it.
+
+import { h, signed } from "./dom";
+import type { Analysis, RallyFacts, StrokeValue } from "./wire.gen";
+import { type Key, say } from "./words";
+
+const RIGHT = 0.005; // loss to the best choice up to which a choice is right
+const NAMES: Record<string, string> = { "!!": "brilliant", "!": "strong", "?!": "doubtful", "?": "mistake", "??": "blunder" };
+const ATTACKS = new Set(["smash", "half-smash", "drive", "push"]);
+
+/** Probability that the striker wins the rally, from that of side A. */
+function own(win: number, seat: number): number {
+  return seat ? 1 - win : win;
+}
+
+/** The choice in words: beside what elite players choose there; where too few of them play it, what the model guesses. */
+export function choiceWords({ change, mark, loss, win, chosen }: StrokeValue, seat: number): string {
+  if (change === null) {
+    return say("verdict.guess", { share: signed(own(chosen, seat) - own(win, seat)) });
+  }
+  const name = NAMES[mark] ?? (loss <= RIGHT ? "right" : "fair");
+  return say(`verdict.${name}` as Key, { share: signed(change) });
+}
+
+/** What became of a stroke, in words, with its change of the probability of winning the rally; null: not known yet. */
+function resultWords(rally: RallyFacts, { strokes }: Analysis, i: number, named: number): [string, number] | null {
+  const [stroke, next] = [rally.strokes[i]!, rally.strokes[i + 1]];
+  if (next ? i + 1 >= named : rally.winner === null || named <= rally.strokes.length) {
+    return null;
+  }
+  const win = next ? strokes[i + 1]!.win : Number(rally.winner === 0);
+  const gain = own(win, stroke.seat) - own(strokes[i]!.chosen, stroke.seat);
+  const answer = next?.shot === "net-kill" ? "killed" : ATTACKS.has(next?.shot ?? "") ? "attacked" : "returned";
+  const kind = next ? answer : ["winner", "out", "net"].includes(stroke.end) ? stroke.end : "other";
+  return [say(`verdict.${kind}` as Key, { share: signed(gain) }), gain];
+}
+
+/**
+ * Choice and result of a stroke.
+ * @param named number of strokes of the rally that are told; more than it has: its end as well.
+ */
+export function verdict(rally: RallyFacts, analysis: Analysis, i: number, named: number): HTMLElement {
+  const value = analysis.strokes[i]!;
+  const result = resultWords(rally, analysis, i, named);
+  const kind = (gain: number) => (gain > RIGHT ? "up" : gain < -RIGHT ? "down" : "quiet");
+  return h(
+    "span",
+    { class: "judged" },
+    h("span", { class: value.change === null ? "quiet" : kind(value.change) }, choiceWords(value, rally.strokes[i]!.seat)),
+    result && h("span", { class: kind(result[1]) }, result[0]),
+  );
+}
