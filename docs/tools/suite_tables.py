@@ -38,14 +38,13 @@ def summary() -> str:
     """One line for each task: what it asks, and the best result."""
     rows = []
     for name, task in TASKS.items():
-        question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".").replace("``", "`")
         found, best = boards(_rows(name)), ("", "", "", "")
         if found and (row := found[-1]["best"]):
             budget = f"{row['budget']:,}" if row["budget"] else ""
             best = (budget, f"`{called(row)}`", with_interval(row["scores"][task.metric]), number(found[-1]["gap"]))
         kind = "entrance" if task.entrance else ""
         score = f"{task.metric}, {task.unit}"
-        rows.append((f"[`{name}`]({kind_of(name)}.md)", question, ", ".join(task.hidden), kind, score, *best))
+        rows.append((f"[`{name}`]({kind_of(name)}.md)", task.question, ", ".join(task.hidden), kind, score, *best))
     headings = ("task", "question", "hidden", "", "score", "strokes", "best", "result", "open gap")
     return markdown(headings, rows, left=("task", "question", "hidden", "", "score", "best"))
 
@@ -60,7 +59,7 @@ def frontiers() -> str:
         for point in points
     ]
     headings = ("task", "opponent", "restriction", "score", "exploitability", "gain")
-    return markdown(headings, rows, left=("task", "opponent")) if rows else _NONE.format(task="exploit-v0")
+    return markdown(headings, rows, left=("task", "opponent")) if rows else _NONE.format(task="exploit-v1")
 
 
 def depth() -> str:

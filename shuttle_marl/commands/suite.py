@@ -32,7 +32,8 @@ def list_(*, json_output: Json = False) -> None:
         {
             **_described(task),
             "higher_is_better": task.higher_is_better,
-            "game": arena_of(task, "default", "test").base,
+            "game": (arena := arena_of(task, "default", "test")).base,
+            "budgets": sorted({case.budget for case in task.all_cases(arena)} - {0}),
             "splits": SPLITS,
             "baselines": list(BASELINES[kind_of(name)]),
         }
@@ -43,7 +44,7 @@ def list_(*, json_output: Json = False) -> None:
 
 
 def _described(task: "suite.Task") -> dict[str, Any]:
-    names = ("about", "protocol", "access", "entrance", "metric", "unit", "zero", "optimum", "seeds")
+    names = ("question", "about", "protocol", "access", "entrance", "metric", "unit", "zero", "not_proved", "optimum", "seeds")
     return {"task": task.name, **{name: getattr(task, name) for name in names}, "hidden": list(task.hidden)}
 
 
@@ -155,7 +156,7 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
     """Show what the best can reach against an opponent: score against exploitability in points, by the restriction.
 
     Args:
-        task: exploit-v0 or exploit-entrance-v0.
+        task: exploit-v1 or exploit-entrance-v1.
         opponent: name of a policy, such as bc.
         game: model of the game.
     """
@@ -165,11 +166,27 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
 
     found = suite.find_task(task)
     if not isinstance(found, Exploit):
-        raise SuiteError(f"{task} has no frontier of an opponent; exploit-v0 has")
+        raise SuiteError(f"{task} has no frontier of an opponent; exploit-v1 has")
     arena = arena_of(found, game, "test")
     points = points_of(arena, arena.policy(opponent), tolerance=TOLERANCE)
     rows = {f"p = {each['p']:g}": {name: value for name, value in each.items() if name != "p"} for each in points}
     cli.show(points, json_output, cli.named(f"Restricted responses to {opponent}, in points", rows))
+
+
+def figure(task: Task, *, out: Path, results: Path = Path("experiments/results/suite.json"), split: Split = "test") -> None:
+    """Draw exploitability against score: the exact frontier, and every row at each budget, as means over the opponents.
+
+    Args:
+        task: exploit-v1 or exploit-entrance-v1.
+        out: PNG, SVG or PDF.
+        results: a file of `python -m experiments.suite`.
+        split: part of the task.
+    """
+    from shuttle_marl.reports import charts  # noqa: PLC0415  numba
+    from shuttle_marl.suite.board import tradeoff  # noqa: PLC0415
+
+    charts.check_format(out)
+    charts.save(charts.tradeoff(*tradeoff(task, results, split)), out)
 
 
 def new_submission(task: Task, *, author: str, out: Path = Path()) -> None:
@@ -212,5 +229,5 @@ def data(
     cli.show(write_data(task, out, split, game, seeds, quick=quick, minari=minari), json_output)
 
 
-COMMANDS: Final = cli.by_name(list_, show, run, verify, board, frontier, new_submission, data)
+COMMANDS: Final = cli.by_name(list_, show, run, verify, board, frontier, figure, new_submission, data)
 main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.suite", __doc__ or "")

@@ -14,13 +14,13 @@ from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.method import Method, called, made
-from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, Opponent, families, known, luck, opponent
+from shuttle_marl.suite.population import ADAPT_RALLIES, PEOPLE, Opponent, families, known, luck, opponent
 from shuttle_marl.suite.task import POINTS, Arena, Case, Outcome, Setting, Task, exploitabilities, gains, required, table_of
 
 CHANGES: Final = (0, 5, 20, 80, 240)  # rallies before which the policy may change
 HORIZONS: Final = (20, 100, 500)  # numbers of rallies over which the regret is averaged
 RISK_FROM: Final = 20  # rally from which the exploitability of the policies is averaged
-_OPPONENTS: Final = 3
+_OPPONENTS: Final = 8  # of each family, which are the sample; so a seed is enough
 _TOLERANCE: Final = 1e-4  # error bound of values, far below the differences between methods
 
 
@@ -52,22 +52,24 @@ class Adapt(Task):
     played from rally 20 on.
     """
 
-    name = "adapt-v0"
+    name = "adapt-v1"
     metric = "gain"
     zero = "perfect play, which uses no weakness"
+    not_proved = "adaptation to people, safe play (see exploitability), and that the opponents were not computed beforehand"
     recovery = True
+    seeds = 1
     hidden: ClassVar[tuple[str, ...]] = ("position of the receiver", "opponent")
     roles = tuple(map(str, CHANGES))
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
 
     def all_cases(self, arena: Arena) -> list[Case]:
-        """Opponents of each family, and controls, which do not count in the score."""
+        """Opponents of each family, and people, who do not count in the score and have a column of their own."""
         numbers = dict.fromkeys(families(arena.game)[: 2 if arena.quick else None], 1 if arena.quick else _OPPONENTS)
         if not arena.quick:
-            numbers[CONTROL] = 1
+            numbers[PEOPLE] = _OPPONENTS
         return [
             Case(
-                name=f"{family}/{number}", stratum=family, counts=family != CONTROL, options={"family": family, "number": number}
+                name=f"{family}/{number}", stratum=family, counts=family != PEOPLE, options={"family": family, "number": number}
             )
             for family, size in numbers.items()
             for number in range(size)

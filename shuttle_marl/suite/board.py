@@ -10,13 +10,28 @@ from pathlib import Path
 from typing import Any, Final, TypedDict
 
 import jinja2
+import numpy as np
 
 from shuttle_marl.base import cache
 from shuttle_marl.base.errors import ShuttleError, described, printable
+from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.reports.html import escaped
-from shuttle_marl.suite.options import ACCESS, SPLITS, SuiteError
-from shuttle_marl.suite.results import CARD, NOT_VERIFIED, TASKS, Bounds, Row, difference, read, summarise, verify_run
-from shuttle_marl.suite.task import Task
+from shuttle_marl.suite.exploit import Exploit, opponent_of
+from shuttle_marl.suite.options import ACCESS, SPLITS, Split, SuiteError
+from shuttle_marl.suite.results import (
+    CARD,
+    NOT_VERIFIED,
+    TASKS,
+    Bounds,
+    Row,
+    arena_of,
+    difference,
+    find_task,
+    read,
+    summarise,
+    verify_run,
+)
+from shuttle_marl.suite.task import Task, frontier
 
 _LONGEST: Final = 60  # characters of a name that are shown
 _DIGITS: Final = 6  # decimal places in which scores differ; verification allows less
@@ -91,6 +106,35 @@ def rows_of(
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Results:
     rows: list[Row]
+    frontiers: dict[str, dict[str, list[dict[str, float]]]] = dataclasses.field(default_factory=dict)
+
+
+def tradeoff(
+    task: str, results: Path, split: Split
+) -> tuple[list[tuple[float, float, float]], dict[str, list[tuple[int, float, float]]]]:
+    """The frontier of a task, as a mean over its opponents, and every row, for :func:`shuttle_marl.reports.charts.tradeoff`.
+
+    Raises:
+        SuiteError: the task has no frontier, or the file has no rows of it.
+    """
+    if not isinstance(found := find_task(task), Exploit):
+        raise SuiteError(f"{task} has no frontier; exploit-v1 has")
+    arena, kept = arena_of(found, "default", split), read(results, _Results)
+    opponents = {case.options["opponent"]: opponent_of(arena, case) for case in found.cases(arena)}
+    rows = [row for row in kept.rows if (row["task"], row["split"], row["game"]) == (task, split, arena.base)]
+    if not rows:
+        raise SuiteError(f"{results}: no rows of {task} in this game")
+    known = kept.frontiers.get(task, {}) if split == "test" else {}
+    points = [known.get(name) or frontier(arena, opponent, tolerance=TOLERANCE) for name, opponent in opponents.items()]
+    names = ("p", "exploitability", "score")
+    mean = [tuple(float(np.mean([point[name] for point in at])) for name in names) for at in zip(*points, strict=True)]
+    methods: dict[str, list[tuple[int, float, float]]] = {}
+    for row in sorted(rows, key=lambda row: (called(row), row["budget"] or 0)):
+        budget = 0 if row["kind"] == "reference" else row["budget"] or 0
+        place = (budget, row["scores"]["exploitability"]["value"], row["scores"]["score"]["value"])
+        if place not in (before := methods.setdefault(called(row), [])):
+            before.append(place)
+    return mean, methods  # type: ignore[return-value]
 
 
 class Board(TypedDict):
@@ -132,6 +176,9 @@ def _board(task: Task, rows: list[Row], title: str) -> Board:
         return ACCESS.index(row["access"]), round(sign * row["score"], _DIGITS)
 
     rows.sort(key=lambda row: (*order(row), called(row)))
+    for row in rows:
+        if same := [called(each) for each in rows if each is not row and each["play"] == row["play"]]:
+            row["remarks"] = [*row["remarks"], f"the same play as {', '.join(same)}"]
     ranked = [row for row in rows if row["kind"] == "method"]
     for row in ranked:
         row["rank"] = 1 + sum(each["access"] == row["access"] and order(each) < order(row) for each in ranked)

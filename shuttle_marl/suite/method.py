@@ -51,7 +51,7 @@ _KNOWN: Final = {
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         **_LEARNERS,
-        **_all("players", "ppo-self-play"),
+        **_all("players", "ppo-restricted", "ppo-self-play"),
         **_all(
             "players", "restricted-counts", "restricted-mixture", "best-response-counts = restricted-counts:1", access="tables"
         ),
@@ -64,7 +64,7 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         **_LEARNERS,
         **_all("players", "ppo-deterministic"),
         **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("best-response", "restarts")), access="tables"),
-        **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("pool", "magnet", "nash"))),
+        **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("pool", "magnet", "emagnet", "nash"))),
         **_all("players", "model = solved-model:means", "model-boosted = solved-model:trees"),
         **_all("players", "fictitious-play", "minimax-deterministic", access="tables", kind="reference"),
         **_KNOWN,

@@ -19,7 +19,7 @@ RESULTS = Path(__file__).parents[2] / "experiments" / "results" / "suite.json"
 
 def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, results = tmp_path / "runs", tmp_path / "suite.json"
-    tasks = ("equilibrium-v0", "exploit-entrance-v0")
+    tasks = ("equilibrium-v1", "exploit-entrance-v1")
     flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--json", str(results)]
     run("experiments.suite", *flags, "--out", str(out), "--tasks", *tasks)
     rows = json.loads(results.read_text())["rows"]
@@ -33,7 +33,7 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
     assert added[:2] == rows
     capsys.readouterr()
     assert suite(("board", "--results", str(results))) == 0
-    assert "### equilibrium-v0, test" in capsys.readouterr().out
+    assert "### equilibrium-v1, test" in capsys.readouterr().out
 
 
 def test_committed_results_are_of_the_tasks_and_methods_and_of_one_game() -> None:

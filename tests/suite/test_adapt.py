@@ -1,4 +1,4 @@
-"""The task adapt-v0: populations, play, regret, and what a method may know."""
+"""The task adapt-v1: populations, play, regret, and what a method may know."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -44,7 +44,7 @@ from tests.suite.small import summary, verified
 
 GAME = load_game(f"{reduced_model()}:recovery")
 PLAIN = reduced_game()
-TASK = find_task("adapt-v0")
+TASK = find_task("adapt-v1")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def arena() -> Arena:
 
 
 def run(tmp_path: Path, method: str) -> Path:
-    return small.run("adapt-v0", method, tmp_path / "run")
+    return small.run("adapt-v1", method, tmp_path / "run")
 
 
 def test_a_restricted_response_lies_between_minimax_and_the_best_response() -> None:

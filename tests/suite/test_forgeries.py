@@ -25,7 +25,7 @@ from shuttle_marl.suite.results import TASKS, Row, arena_of
 from tests.reduced import reduced_model
 from tests.suite.small import run, summary, verified
 
-TASK = "equilibrium-v0"
+TASK = "equilibrium-v1"
 
 
 def player(setting: Any) -> Trained:
@@ -83,12 +83,9 @@ def without_a_seal(folder: Path) -> None:
 
 
 REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
-    "strokes above the budget": (lambda f: entry(f, strokes=9_000_000), "more than the budget of 1,000,000"),
+    "strokes above the budget": (lambda f: entry(f, strokes=90_000_000), "more than the budget of 10,000,000"),
     "negative strokes": (lambda f: entry(f, strokes=-1), "strokes"),
     "endless seconds": (lambda f: entry(f, seconds=float("inf")), "seconds"),
-    "NaN in a curve": (lambda f: entry(f, curve=[[1000, float("nan")]]), "curve"),
-    "a curve beyond the budget": (lambda f: entry(f, curve=[[9_000_000, 0.1]]), "more than the budget"),
-    "a huge number in a curve": (lambda f: entry(f, curve=[[1000, 10**400]]), "out of range"),
     "another score": (lambda f: scored(f, exploitability=0.5), "exploitability is"),
     "NaN as a score": (lambda f: scored(f, exploitability=float("nan")), "scores"),
     "5,000 scores": (lambda f: scored(f, **{f"score{i}": 0.5 for i in range(5000)}), "length <= 16"),
@@ -181,16 +178,16 @@ def test_fewer_seeds_than_due_are_marked(folder: Path) -> None:
 
 def test_entries_that_were_moved_to_another_budget_are_marked(folder: Path, honest: Path) -> None:
     """A stranger can change the labels of units, but not their policies."""
-    config(folder, budget=10**7, method="mine:faster")
+    config(folder, budget=10**8, method="mine:faster")
     task = TASKS[TASK]
-    arena = arena_of(task, reduced_model(), "test", budget=10**7)
+    arena = arena_of(task, reduced_model(), "test", budget=10**8)
     (case,) = task.cases(arena)
     for seed in (0, 1):
         entry(folder, seed, case=case.name, fingerprint=task.fingerprint(arena, case, seed))
     (first, second), left = rows(honest, folder)
     assert left == []
-    assert {first["budget"], second["budget"]} == {10**6, 10**7}
-    assert "fits the budget of 1,000,000 strokes" in second["remarks"]
+    assert {first["budget"], second["budget"]} == {10**7, 10**8}
+    assert "fits the budget of 10,000,000 strokes" in second["remarks"]
 
 
 @pytest.mark.parametrize("name", ["ppo", "\u0440po", "ppo (ours)"])
@@ -226,8 +223,8 @@ def test_reasons_are_printed_without_escapes(folder: Path, capsys: pytest.Captur
 
 def test_what_cannot_be_read_again_is_not_stored(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="cannot be stored"):
-        run("exploit-entrance-v0", f"{__name__}:absurd", tmp_path / "run")
+        run("exploit-entrance-v1", f"{__name__}:absurd", tmp_path / "run")
 
 
 def absurd(setting: Any) -> Trained:
-    return Trained(player="bc", strokes=10, curve=((10, float("nan")),))
+    return Trained(player="bc", strokes=-1)

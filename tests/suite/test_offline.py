@@ -256,7 +256,7 @@ def test_responses_to_a_log_are_best_against_the_cloned_opponent() -> None:
 
 
 def test_density_ratios_recover_the_value_of_the_behaviour() -> None:
-    arena = arena_of(find_task("offline-v0"), reduced_model(), "test")
+    arena = arena_of(find_task("offline-v1"), reduced_model(), "test")
     log = generate(arena, "bc", 20_000, seed=1)
     own, other = (in_game(arena.policy(name), log.game) for name in ("bc", "bc@0.7"))
     true = [evaluate(arena.policy(name), arena.policy(OPPONENT)).odds().rally for name in ("bc", "bc@0.7")]
@@ -310,7 +310,7 @@ def test_greedy_and_best_respect_what_is_allowed() -> None:
 
 
 def test_a_large_log_recovers_the_game() -> None:
-    arena = arena_of(find_task("offline-v0"), reduced_model(), "test")
+    arena = arena_of(find_task("offline-v1"), reduced_model(), "test")
     log = generate(arena, "bc@1.5", 300_000, seed=1)
     target, opponent = arena.policy("bc@0.7"), arena.policy(OPPONENT)
     true = evaluate(target, opponent).odds().rally
@@ -321,7 +321,7 @@ def test_a_large_log_recovers_the_game() -> None:
 
 
 def test_logs_depend_on_their_seed_alone_and_hide_the_probabilities() -> None:
-    arena = arena_of(find_task("offline-v0"), reduced_model(), "test")
+    arena = arena_of(find_task("offline-v1"), reduced_model(), "test")
     log, again, other = (generate(arena, "bc+0.1*minimax", 2000, seed) for seed in (0, 0, 1))
     assert log.hash == again.hash != other.hash
     assert log.own.sum() >= 2000 > log.own[log.rally < log.rally[-1]].sum()
@@ -368,7 +368,7 @@ TABULAR = ("clone", "one-step", "fitted-q", "bcq", "model", "model-pessimistic")
     "method", [pytest.param(name, marks=pytest.mark.slow) if name == "iql" else name for name in BASELINES["offline"]]
 )
 def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
-    folder = run("offline-v0", f"{method}:20" if method.endswith("boosted") else method, tmp_path / "run")
+    folder = run("offline-v1", f"{method}:20" if method.endswith("boosted") else method, tmp_path / "run")
     found = summary(folder)
     # Trees have learned for 20 steps.
     assert -25 < found["score"] < found["scores"]["best"]["value"] + 1e-6
@@ -378,7 +378,7 @@ def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
 
 
 def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
-    folder = run("evaluate-v0", "weighted-importance-sampling", tmp_path / "run")
+    folder = run("evaluate-v1", "weighted-importance-sampling", tmp_path / "run")
     found = summary(folder)
     golden.check("offline", {"weighted-importance-sampling": found["scores"]})
     assert verified(folder).refused == []
@@ -401,7 +401,7 @@ class Answering:
     ],
 )
 def test_estimates_are_checked(found: Any, told: str, tmp_path: Path) -> None:
-    task, arena = find_task("evaluate-v0"), arena_of(find_task("evaluate-v0"), reduced_model(), "dev", quick=True)
+    task, arena = find_task("evaluate-v1"), arena_of(find_task("evaluate-v1"), reduced_model(), "dev", quick=True)
     (case, *_) = task.cases(arena)
     with pytest.raises(SuiteError, match=told):
         task.score(arena, case, 0, task.play(arena, case, lambda _: Answering(found), 0, tmp_path))
@@ -415,4 +415,4 @@ def half(setting: Any) -> Answering:
 
 def test_an_object_of_another_task_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match=r"expected an object with fit"):
-        run("offline-v0", f"{__name__}:half", tmp_path / "two")
+        run("offline-v1", f"{__name__}:half", tmp_path / "two")

@@ -23,8 +23,8 @@ def test_random_numbers_are_of_a_split_or_of_a_seed() -> None:
     def drawn(*arguments: Any) -> int:
         return int(rng_of(*arguments).integers(1 << 62))
 
-    asked: list[Any] = [("adapt-v0", "dev", None, "a 1"), ("adapt-v0", "test", None, "a 1"), ("adapt-v0", "dev", None, "a 2")]
-    asked += [("adapt-v0", "round", seed * 32, "a 1") for seed in ("ab", "cd")]
+    asked: list[Any] = [("adapt-v1", "dev", None, "a 1"), ("adapt-v1", "test", None, "a 1"), ("adapt-v1", "dev", None, "a 2")]
+    asked += [("adapt-v1", "round", seed * 32, "a 1") for seed in ("ab", "cd")]
     assert len({drawn(*each) for each in asked}) == len(asked)
     assert luck("dev", None, 3, 4) == luck("test", "ab" * 32, 3, 4) == int(stream(3, 4)[0]) // 2
     assert len({luck("round", seed * 32, *numbers) for seed in ("ab", "cd") for numbers in ((3, 4), (4, 3))}) == 4

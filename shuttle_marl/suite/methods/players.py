@@ -2,34 +2,39 @@
 
 References compute from the tables of the game, and use no strokes. The other methods estimate something from play, and solve what
 they estimated. Strokes are those of the learner, and with recovery its positions too, one for each stroke of the opponent.
-Learners are those of :mod:`shuttle_marl.training`, which train in the game of a model, so not in the drawn game of a round.
+Learners are those of :mod:`shuttle_marl.training`.
 """
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base import runs
 from shuttle_marl.exact import best_response as exact_response
 from shuttle_marl.exact import restricted_response, solve
 from shuttle_marl.exact.play import cells_of, lists
 from shuttle_marl.exact.profile import PairPolicy, positions_of, tabulated_pairs
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import load_game
 from shuttle_marl.policy.computed import deterministic, minimax_policy, mixture
-from shuttle_marl.recording.logs import Log, play_log
+from shuttle_marl.recording.logs import Log, blank, play_log
 from shuttle_marl.suite.adapt import observed
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.method import find
-from shuttle_marl.suite.methods.adapters import chances, counted, mean_of, mixture_weights, respond, struck
+from shuttle_marl.suite.methods.adapters import (
+    TOLERANCE,
+    chances,
+    counted,
+    mean_of,
+    mixture_weights,
+    respond,
+    struck,
+    tilted_positions,
+)
 from shuttle_marl.suite.methods.logs import boosted, boosted_game
 from shuttle_marl.suite.offline import fitted, in_game
-from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.tabular import SHRINK, cloned, estimated_game, game_of
+from shuttle_marl.suite.tabular import SHRINK, cloned, estimated_game, game_of, with_positions
 from shuttle_marl.suite.task import WEIGHT, Setting
 
 _STEPS: Final = 30  # iterations of fictitious play
@@ -39,6 +44,9 @@ _STROKES: Final = 8  # more strokes of both players than rallies have on average
 _TYPES: Final = ("bc", "bc@0.5", "attacking", "defensive", "safe", "human:0.05", "random")
 """Policies that opponents may be mixtures of."""
 _EXPLORE: Final = 0.2  # fraction of random strokes in the second half of the play
+_ADVERSE: Final = 2  # turn in which the learner plays both sides
+_FITTING: Final[dict[str, Any]] = {"learning_rate": 0.1, "cat_smooth": 5, "feature_fraction": 0.6, "feature_fraction_seed": 0}
+_COLUMNS: Final = (*range(8), 9, 12, 13)  # of the description of a stroke; of the own last one the area alone
 _MARGIN: Final = 200  # strokes that are left for the end of the last rally
 
 
@@ -111,7 +119,7 @@ def from_log(setting: PlayerSetting, argument: str) -> Trained:
     """A method of ``offline``, whose name is the argument, from a log of random play against the opponent."""
     log, used = _random_log(setting, setting.against)
     learner = Setting(game=log.game, model=setting.model, seed=setting.seed, folder=setting.folder)
-    player = fitted(find("offline-v0", argument), log, learner, argument)
+    player = fitted(find("offline-v1", argument), log, learner, argument)
     return Trained(player=in_game(player, setting.game), strokes=used)
 
 
@@ -135,76 +143,134 @@ def _random_log(setting: PlayerSetting, opponent: TabulatedPolicy) -> tuple[Log,
     return dataclasses.replace(log, game=dataclasses.replace(log.game, recovery=None)), used
 
 
-def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
-    """Outcomes by boosted trees from play, first at random and then as planned, and the restricted response in that model.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Boosting:
+    """Settings of ``model-boosted``, see the search ``experiments/suite_search.py``."""
 
-    The model has no positions, which it does not see: it waits as people do.
+    p: float = WEIGHT  # restriction of the response that is returned
+    turns: tuple[float, ...] = (0.5, 0.5)
+    """Shares of the budget of the turns: at random, then as planned, and the third one against a best response in the model."""
+    explore: float = _EXPLORE
+    most: int = 500_000  # own strokes of the play, at most
+    trees: int = 150
+    leaves: int = 8
+
+
+def model_boosted(setting: PlayerSetting, argument: str = "") -> Trained:
+    """A model from play, and the restricted response in it; the argument is the restriction, else all is tuned on dev."""
+    tuned = next((found for most, found in BOOSTING.items() if setting.budget <= most), [*BOOSTING.values()][-1])
+    estimate, used = estimated(setting, tuned)
+    return Trained(player=in_game(respond(estimate, float(argument or tuned.p)), setting.game), strokes=used)
+
+
+def estimated(setting: PlayerSetting, options: Boosting) -> tuple[PairPolicy, int]:
+    """The opponent in a model of the game, both estimated from play, and the strokes that were used.
+
+    Outcomes are boosted trees; with recovery, what positions change is added to their odds by shot type and area. The opponent is
+    cloned by counts.
     """
-    game, uniform = setting.game, setting.policy("random")
-    plain, hidden = dataclasses.replace(game, recovery=None), game.hides
-    player, rows, used = uniform, [], 0
-    budget = min(setting.budget // (1 + hidden), _FITTED)
-    for turn in range(2):
-        log = play_log((player, setting.against), budget * 9 // 20 - _MARGIN, 2 * setting.seed + turn)
-        used += len(log) if hidden else int(log.own.sum())
-        rows.append((log.pair, log.outcome, log.pair[~log.own]))
-        pair, outcome, theirs = (np.concatenate(column) for column in zip(*rows, strict=True))
-        shares = boosted(plain, pair, outcome, 150, setting.seed, objective="multiclass", num_class=len(OUTCOMES))
-        model = game_of(plain, shares)
-        estimate = PairPolicy(game=model, probability=cloned(plain, theirs, shrink=SHRINK))
-        found = TabulatedPolicy(game=game, cumulative=respond(estimate, float(argument)).cumulative)
-        player = mixture([found, uniform], [1 - _EXPLORE, _EXPLORE])
-    return Trained(player=found, strokes=used)
+    game, uniform, rules = setting.game, setting.policy("random"), blank(setting.game)
+    player, opponent, logs, used = uniform, setting.against, [], 0
+    fitting = {"objective": "multiclass", "num_class": len(OUTCOMES), "num_leaves": options.leaves, **_FITTING}
+    for turn, share in enumerate(options.turns):
+        both = turn == _ADVERSE
+        # Own strokes, and with recovery positions; those of the other side too where that is the learner's.
+        number = int(share * 0.9 * min(setting.budget / (1 + game.hides), options.most) / (1 + both)) - _MARGIN
+        log = play_log((player, opponent), number, len(options.turns) * setting.seed + turn)
+        used += len(log) * (1 + both) if game.hides else len(log) if both else int(log.own.sum())
+        logs.append(log)
+        pair, outcome, place = (np.concatenate([getattr(log, name) for log in logs]) for name in ("pair", "outcome", "waited"))
+        trees = options.trees if turn + 1 == len(options.turns) else options.trees // 2  # plans need less than the last one
+        model = game_of(rules, boosted(rules, pair, outcome, trees, setting.seed, _COLUMNS, **fitting))
+        theirs = np.concatenate([log.pair[~log.own] for log in logs[:_ADVERSE]])
+        estimate = PairPolicy(game=model, probability=cloned(rules, theirs, shrink=SHRINK))
+        if game.hides:
+            model = with_positions(model, pair, outcome, place)
+            state, place = (
+                np.concatenate([getattr(log, name)[log.own] for log in logs[:_ADVERSE]]) for name in ("state", "waited")
+            )
+            estimate = dataclasses.replace(estimate, game=model)
+            estimate = dataclasses.replace(estimate, positions=tilted_positions(positions_of(estimate), model, state, place))
+        if turn + 1 < len(options.turns):
+            found = respond(estimate, options.p)
+            player = mixture([in_game(found, game), uniform], [1 - options.explore, options.explore])
+            if turn + 1 == _ADVERSE:
+                adverse = in_game(exact_response(found, tolerance=TOLERANCE).policy, game)
+                opponent = mixture([adverse, uniform], [1 - options.explore, options.explore])
+    return estimate, used
 
 
-_SHARE: Final = 0.94
-"""Fraction of the budget that is planned; the rest is for the ends of rallies, and for choices that are not the learner's."""
-_LESS: Final = 0.97  # factor of the planned strokes until they fit
-_SHARES: Final = {50_000: 0.5, 200_000: 0.65}
-"""The same of budgets up to these: rallies become longer while a player learns, and few batches follow late."""
-_ITERATIONS: Final = 12  # iterations of a run with a small budget
+BOOSTING: Final = {
+    100_000: Boosting(),
+    1_000_000: Boosting(turns=(0.3, 0.3, 0.4)),
+    10_000_000: Boosting(turns=(0.3, 0.3, 0.4), leaves=16, trees=250, most=1_600_000),
+}
+"""Settings of ``model-boosted`` for budgets up to these, from the search on dev."""
+TUNED: Final[dict[int, dict[str, Any]]] = {
+    100_000: {"own": 0.25, "batch": 2048, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
+    1_000_000: {"own": 0.25, "batch": 4096, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
+    10_000_000: {"own": 0.25, "batch": 16_384, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
+}
+"""The same of ``ppo-restricted``."""
+_LONGER: Final = 1.6  # strokes of the first iteration over its batch, at most
+_MORE: Final = 1.15  # margin of the strokes of an iteration over those of earlier ones
+_LEAST: Final = 256  # strokes of the smallest batch
+_ITERATIONS: Final = 12  # iterations of a run with a small budget, at least
+_BLOCK: Final = 100  # rallies after which the opponents of a learner come again
 
 
-def learner(setting: PlayerSetting, argument: str, **options: Any) -> Trained:
-    """The agent of a learning algorithm, with options of its configuration.
+def learner(setting: PlayerSetting, argument: str, own: float = 0.0, **options: Any) -> Trained:
+    """The agent of a learning algorithm, in the game of the setting, which may be drawn.
 
     PPO (Schulman et al. 2017, arXiv 1707.06347), A2C (Mnih et al. 2016, arXiv 1602.01783), or SAC (Haarnoja et al. 2018, arXiv
     1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207).
-    """
-    from shuttle_marl.training import train  # noqa: PLC0415  torch
-    from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
 
-    if load_game(setting.model).hash != setting.game.hash:
-        raise SuiteError(f"{argument} trains in the game of a model, and this game is drawn")
-    default, folder = CONFIGS[argument], setting.folder / argument
-    config = default(
-        opponent=(setting.opponent or "self",),
-        strokes=setting.budget,
-        batch=min(default().batch, max(256, setting.budget // _ITERATIONS)),
-        seed=setting.seed,
-        game=setting.model,
-        record="none",
-        exploitability=False,
-        out=folder,
-        resume=(folder / runs.CONFIG).exists(),
-        **options,
-    )
-    # Rallies are played to their end, so iterations are a little longer than their batches.
-    share = next((share for most, share in _SHARES.items() if setting.budget <= most), _SHARE)
-    while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
-        config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
-    done = train(config)
-    points = [json.loads(line) for line in (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()]
-    figure = "normalised_score" if setting.opponent is not None else "exploitability"
-    curve = tuple((int(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
-    return Trained(player=done.policy, strokes=done.strokes, curve=curve)
+    Args:
+        own: fraction of the rallies against an opponent that are self-play.
+        **options: of the configuration of the algorithm.
+    """
+    from shuttle_marl.base.pytorch import InitialWeights, own_settings  # noqa: PLC0415
+    from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
+    from shuttle_marl.training.networks import tabulated  # noqa: PLC0415
+    from shuttle_marl.training.run import LEARNERS, tempered  # noqa: PLC0415
+    from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents  # noqa: PLC0415
+
+    game, budget, default = setting.game, setting.budget, CONFIGS[argument]
+    options = {"batch": default().batch, **options}
+    batch = min(options.pop("batch"), max(_LEAST, budget // _ITERATIONS))
+    config = default(opponent=(setting.opponent or "self",), strokes=budget, batch=batch, seed=setting.seed, **options)
+    config = tempered(config, game)
+    with own_settings(config.threads):
+        opponents = [setting.against] * (n_opponents(config) if config.self_play else 1)
+        with InitialWeights(setting.seed):
+            agent = LEARNERS[argument](config, game, opponents)
+        changing = SelfPlayOpponents(config, game, agent)
+        changing.set_seed(agent.collector.set_seed(setting.seed))
+        if own:
+            rallies = np.floor(own * np.arange(_BLOCK + 1))
+            agent.collector.sampler.assign(np.where(np.diff(rallies) > 0, -1, 0))
+        # Rallies are played to their end, so iterations are a little longer than their batches.
+        longer: list[float] = []
+        while agent.strokes + max(longer, default=_LONGER) * _MORE * (due := config.batch_of(agent.iteration)) < budget:
+            changing.update(agent.iteration)
+            before = agent.strokes
+            agent.iterate(1 - before / budget)
+            longer.append((agent.strokes - before) / due)
+        return Trained(player=tabulated(agent.eval_actor, game, config.temperature), strokes=agent.strokes)
 
 
 def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
     """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
-    # Rallies that start in a state of the best response are of another length, so more strokes are kept back.
-    planned = dataclasses.replace(setting, budget=setting.budget * 49 // 50) if argument == "restarts" else setting
-    return learner(planned, "ppo", variant=argument)
+    return learner(setting, "ppo", variant=argument)
+
+
+def ppo_restricted(setting: PlayerSetting, argument: str = "") -> Trained:
+    """PPO whose rallies are partly self-play: a restricted response by rally, tuned at each budget on the dev split.
+
+    ``experiments/results/suite_search.json`` has the search. The argument is the fraction of self-play.
+    """
+    tuned = next((found for most, found in TUNED.items() if setting.budget <= most), [*TUNED.values()][-1])
+    return learner(setting, "ppo", **{**tuned, **({"own": float(argument)} if argument else {})})
 
 
 def ppo_self_play(setting: PlayerSetting) -> Trained:
@@ -215,4 +281,4 @@ def ppo_self_play(setting: PlayerSetting) -> Trained:
 def ppo_deterministic(setting: PlayerSetting) -> Trained:
     """PPO in self-play, whose agent always makes its likeliest choice."""
     found = learner(setting, "ppo")
-    return dataclasses.replace(found, player=deterministic(tabulate(found.player, setting.game)), curve=())
+    return dataclasses.replace(found, player=deterministic(tabulate(found.player, setting.game)))
