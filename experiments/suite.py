@@ -1,7 +1,7 @@
 """All baselines on all tasks of the suite: the leaderboard.
 
-    python -m experiments.suite [--minutes M] [--tasks TASK …] [--methods METHOD …] [--budgets STROKES …] [--workers N]
-        [--out FOLDER] [--resume] [--json FILE]
+    python -m experiments.suite [--minutes M] [--tasks TASK …] [--methods METHOD …] [--budgets STROKES …] [--seeds N]
+        [--workers N] [--out FOLDER] [--resume] [--json FILE]
 
 Every baseline and budget is a run of `python -m shuttle_marl.suite run` in a folder of its own; small budgets come first.
 `--minutes` starts no run after so many; `--resume` continues, and skips the rows that are there. Each row is the summary of a
@@ -66,6 +66,8 @@ class Suite(RunFolder):
     """The cheapest baseline of each task in its smallest case: a smoke test without meaningful results."""
     minutes: float = math.inf
     """Start no run after so many minutes."""
+    seeds: int | None = None
+    """Seeds of each run; default: those of the task; references have one."""
     workers: int = os.cpu_count() or 1
     """Runs in parallel; does not change the results."""
     game: str = "default"
@@ -80,7 +82,7 @@ class Suite(RunFolder):
 
     def fixed(self) -> dict[str, Any]:
         """Settings that every run has in common, as JSON."""
-        return {"split": self.split, "quick": self.quick, "game": self.game, "game_hash": resolve_game(self.game).hash}
+        return {"split": self.split, "quick": self.quick, "seeds": self.seeds, "game": self.game, "game_hash": resolve_game(self.game).hash}
 
 
 def runs_of(config: Suite, folder: Path) -> list[SuiteRun]:
@@ -99,6 +101,7 @@ def runs_of(config: Suite, folder: Path) -> list[SuiteRun]:
                         split=config.split,
                         budget=budget or None,
                         quick=config.quick,
+                        seeds=None if BASELINES[kind][method.partition(":")[0]].kind == "reference" else config.seeds,
                         game=config.game,
                         out=folder / name / f"{method}-{budget}".replace(":", "-"),
                     )

@@ -23,8 +23,8 @@ from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.exploit import PlayerSetting, opponent_of
-from shuttle_marl.suite.methods.adapters import TOLERANCE, respond
-from shuttle_marl.suite.methods.players import Boosting, estimated, learner
+from shuttle_marl.suite.methods.adapters import TOLERANCE
+from shuttle_marl.suite.methods.players import Boosting, estimated, learner, planned
 from shuttle_marl.suite.offline import in_game
 from shuttle_marl.suite.results import TASKS, arena_of
 from shuttle_marl.suite.task import gains
@@ -37,15 +37,10 @@ PPO: Final[dict[int, list[dict[str, Any]]]] = {
 }
 """Settings of ``ppo-restricted`` by budget."""
 P: Final = (0.6, 0.75, 0.9)  # restrictions of the response of ``model-boosted``
-_THREE: Final = [0.3, 0.3, 0.4]
 BOOSTING: Final[dict[int, list[dict[str, Any]]]] = {
-    10**5: [{"leaves": 8, "trees": 150}, {"leaves": 8, "trees": 150, "turns": _THREE}],
-    10**6: [
-        {"leaves": 16, "trees": 200},
-        {"leaves": 16, "trees": 200, "turns": _THREE},
-        {"leaves": 8, "trees": 200, "turns": _THREE},
-    ],
-    10**7: [{"leaves": 31, "trees": 300, "turns": _THREE, "most": most} for most in (1_000_000, 2_500_000)],
+    10**5: [{"leaves": 8, "trees": 150}, {"leaves": 16, "trees": 150}],
+    10**6: [{"leaves": 16, "trees": 200}, {"leaves": 8, "trees": 200}],
+    10**7: [{"leaves": 31, "trees": 300, "most": 2_500_000}],
 }
 """Settings of ``model-boosted`` by budget; each with all of :data:`P`."""
 
@@ -71,10 +66,9 @@ def trials(budget: int) -> list[tuple[str, dict[str, Any]]]:
 def played(method: str, options: dict[str, Any], setting: PlayerSetting) -> Iterator[tuple[dict[str, Any], Any, int]]:
     """Settings, player and strokes of a trial; restrictions share the play."""
     if method == "model-boosted":
-        chosen = Boosting(**{**options, **({"turns": tuple(options["turns"])} if "turns" in options else {})})
-        estimate, strokes = estimated(setting, chosen)
+        estimate, strokes = estimated(setting, Boosting(**options))
         for p in P:
-            yield {**options, "p": p}, in_game(respond(estimate, p), setting.game), strokes
+            yield {**options, "p": p}, in_game(planned(setting, estimate, p), setting.game), strokes
     else:
         found = learner(setting, "ppo", **options)
         yield options, found.player, found.strokes or 0

@@ -68,9 +68,7 @@ class Adapt(Task):
         if not arena.quick:
             numbers[PEOPLE] = _OPPONENTS
         return [
-            Case(
-                name=f"{family}/{number}", stratum=family, counts=family != PEOPLE, options={"family": family, "number": number}
-            )
+            Case(name=f"{family}/{number}", stratum=family, counts=family != PEOPLE, options={"family": family, "number": number})
             for family, size in numbers.items()
             for number in range(size)
         ]

@@ -52,26 +52,23 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         **_LEARNERS,
         **_all("players", "ppo-restricted", "ppo-self-play"),
-        **_all(
-            "players", "restricted-counts", "restricted-mixture", "best-response-counts = restricted-counts:1", access="tables"
-        ),
-        **_all("players", *(f"{name} = from-log:{name}" for name in ("fitted-q", "fitted-q-boosted", "model")), "model-boosted"),
+        **_all("players", "restricted-counts", "best-response-counts = restricted-counts:1", access="tables"),
+        **_all("players", "model-boosted"),
         **_all("players", "constant", "constant-by-incoming", access="opponent", kind="reference"),
         **_KNOWN,
         **_all("players", "best-response", "restricted", access="opponent", kind="reference"),
     },
     "equilibrium": {
         **_LEARNERS,
-        **_all("players", "ppo-deterministic"),
         **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("best-response", "restarts")), access="tables"),
         **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("pool", "magnet", "emagnet", "nash"))),
-        **_all("players", "model = solved-model:means", "model-boosted = solved-model:trees"),
+        **_all("players", "model-boosted"),
         **_all("players", "fictitious-play", "minimax-deterministic", access="tables", kind="reference"),
         **_KNOWN,
     },
     "adapt": {
         **_all("adapters", "minimax", "restricted-nash", "best-response-bc = restricted-nash", access="tables", kind="reference"),
-        **_all("adapters", "posterior-mean", "likeliest", "counts", "tilts", "mixture", access="tables"),
+        **_all("adapters", "posterior-mean", "counts", "mixture", access="tables"),
         **_all("adapters", *(f"mixture-without-{part} = ablated:{part}" for part in _PARTS), access="tables", kind="ablation"),
     },
     "offline": {

@@ -49,12 +49,14 @@ def test_habits_of_position_follow_the_own_stroke() -> None:
 def test_cases_of_adapt() -> None:
     cases = Adapt().cases(Arena(game=HIDDEN))
     names = [case.name for case in cases]
-    assert names == [f"{family}/{number}" for family in population.FAMILIES for number in range(3)] + ["control/0"]
-    assert [case.name for case in cases if not case.counts] == ["control/0"]
-    assert {case.stratum for case in cases} == {*population.FAMILIES, "control"}
-    assert cases[4].options == {"family": "waiting", "number": 1}
+    assert names == [f"{family}/{number}" for family in population.FAMILIES for number in range(8)] + [
+        f"people/{i}" for i in range(8)
+    ]
+    assert [case.name for case in cases if not case.counts] == [f"people/{number}" for number in range(8)]
+    assert {case.stratum for case in cases} == {*population.FAMILIES, "people"}
+    assert cases[9].options == {"family": "waiting", "number": 1}
     assert [case.name for case in Adapt().cases(Arena(game=HIDDEN, quick=True))] == ["synthetic/0", "waiting/0"]
-    assert len(Adapt().cases(Arena(game=GAME))) == 19
+    assert len(Adapt().cases(Arena(game=GAME))) == 56
 
 
 @pytest.mark.parametrize("game", [GAME, HIDDEN], ids=["plain", "hidden"])

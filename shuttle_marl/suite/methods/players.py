@@ -6,45 +6,30 @@ Learners are those of :mod:`shuttle_marl.training`.
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from shuttle_marl.exact import best_response as exact_response
-from shuttle_marl.exact import restricted_response, solve
+from shuttle_marl.exact import restricted_response
 from shuttle_marl.exact.play import cells_of, lists
 from shuttle_marl.exact.profile import PairPolicy, positions_of, tabulated_pairs
-from shuttle_marl.game.policy import TabulatedPolicy, tabulate
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.policy.computed import deterministic, minimax_policy, mixture
-from shuttle_marl.recording.logs import Log, blank, play_log
+from shuttle_marl.recording.logs import blank, play_log
 from shuttle_marl.suite.adapt import observed
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
-from shuttle_marl.suite.method import find
-from shuttle_marl.suite.methods.adapters import (
-    TOLERANCE,
-    chances,
-    counted,
-    mean_of,
-    mixture_weights,
-    respond,
-    struck,
-    tilted_positions,
-)
-from shuttle_marl.suite.methods.logs import boosted, boosted_game
-from shuttle_marl.suite.offline import fitted, in_game
-from shuttle_marl.suite.tabular import SHRINK, cloned, estimated_game, game_of, with_positions
-from shuttle_marl.suite.task import WEIGHT, Setting
+from shuttle_marl.suite.methods.adapters import counted, respond, tilted_positions
+from shuttle_marl.suite.methods.logs import boosted
+from shuttle_marl.suite.offline import in_game
+from shuttle_marl.suite.tabular import SHRINK, cloned, game_of, with_positions
+from shuttle_marl.suite.task import WEIGHT
 
 _STEPS: Final = 30  # iterations of fictitious play
 _COUNTED: Final = 300_000  # strokes from which on more counts of an opponent change little
-_FITTED: Final = 400_000  # the same for trees
 _STROKES: Final = 8  # more strokes of both players than rallies have on average
-_TYPES: Final = ("bc", "bc@0.5", "attacking", "defensive", "safe", "human:0.05", "random")
-"""Policies that opponents may be mixtures of."""
 _EXPLORE: Final = 0.2  # fraction of random strokes in the second half of the play
-_ADVERSE: Final = 2  # turn in which the learner plays both sides
 _FITTING: Final[dict[str, Any]] = {"learning_rate": 0.1, "cat_smooth": 5, "feature_fraction": 0.6, "feature_fraction_seed": 0}
 _COLUMNS: Final = (*range(8), 9, 12, 13)  # of the description of a stroke; of the own last one the area alone
 _MARGIN: Final = 200  # strokes that are left for the end of the last rally
@@ -96,51 +81,16 @@ def fictitious_play(setting: PlayerSetting) -> Trained:
     return Trained(player=tabulated_pairs(PairPolicy(game=game, probability=mean, positions=places)), strokes=0)
 
 
-def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT), names: Sequence[str] = ("bc",)) -> Trained:
+def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
     """Counts of the opponent's choices against perfect play, shrunken towards bc, and the restricted response in the game.
 
     The restriction is fixed; that of a data-biased response (Johanson & Bowling, AISTATS 2009) grows with the counts of a state.
     """
-    game, types = setting.game, tuple(map(setting.policy, names))
+    game = setting.game
     number = max(1, min(setting.budget, _COUNTED) // _STROKES)
     seen = list(observed(game, (minimax_policy(game), setting.against), number, setting.seed))
-    weight = mixture_weights(chances(types)[:, struck(seen) % game.n_base_pairs], np.ones(len(types)))[0]
-    prior = mean_of(types, weight)
     used = sum(len(rally.own) if game.hides else int(rally.own.sum()) for rally in seen)
-    return Trained(player=respond(counted(prior, seen), float(argument)), strokes=used)
-
-
-def restricted_mixture(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
-    """The same with counts that are shrunken towards a mixture of policies of the package, fitted to them."""
-    return restricted_counts(setting, argument, _TYPES)
-
-
-def from_log(setting: PlayerSetting, argument: str) -> Trained:
-    """A method of ``offline``, whose name is the argument, from a log of random play against the opponent."""
-    log, used = _random_log(setting, setting.against)
-    learner = Setting(game=log.game, model=setting.model, seed=setting.seed, folder=setting.folder)
-    player = fitted(find("offline-v1", argument), log, learner, argument)
-    return Trained(player=in_game(player, setting.game), strokes=used)
-
-
-def solved_model(setting: PlayerSetting, argument: str) -> Trained:
-    """Perfect play in a model of random play: outcomes by shrunken means (``means``) or boosted trees (``trees``).
-
-    The model has no positions, so the solution does not mix.
-    """
-    log, used = _random_log(setting, setting.policy("random"))
-    game = estimated_game(log) if argument == "means" else boosted_game(log, 150, setting.seed)
-    return Trained(player=in_game(solve(game, tolerance=1e-6).policy[0], setting.game), strokes=used)
-
-
-def _random_log(setting: PlayerSetting, opponent: TabulatedPolicy) -> tuple[Log, int]:
-    """A log of random play within the budget in a game without positions, and the strokes of the learner."""
-    game, both = setting.game, setting.opponent is None
-    # A position, or a stroke of the other side, for each stroke.
-    share = (1 + both) * (1 + game.hides)
-    log = play_log((setting.policy("random"), opponent), min(setting.budget, share * _FITTED) * 9 // (10 * share), setting.seed)
-    used = int(log.own.sum()) if share == 1 else len(log) * share // 2
-    return dataclasses.replace(log, game=dataclasses.replace(log.game, recovery=None)), used
+    return Trained(player=respond(counted(setting.policy("bc"), seen), float(argument)), strokes=used)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -148,62 +98,61 @@ class Boosting:
     """Settings of ``model-boosted``, see the search ``experiments/suite_search.py``."""
 
     p: float = WEIGHT  # restriction of the response that is returned
-    turns: tuple[float, ...] = (0.5, 0.5)
-    """Shares of the budget of the turns: at random, then as planned, and the third one against a best response in the model."""
-    explore: float = _EXPLORE
+    trees: int = 200
+    leaves: int = 16
     most: int = 500_000  # own strokes of the play, at most
-    trees: int = 150
-    leaves: int = 8
 
 
 def model_boosted(setting: PlayerSetting, argument: str = "") -> Trained:
-    """A model from play, and the restricted response in it; the argument is the restriction, else all is tuned on dev."""
+    """A model from play, and the restricted response in it, or without an opponent its solution.
+
+    The argument is the restriction; all else was tuned on dev.
+    """
     tuned = next((found for most, found in BOOSTING.items() if setting.budget <= most), [*BOOSTING.values()][-1])
     estimate, used = estimated(setting, tuned)
-    return Trained(player=in_game(respond(estimate, float(argument or tuned.p)), setting.game), strokes=used)
+    return Trained(player=in_game(planned(setting, estimate, float(argument or tuned.p)), setting.game), strokes=used)
+
+
+def planned(setting: PlayerSetting, estimate: PairPolicy, p: float) -> TabulatedPolicy:
+    """The response to an opponent in a model of the game, or without an opponent the solution of the model."""
+    return respond(estimate, p if setting.opponent else 0.0)
 
 
 def estimated(setting: PlayerSetting, options: Boosting) -> tuple[PairPolicy, int]:
     """The opponent in a model of the game, both estimated from play, and the strokes that were used.
 
-    Outcomes are boosted trees; with recovery, what positions change is added to their odds by shot type and area. The opponent is
-    cloned by counts.
+    The play is at random at first, then as planned. Outcomes are boosted trees; with recovery, what positions change is added to
+    their odds by shot type and area. The opponent is cloned by counts.
     """
     game, uniform, rules = setting.game, setting.policy("random"), blank(setting.game)
-    player, opponent, logs, used = uniform, setting.against, [], 0
+    player, logs, used, both = uniform, [], 0, setting.opponent is None
     fitting = {"objective": "multiclass", "num_class": len(OUTCOMES), "num_leaves": options.leaves, **_FITTING}
-    for turn, share in enumerate(options.turns):
-        both = turn == _ADVERSE
+    for turn in range(2):
         # Own strokes, and with recovery positions; those of the other side too where that is the learner's.
-        number = int(share * 0.9 * min(setting.budget / (1 + game.hides), options.most) / (1 + both)) - _MARGIN
-        log = play_log((player, opponent), number, len(options.turns) * setting.seed + turn)
+        number = int(0.45 * min(setting.budget / (1 + game.hides) / (1 + both), options.most)) - _MARGIN
+        log = play_log((player, player if both else setting.against), number, 2 * setting.seed + turn)
         used += len(log) * (1 + both) if game.hides else len(log) if both else int(log.own.sum())
         logs.append(log)
-        pair, outcome, place = (np.concatenate([getattr(log, name) for log in logs]) for name in ("pair", "outcome", "waited"))
-        trees = options.trees if turn + 1 == len(options.turns) else options.trees // 2  # plans need less than the last one
+        pair, outcome, place, own, state = (
+            np.concatenate([getattr(log, name) for log in logs]) for name in ("pair", "outcome", "waited", "own", "state")
+        )
+        trees = options.trees if turn else options.trees // 2  # a plan needs less than the result
         model = game_of(rules, boosted(rules, pair, outcome, trees, setting.seed, _COLUMNS, **fitting))
-        theirs = np.concatenate([log.pair[~log.own] for log in logs[:_ADVERSE]])
-        estimate = PairPolicy(game=model, probability=cloned(rules, theirs, shrink=SHRINK))
         if game.hides:
             model = with_positions(model, pair, outcome, place)
-            state, place = (
-                np.concatenate([getattr(log, name)[log.own] for log in logs[:_ADVERSE]]) for name in ("state", "waited")
-            )
-            estimate = dataclasses.replace(estimate, game=model)
-            estimate = dataclasses.replace(estimate, positions=tilted_positions(positions_of(estimate), model, state, place))
-        if turn + 1 < len(options.turns):
-            found = respond(estimate, options.p)
-            player = mixture([in_game(found, game), uniform], [1 - options.explore, options.explore])
-            if turn + 1 == _ADVERSE:
-                adverse = in_game(exact_response(found, tolerance=TOLERANCE).policy, game)
-                opponent = mixture([adverse, uniform], [1 - options.explore, options.explore])
+        estimate = PairPolicy(game=model, probability=cloned(rules, pair[~own], shrink=SHRINK))
+        if game.hides:
+            places = tilted_positions(positions_of(estimate), model, state[own], place[own])
+            estimate = dataclasses.replace(estimate, positions=places)
+        if not turn:
+            player = mixture([in_game(planned(setting, estimate, options.p), game), uniform], [1 - _EXPLORE, _EXPLORE])
     return estimate, used
 
 
 BOOSTING: Final = {
-    100_000: Boosting(),
-    1_000_000: Boosting(turns=(0.3, 0.3, 0.4)),
-    10_000_000: Boosting(turns=(0.3, 0.3, 0.4), leaves=16, trees=250, most=1_600_000),
+    100_000: Boosting(trees=150, leaves=8),
+    1_000_000: Boosting(),
+    10_000_000: Boosting(trees=300, leaves=31, most=2_500_000),
 }
 """Settings of ``model-boosted`` for budgets up to these, from the search on dev."""
 TUNED: Final[dict[int, dict[str, Any]]] = {
@@ -276,9 +225,3 @@ def ppo_restricted(setting: PlayerSetting, argument: str = "") -> Trained:
 def ppo_self_play(setting: PlayerSetting) -> Trained:
     """PPO in self-play, which does not look at the opponent."""
     return learner(dataclasses.replace(setting, opponent=None), "ppo")
-
-
-def ppo_deterministic(setting: PlayerSetting) -> Trained:
-    """PPO in self-play, whose agent always makes its likeliest choice."""
-    found = learner(setting, "ppo")
-    return dataclasses.replace(found, player=deterministic(tabulate(found.player, setting.game)))
