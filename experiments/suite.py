@@ -82,7 +82,13 @@ class Suite(RunFolder):
 
     def fixed(self) -> dict[str, Any]:
         """Settings that every run has in common, as JSON."""
-        return {"split": self.split, "quick": self.quick, "seeds": self.seeds, "game": self.game, "game_hash": resolve_game(self.game).hash}
+        return {
+            "split": self.split,
+            "quick": self.quick,
+            "seeds": self.seeds,
+            "game": self.game,
+            "game_hash": resolve_game(self.game).hash,
+        }
 
 
 def runs_of(config: Suite, folder: Path) -> list[SuiteRun]:
@@ -135,11 +141,13 @@ def kept_rows(before: Sequence[Row], rows: Sequence[Row]) -> list[Row]:
     ]
 
 
-def frontiers(config: Suite, rows: Sequence[Row]) -> dict[str, Any]:
-    """The frontier of every opponent of the tasks of ``exploit`` that the rows have."""
+def frontiers(config: Suite, rows: Sequence[Row], before: dict[str, Any]) -> dict[str, Any]:
+    """The frontier of every opponent of the tasks of ``exploit`` that the rows have; those of earlier rows in this game stay."""
     found = {}
     for name in {row["task"] for row in rows if kind_of(row["task"]) == "exploit" and not config.quick}:
         arena = arena_of(TASKS[name], config.game, config.split)
+        if name in before["frontiers"] and {row["game"] for row in before["rows"] if row["task"] == name} == {arena.base}:
+            continue
         opponents = {case.options["opponent"]: opponent_of(arena, case) for case in TASKS[name].cases(arena)}
         found[name] = {each: frontier(arena, opponent, tolerance=1e-5) for each, opponent in opponents.items()}
     return found
@@ -161,7 +169,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
             console.print(f"{options.task} {options.method}, {options.budget or 'no'} strokes")
         rows: list[Row] = [json_format.loads(path.read_text()) for path in sorted(folder.glob(f"*/*/{ROW}"))]
         before = json_format.loads(json.read_text()) if json is not None and json.exists() else {"rows": [], "frontiers": {}}
-        points = {**before["frontiers"], **frontiers(config, rows)}
+        points = {**before["frontiers"], **frontiers(config, rows, before)}
         save_results(folder, {"rows": [*kept_rows(before["rows"], rows), *rows], "frontiers": points}, json)
     console.print(f"{len(rows)} of {len(planned)} runs are in {folder}; --resume continues them")
 

@@ -9,11 +9,14 @@ import pytest
 
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.exact.profile import PairPolicy
-from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.rules import FAULT, WINNER
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.recording.logs import Log, blank, log_of
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording.logs import Log, blank, log_of, play_log
+from shuttle_marl.suite import tabular
 from shuttle_marl.suite.method import BASELINES
 from shuttle_marl.suite.methods import logs
 from shuttle_marl.suite.methods.logs import (
@@ -416,3 +419,18 @@ def half(setting: Any) -> Answering:
 def test_an_object_of_another_task_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match=r"expected an object with fit"):
         run("offline-v1", f"{__name__}:half", tmp_path / "two")
+
+
+def test_effects_of_positions_are_recovered() -> None:
+    game = load_game(f"{reduced_model()}:recovery")
+    assert game.recovery is not None
+    random = tabulate(resolve("random", game), game)
+    log = play_log((random, random), 150_000, 0)
+    unknown = dataclasses.replace(game.recovery, effect=np.zeros_like(game.recovery.effect))
+    found = tabular.with_positions(dataclasses.replace(game, recovery=unknown), log.pair, log.outcome, log.waited)
+    stroke = game.pair_stroke[log.pair]
+    number = np.zeros(game.recovery.effect.shape[1:])
+    np.add.at(number, (game.catalogue.shot[stroke], game.catalogue.area[stroke], log.waited), 1)
+    assert found.recovery is not None
+    for true, estimated in zip(game.recovery.effect, found.recovery.effect, strict=True):
+        assert np.corrcoef(true[number > 2000], estimated[number > 2000])[0, 1] > 0.7

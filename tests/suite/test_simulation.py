@@ -23,9 +23,9 @@ from tests.suite.small import run
 
 ROWS, EPISODES = 1000, 10
 METHODS: Final = {
-    "exploit-v1": ("minimax", "ppo-self-play", "model"),
+    "exploit-v1": ("minimax", "ppo-self-play", "model-boosted"),
     "equilibrium-v1": ("minimax", "minimax-deterministic", "model-boosted"),
-    "adapt-v1": ("likeliest", "tilts", "mixture-without-levels"),
+    "adapt-v1": ("counts", "posterior-mean", "mixture-without-levels"),
     "offline-v1": ("clone", "fitted-q-pessimistic", "bcq"),
     "evaluate-v1": ("weighted-importance-sampling", "dice", "fitted-q-evaluation"),
 }

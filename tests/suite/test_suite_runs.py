@@ -194,6 +194,22 @@ def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         played(tmp_path, f"{__name__}:noisy", seeds=3, resume=True)
 
 
+LEFT: list[int] = []  # what an earlier unit left in memory
+
+
+def hoarding(setting: Any) -> TabulatedPolicy:
+    """A method that would carry something to the next unit."""
+    LEFT.append(setting.seed)
+    return table("minimax" if len(LEFT) > 1 else "bc")
+
+
+def test_nothing_of_a_unit_reaches_the_next_one(tmp_path: Path) -> None:
+    folder = played(tmp_path, f"{__name__}:hoarding", seeds=2)
+    entries = [results.read_entry(results.entry_path(folder, 0, seed)) for seed in (0, 1)]
+    assert [entry.policies["player"] for entry in entries] == [table("bc").hash] * 2
+    assert LEFT == []
+
+
 def test_units_of_two_versions_of_a_method_are_not_mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "my_methods").mkdir()
