@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import statistics
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -120,7 +121,6 @@ def board(
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
     *,
     results: File = None,
-    check: bool = True,
     game: str | None = None,
     seed: str | None = None,
     out: File = None,
@@ -132,7 +132,6 @@ def board(
     Args:
         folders: run folders.
         results: a file of `python -m experiments.suite`, whose rows are added as they are.
-        check: verify the folders; entries that are not verified are marked.
         game: model of the game; default: the shipped one that a run names. Folders that a run names are not opened.
         seed: seed of the split round.
         out: write the board here; default: print it.
@@ -142,7 +141,7 @@ def board(
     if not folders and results is None:
         raise SuiteError("nothing to show: name run folders, or a file of results with --results")
     left: list[str] = []
-    rows = rows_of(folders, results, game=game, seed=seed, check=check, progress=_cases, failed=left.append)
+    rows = rows_of(folders, results, game=game, seed=seed, progress=_cases, failed=left.append)
     text = render(rows)
     if out is None:
         print(text, end="")  # noqa: T201
@@ -183,10 +182,42 @@ def figure(task: Task, *, out: Path, results: Path = Path("experiments/results/s
         split: part of the task.
     """
     from shuttle_marl.reports import charts  # noqa: PLC0415  numba
-    from shuttle_marl.suite.board import tradeoff  # noqa: PLC0415
 
     charts.check_format(out)
-    charts.save(charts.tradeoff(*tradeoff(task, results, split)), out)
+    charts.save(charts.tradeoff(*_tradeoff(task, results, split)), out)
+
+
+def _tradeoff(
+    task: str, results: Path, split: Split
+) -> tuple[list[tuple[float, float, float]], dict[str, list[tuple[int, float, float]]]]:
+    """The frontier of a task, as a mean over its opponents, and every row, for :func:`shuttle_marl.reports.charts.tradeoff`.
+
+    Raises:
+        SuiteError: the task has no frontier, or the file has no rows of it.
+    """
+    from shuttle_marl.suite.board import Results, called  # noqa: PLC0415  numba
+    from shuttle_marl.suite.exploit import Exploit, opponent_of  # noqa: PLC0415
+    from shuttle_marl.suite.results import arena_of, read  # noqa: PLC0415
+    from shuttle_marl.suite.task import frontier as points_of  # noqa: PLC0415
+
+    if not isinstance(found := suite.find_task(task), Exploit):
+        raise SuiteError(f"{task} has no frontier; exploit-v1 has")
+    arena, kept = arena_of(found, "default", split), read(results, Results)
+    opponents = {case.options["opponent"]: opponent_of(arena, case) for case in found.cases(arena)}
+    rows = [row for row in kept.rows if (row["task"], row["split"], row["game"]) == (task, split, arena.base)]
+    if not rows:
+        raise SuiteError(f"{results}: no rows of {task} in this game")
+    known = kept.frontiers.get(task, {}) if split == "test" else {}
+    points = [known.get(name) or points_of(arena, opponent, tolerance=TOLERANCE) for name, opponent in opponents.items()]
+    names = ("p", "exploitability", "score")
+    mean = [tuple(statistics.fmean(point[name] for point in at) for name in names) for at in zip(*points, strict=True)]
+    methods: dict[str, list[tuple[int, float, float]]] = {}
+    for row in sorted(rows, key=lambda row: (called(row), row["budget"] or 0)):
+        budget = 0 if row["kind"] == "reference" else row["budget"] or 0
+        place = (budget, row["scores"]["exploitability"]["value"], row["scores"]["score"]["value"])
+        if place not in (before := methods.setdefault(called(row), [])):
+            before.append(place)
+    return mean, methods  # type: ignore[return-value]
 
 
 def new_submission(task: Task, *, author: str, out: Path = Path()) -> None:

@@ -10,28 +10,13 @@ from pathlib import Path
 from typing import Any, Final, TypedDict
 
 import jinja2
-import numpy as np
 
 from shuttle_marl.base import cache
 from shuttle_marl.base.errors import ShuttleError, described, printable
-from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.reports.html import escaped
-from shuttle_marl.suite.exploit import Exploit, opponent_of
-from shuttle_marl.suite.options import ACCESS, SPLITS, Split, SuiteError
-from shuttle_marl.suite.results import (
-    CARD,
-    NOT_VERIFIED,
-    TASKS,
-    Bounds,
-    Row,
-    arena_of,
-    difference,
-    find_task,
-    read,
-    summarise,
-    verify_run,
-)
-from shuttle_marl.suite.task import Task, frontier
+from shuttle_marl.suite.options import ACCESS, SPLITS, SuiteError
+from shuttle_marl.suite.results import CARD, NOT_VERIFIED, TASKS, Bounds, Row, difference, read, verify_run
+from shuttle_marl.suite.task import Task
 
 _LONGEST: Final = 60  # characters of a name that are shown
 _DIGITS: Final = 6  # decimal places in which scores differ; verification allows less
@@ -69,7 +54,6 @@ def rows_of(
     *,
     game: str | None = None,
     seed: str | None = None,
-    check: bool = True,
     progress: Callable[[Any], Any] = iter,
     failed: Callable[[str], object],
 ) -> list[Row]:
@@ -79,7 +63,6 @@ def rows_of(
         folders: run folders, which may be those of strangers.
         results: JSON file with ``rows`` of this package, which are taken as they are; None: none.
         game, seed: see :func:`shuttle_marl.suite.results.verify_run`.
-        check: verify the folders.
         failed: receives the reason why a folder is left out: it is refused, is no finished run, or names no author.
 
     Raises:
@@ -89,52 +72,25 @@ def rows_of(
     with cache.forgotten():
         for folder in folders:
             try:
-                found = verify_run(folder, game, seed, progress=progress) if check else None
-                if found and found.refused:
+                found = verify_run(folder, game, seed, progress=progress)
+                if found.summary is None:
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
-                row = (found and found.summary) or summarise(folder, game, seed)
-                if not row["author"]:
+                if not found.summary["author"]:
                     raise SuiteError(f"the run has no author; name one in {CARD}")
-                rows.append({**row, "remarks": [*row["remarks"], *([] if check else ["not recomputed"])]})
+                rows.append(found.summary)
             except Exception as error:
                 failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
     if results is not None:
-        rows += read(results, _Results).rows
+        rows += read(results, Results).rows
     return rows
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Results:
+class Results:
+    """Rows of this package, and frontiers by task and opponent: a file of ``python -m experiments.suite``."""
+
     rows: list[Row]
     frontiers: dict[str, dict[str, list[dict[str, float]]]] = dataclasses.field(default_factory=dict)
-
-
-def tradeoff(
-    task: str, results: Path, split: Split
-) -> tuple[list[tuple[float, float, float]], dict[str, list[tuple[int, float, float]]]]:
-    """The frontier of a task, as a mean over its opponents, and every row, for :func:`shuttle_marl.reports.charts.tradeoff`.
-
-    Raises:
-        SuiteError: the task has no frontier, or the file has no rows of it.
-    """
-    if not isinstance(found := find_task(task), Exploit):
-        raise SuiteError(f"{task} has no frontier; exploit-v1 has")
-    arena, kept = arena_of(found, "default", split), read(results, _Results)
-    opponents = {case.options["opponent"]: opponent_of(arena, case) for case in found.cases(arena)}
-    rows = [row for row in kept.rows if (row["task"], row["split"], row["game"]) == (task, split, arena.base)]
-    if not rows:
-        raise SuiteError(f"{results}: no rows of {task} in this game")
-    known = kept.frontiers.get(task, {}) if split == "test" else {}
-    points = [known.get(name) or frontier(arena, opponent, tolerance=TOLERANCE) for name, opponent in opponents.items()]
-    names = ("p", "exploitability", "score")
-    mean = [tuple(float(np.mean([point[name] for point in at])) for name in names) for at in zip(*points, strict=True)]
-    methods: dict[str, list[tuple[int, float, float]]] = {}
-    for row in sorted(rows, key=lambda row: (called(row), row["budget"] or 0)):
-        budget = 0 if row["kind"] == "reference" else row["budget"] or 0
-        place = (budget, row["scores"]["exploitability"]["value"], row["scores"]["score"]["value"])
-        if place not in (before := methods.setdefault(called(row), [])):
-            before.append(place)
-    return mean, methods  # type: ignore[return-value]
 
 
 class Board(TypedDict):

@@ -37,8 +37,8 @@ NAMED: Final = (
 )  # fmt: skip
 """Targets of ``evaluate`` by name."""
 TRAINED: Final = (
-    "one-step", "one-step:2", "one-step:8", "fitted-q", "fitted-q:2", "fitted-q:8", "bcq", "bcq:0.1", "bcq:0.5", "model",
-    "model:2", "model:8", "model-pessimistic", "model-pessimistic:0.2", "clone", "clone:8",
+    "one-step", "one-step:2", "one-step:8", "fitted-q", "fitted-q:2", "fitted-q:8", "one-step:64", "fitted-q:64", "model:64",
+    "model", "model:2", "model:8", "model-pessimistic", "model-pessimistic:0.2", "clone", "clone:8",
 )  # fmt: skip
 """Targets of ``evaluate`` that methods of ``offline`` trained on the log."""
 _QUICK: Final = 3000

@@ -128,13 +128,9 @@ def expected_under(game: Game, chance: F64) -> Backup:
     return lambda q, states: by_state(game, chance * q, states, np.add)
 
 
-def best_of(game: Game, allowed: F64 | None = None) -> Backup:
-    """Values of the best stroke, of those with ``allowed`` (``[base pairs]``) above 0."""
-
-    def best(q: F64, states: I32) -> F64:
-        return by_state(game, q if allowed is None else np.where(allowed > 0, q, -np.inf), states, np.maximum)
-
-    return best
+def best_of(game: Game) -> Backup:
+    """Values of the best stroke."""
+    return lambda q, states: by_state(game, q, states, np.maximum)
 
 
 def fitted_q(
@@ -142,23 +138,19 @@ def fitted_q(
     backup: Backup,
     *,
     shrink: float = SHRINK,
-    fit: Callable[[F64], F64] | None = None,
-    sweeps: int = _SWEEPS,
 ) -> F64:
     """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke.
 
     Args:
         backup: value of the next state.
         shrink: pseudo-observations of the coarser cell.
-        fit: maps ``[M]`` targets to ``[base pairs]`` Q-values; default: :func:`shrunk_means`.
-        sweeps: largest number of iterations.
     """
     game, prior = data.game, float(data.won[data.first].mean())
-    fit = fit or (lambda target: shrunk_means(game, data.pair, target, prior=prior, shrink=shrink))
+    fit = functools.partial(shrunk_means, game, data.pair, prior=prior, shrink=shrink)
     going = data.following >= 0
     states, index = np.unique(game.base(data.following[going]), return_inverse=True)
     q = fit(data.won.astype(np.float64))
-    for _ in range(sweeps):
+    for _ in range(_SWEEPS):
         target = data.reward.astype(np.float64)
         target[going] = backup(q, states.astype(np.int32))[index]
         updated = fit(target)
@@ -168,10 +160,9 @@ def fitted_q(
     return q
 
 
-def greedy(game: Game, q: F64, allowed: F64 | None = None) -> PairPolicy:
-    """The policy that plays the first best stroke, of those with ``allowed`` above 0."""
-    values = q if allowed is None else np.where(allowed > 0, q, -np.inf)
-    order = np.lexsort((-game.base_pair_rank, values, game.base_pair_state))
+def greedy(game: Game, q: F64) -> PairPolicy:
+    """The policy that plays the first best stroke."""
+    order = np.lexsort((-game.base_pair_rank, q, game.base_pair_state))
     last = np.append(np.diff(game.base_pair_state[order]) > 0, True)
     chance = np.zeros(game.n_base_pairs)
     chance[order[last]] = 1.0

@@ -26,12 +26,10 @@ from shuttle_marl.suite.methods.logs import (
     FittedQEvaluation,
     ImportanceSampling,
     ModelValue,
-    WeightedDoublyRobust,
     WeightedImportanceSampling,
     doubly_robust,
     q_and_v,
     ratios,
-    weighted_doubly_robust,
 )
 from shuttle_marl.suite.offline import OPPONENT, behaviour, errors, generate, in_game
 from shuttle_marl.suite.options import SuiteError
@@ -151,20 +149,6 @@ def test_doubly_robust_values_are_computed_backwards() -> None:
     np.testing.assert_allclose(doubly_robust(data, rho, q, v), found)  # type: ignore[arg-type]
 
 
-def test_weighted_doubly_robust_values_are_sums_over_strokes_with_weights_over_rallies() -> None:
-    data, rho, q, v = rallies_at_random(LENGTHS)
-    starts, most = np.flatnonzero(data.first), max(LENGTHS)
-    product = np.array(
-        [[rho[s : s + min(t, length)].prod() for t in range(most + 1)] for s, length in zip(starts, LENGTHS, strict=True)]
-    )
-    share = product / product.mean(axis=0)  # before the first stroke, after it, ...
-    expected = np.zeros(len(LENGTHS))
-    for i, (s, length) in enumerate(zip(starts.tolist(), LENGTHS, strict=True)):
-        for u in range(length):
-            expected[i] += share[i, u + 1] * (data.reward[s + u] - q[s + u]) + share[i, u] * v[s + u]
-    np.testing.assert_allclose(weighted_doubly_robust(data, rho, q, v), expected)  # type: ignore[arg-type]
-
-
 def test_estimators_add_up_values_of_rallies() -> None:
     game = three_strokes()
     log, target = by_hand(game), smashing(game, 0.8)
@@ -174,7 +158,6 @@ def test_estimators_add_up_values_of_rallies() -> None:
     for estimator, wins in (
         (FittedQEvaluation(), v[data.first].sum()),
         (DoublyRobust(), doubly_robust(data, rho, q, v).sum()),
-        (WeightedDoublyRobust(), weighted_doubly_robust(data, rho, q, v).sum()),
     ):
         assert estimator.estimate(log, [target, target]) == [pytest.approx((wins + 1) / 5)] * 2
 
@@ -232,16 +215,8 @@ def test_learners_from_logs_by_hand() -> None:
     assert after_serve(game, logs.Clone(SETTING, "7").fit(data)) == pytest.approx(
         after_serve(game, PairPolicy(game=game, probability=cloned(game, data.pair, shrink=7.0)))
     )
-
     for method in (logs.OneStep, logs.FittedQ):
         assert after_serve(game, method(SETTING).fit(data)) == [0, 1]
-    # The clear is the only stroke considered, or the one that is not rare.
-    rare = dataclasses.replace(
-        data, pair=np.array([*data.pair[:3], data.pair[3], data.pair[3]]), reward=np.array([0.0, 1, 0, 1, 0])
-    )
-    assert after_serve(game, logs.Bcq(SETTING, "1").fit(rare)) == [1, 0]
-    assert after_serve(game, logs.FittedQPessimistic(SETTING, "0").fit(data)) == [0, 1]
-    assert after_serve(game, logs.FittedQPessimistic(SETTING, "100").fit(rare)) == [1, 0]
 
 
 def test_responses_to_a_log_are_best_against_the_cloned_opponent() -> None:
@@ -299,17 +274,15 @@ def test_clones_shrink_towards_what_is_played_in_like_states() -> None:
     assert cloned(GAME, pairs, shrink=3) == pytest.approx(chance / np.bincount(state, chance)[state])
 
 
-def test_greedy_and_best_respect_what_is_allowed() -> None:
+def test_greedy_plays_the_best_stroke() -> None:
     game = three_strokes()
     q = np.where(game.base_pair_stroke == SMASH, 0.9, 0.5)
-    allowed = (game.base_pair_stroke != SMASH).astype(float)
     state = np.array([game.state_of(4, SERVE, 1)])
     assert best_of(game)(q, state) == [0.9]
-    assert best_of(game, allowed)(q, state) == [0.5]
     assert by_state(game, q, state, np.add) == pytest.approx([1.4])
-    for policy, stroke in ((greedy(game, q), SMASH), (greedy(game, q, allowed), CLEARED)):
-        assert policy.probability[game.pair(state, stroke)] == [1.0]
-        assert np.bincount(game.base_pair_state, policy.probability)[game.playable[: game.n_base_states]] == pytest.approx(1)
+    policy = greedy(game, q)
+    assert policy.probability[game.pair(state, SMASH)] == [1.0]
+    assert np.bincount(game.base_pair_state, policy.probability)[game.playable[: game.n_base_states]] == pytest.approx(1)
 
 
 def test_a_large_log_recovers_the_game() -> None:
@@ -364,7 +337,7 @@ def test_networks_learn_the_values_of_the_three_strokes() -> None:
     assert evaluate(best, smashing(game, 0.5)).odds().rally == pytest.approx(true.value.odds().rally, abs=0.02)
 
 
-TABULAR = ("clone", "one-step", "fitted-q", "bcq", "model", "model-pessimistic")
+TABULAR = ("clone", "one-step", "fitted-q", "model", "model-pessimistic")
 
 
 @pytest.mark.parametrize(

@@ -160,12 +160,6 @@ def test_estimates_of_the_opponent_are_answered(tmp_path: Path) -> None:
     golden.check("player_methods", {"restricted-counts": {**found["scores"], "strokes": found["strokes"]}})
 
 
-def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
-    found = summary(played(tmp_path, "fictitious-play", "equilibrium-v1"))
-    assert 0 < found["score"] < 0.2 * summary(played(tmp_path, "bc", "equilibrium-v1"))["score"]
-    golden.check("player_methods", {"fictitious-play": found["scores"]})
-
-
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:First")
     player = results.read_outcome(folder, results.read_entry(results.entry_path(folder, 0, 0)), GAME).policies["player"]

@@ -10,10 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.exact import best_response as exact_response
 from shuttle_marl.exact import restricted_response
 from shuttle_marl.exact.play import cells_of, lists
-from shuttle_marl.exact.profile import PairPolicy, positions_of, tabulated_pairs
+from shuttle_marl.exact.profile import PairPolicy, positions_of
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.policy.computed import deterministic, minimax_policy, mixture
@@ -26,7 +25,6 @@ from shuttle_marl.suite.offline import in_game
 from shuttle_marl.suite.tabular import SHRINK, cloned, game_of, with_positions
 from shuttle_marl.suite.task import WEIGHT
 
-_STEPS: Final = 30  # iterations of fictitious play
 _COUNTED: Final = 300_000  # strokes from which on more counts of an opponent change little
 _STROKES: Final = 8  # more strokes of both players than rallies have on average
 _EXPLORE: Final = 0.2  # fraction of random strokes in the second half of the play
@@ -43,11 +41,6 @@ def named(setting: PlayerSetting, argument: str) -> Trained:  # noqa: ARG001
 def minimax_deterministic(setting: PlayerSetting) -> Trained:
     """Perfect play that always makes its likeliest choice."""
     return Trained(player=deterministic(setting.policy("minimax")), strokes=0)
-
-
-def best_response(setting: PlayerSetting) -> Trained:
-    """The exact best response to the opponent, which is exploited in turn."""
-    return Trained(player=f"best-response:{setting.opponent}", strokes=0)
 
 
 def restricted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
@@ -67,18 +60,6 @@ def constant(setting: PlayerSetting, *parts: str) -> Trained:
 def constant_by_incoming(setting: PlayerSetting) -> Trained:
     """The best orders of preference for each incoming shot type and contact."""
     return constant(setting, "incoming_shot", "contact")
-
-
-def fictitious_play(setting: PlayerSetting) -> Trained:
-    """Fictitious play with exact best responses, averaged state by state (Sayin, Parise & Ozdaglar 2022, arXiv 2010.04223)."""
-    game = setting.game
-    first = setting.policy("bc")
-    mean, places = first.pair_probabilities(), positions_of(first)
-    for step in range(_STEPS):
-        answer = exact_response(PairPolicy(game=game, probability=mean, positions=places), tolerance=1e-6).policy
-        mean += (answer.pair_probabilities() - mean) / (step + 2)
-        places = places + (positions_of(answer) - places) / (step + 2)
-    return Trained(player=tabulated_pairs(PairPolicy(game=game, probability=mean, positions=places)), strokes=0)
 
 
 def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
