@@ -125,7 +125,7 @@ def people(config: tyro.conf.OmitArgPrefixes[People], json: Path | None = None) 
     earlier = fitted(arena, rows, those, [person.earlier for person in those])
     rng = np.random.default_rng(0)
     later = [fitted(arena, rows, those, [redrawn(rows, each.later, rng) for each in those]) for _ in range(config.refits)]
-    figures: dict[str, dict[str, dict[str, dict[str, list[float]]]]] = {}
+    figures: dict[str, dict[str, dict[str, list[float]]]] = {}
     with config.open("people") as folder:
         for i, person in enumerate(those):
             console.print(f"{person.name}: {len(person.earlier):,} strokes, then {len(person.later):,}")

@@ -40,7 +40,7 @@ P: Final = (0.6, 0.75, 0.9)  # restrictions of the response of ``model-boosted``
 BOOSTING: Final[dict[int, list[dict[str, Any]]]] = {
     10**5: [{"leaves": 8, "trees": 150}, {"leaves": 16, "trees": 150}],
     10**6: [{"leaves": 16, "trees": 200}, {"leaves": 8, "trees": 200}],
-    10**7: [{"leaves": 31, "trees": 300, "most": 2_500_000}],
+    10**7: [{"leaves": 31, "trees": 250, "most": 1_000_000}],
 }
 """Settings of ``model-boosted`` by budget; each with all of :data:`P`."""
 

@@ -174,9 +174,8 @@ def boosted(
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
     table = described[first]
     # Equal rows are one with a weight, which takes a fraction of the time.
-    place, target = index[pair % game.n_base_pairs], np.asarray(target)
     values, value = np.unique(target, return_inverse=True)
-    cell, number = np.unique(place * len(values) + value, return_counts=True)
+    cell, number = np.unique(index[pair % game.n_base_pairs] * len(values) + value, return_counts=True)
     row, of = np.divmod(cell, len(values))
     rows = lightgbm.Dataset(table[row], values[of], weight=number, categorical_feature=list(range(table.shape[1])))
     settings: dict[str, Any] = {"verbosity": -1, "seed": seed, "num_threads": 1, "deterministic": True, "force_row_wise": True}

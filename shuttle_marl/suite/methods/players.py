@@ -133,7 +133,7 @@ def estimated(setting: PlayerSetting, options: Boosting) -> tuple[PairPolicy, in
 BOOSTING: Final = {
     100_000: Boosting(trees=150, leaves=8),
     1_000_000: Boosting(),
-    10_000_000: Boosting(trees=300, leaves=31, most=2_500_000),
+    10_000_000: Boosting(trees=250, leaves=31, most=1_000_000),
 }
 """Settings of ``model-boosted`` for budgets up to these, from the search on dev."""
 TUNED: Final[dict[int, dict[str, Any]]] = {
