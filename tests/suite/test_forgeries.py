@@ -93,14 +93,14 @@ REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
     "no scores": (lambda f: entry(f, scores={}), "exploitability"),
     "another fingerprint": (lambda f: entry(f, fingerprint="0" * 64), "the case has fingerprint 000000000000"),
     "an escape as a fingerprint": (lambda f: entry(f, fingerprint="\x1b]0;x\x07"), "fingerprint"),
-    "another case": (lambda f: entry(f, case="10,000,000"), "is of case"),
+    "another case": (lambda f: entry(f, case="100,000,000"), "is of case"),
     "another seed": (lambda f: entry(f, seed=1), "and seed 1"),
     "a huge seed": (lambda f: entry(f, seed=10**400), "seed"),
     "salt": (lambda f: entry(f, answers={"salt\x1b": 1}), r"1 policies or answers that the task does not have, such as salt\x1b"),
     "megabytes of answers": (lambda f: entry(f, answers={"salt": "x" * (1 << 20)}), "larger than 1 MB"),
     "a change without a seal": (without_a_seal, "checksum"),
     "bytes after a policy": (append_to_a_policy, "unused data"),
-    "entries of another budget": (lambda f: config(f, budget=10**7), "is of case"),
+    "entries of another budget": (lambda f: config(f, budget=10**8), "is of case"),
     "another game": (lambda f: config(f, game="f" * 64), "played on game ffffffffffff"),
 }
 
@@ -171,7 +171,7 @@ def test_values_that_a_method_wrote_into_the_cache_are_not_read(tmp_path: Path, 
 
 
 def test_fewer_seeds_than_due_are_marked(folder: Path) -> None:
-    assert verified(folder).summary["remarks"] == ["2 of 3 seeds"]
+    assert verified(folder).summary["remarks"] == ["2 of 5 seeds"]
 
 
 def test_entries_that_were_moved_to_another_budget_are_marked(folder: Path, honest: Path) -> None:
