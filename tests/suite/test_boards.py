@@ -48,6 +48,16 @@ def test_ties_share_a_rank() -> None:
     assert [(each["method"], each["rank"]) for each in found["rows"]] == [("a", 1), ("b", 1), ("c", 3)]
 
 
+def test_equal_play_is_found_whoever_sent_it() -> None:
+    (found,) = boards([row(author="alice", play="p"), row(author="mallory", method="mine2", play="p"), row(0.4, method="other")])
+    remarks = {row["author"] + row["method"]: row["remarks"] for row in found["rows"]}
+    assert remarks == {
+        "alicemine": ["the same play as mallory/mine2"],
+        "mallorymine2": ["the same play as alice/mine"],
+        "aliceother": [],
+    }
+
+
 def test_less_is_better_where_the_metric_is_a_loss() -> None:
     bounds = {"value": 1.0, "low": None, "high": None}
     loss: dict[str, Any] = {"task": "equilibrium-v1", "scores": {"exploitability": bounds, "won": bounds}, "split": "dev"}
