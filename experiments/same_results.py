@@ -33,12 +33,12 @@ _LEAGUE: Final = "league --seed 3 --pool bc random"
 _LEARN: Final = "league train --strokes 2000 --rounds 2 --batch 256 --width 8 --pool bc safe --json"
 _PAIR: Final = "--players viktor-axelsen kento-momota"
 _SUITE: Final = {
-    "exploit-v0": "constant",
-    "exploit-entrance-v0": "constant",
-    "equilibrium-v0": "bc",
-    "adapt-v0": "mixture",
-    "offline-v0": "model",
-    "evaluate-v0": "behaviour",
+    "exploit-v1": "constant",
+    "exploit-entrance-v1": "constant",
+    "equilibrium-v1": "bc",
+    "adapt-v1": "mixture",
+    "offline-v1": "model",
+    "evaluate-v1": "behaviour",
 }
 """A quick method of each task."""
 AREAS: Final[dict[Area, tuple[str, ...]]] = {

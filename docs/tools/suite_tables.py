@@ -8,6 +8,7 @@ from docs.tools.markdown import markdown, saved
 from shuttle_marl.game.shipped import shipped_game
 from shuttle_marl.suite.board import boards, called, number, render, with_interval
 from shuttle_marl.suite.method import kind_of
+from shuttle_marl.suite.options import ACCESS
 from shuttle_marl.suite.results import TASKS, Row
 
 _NONE: Final = (
@@ -35,19 +36,21 @@ def task_boards(kind: str) -> str:
 
 
 def summary() -> str:
-    """One line for each task: what it asks, and the best result."""
+    """One line for each task and each board of it with what it asks, and the best result from samples and with tables."""
     rows = []
     for name, task in TASKS.items():
-        question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".").replace("``", "`")
         found, best = boards(_rows(name)), ("", "", "", "")
-        if found and (row := found[-1]["best"]):
-            budget = f"{row['budget']:,}" if row["budget"] else ""
-            best = (budget, f"`{called(row)}`", with_interval(row["scores"][task.metric]), number(found[-1]["gap"]))
+        if found:
+            board = found[-1]
+            ranked = [row for row in board["rows"] if row.get("rank") == 1 and row["access"] != ACCESS[-1]]
+            budget = f"{ranked[0]['budget']:,}" if ranked and ranked[0]["budget"] else ""
+            shown = {row["access"]: f"`{called(row)}` {with_interval(row['scores'][task.metric])}" for row in ranked}
+            best = (budget, shown.get("samples", ""), shown.get("tables", ""), number(board["optimum"]))
         kind = "entrance" if task.entrance else ""
         score = f"{task.metric}, {task.unit}"
-        rows.append((f"[`{name}`]({kind_of(name)}.md)", question, ", ".join(task.hidden), kind, score, *best))
-    headings = ("task", "question", "hidden", "", "score", "strokes", "best", "result", "open gap")
-    return markdown(headings, rows, left=("task", "question", "hidden", "", "score", "best"))
+        rows.append((f"[`{name}`]({kind_of(name)}.md)", task.question, ", ".join(task.hidden), kind, score, *best))
+    headings = ("task", "question", "hidden", "", "score", "strokes", "best from samples", "best with tables", "optimum")
+    return markdown(headings, rows, left=("task", "question", "hidden", "", "score", "best from samples", "best with tables"))
 
 
 def frontiers() -> str:
@@ -60,7 +63,7 @@ def frontiers() -> str:
         for point in points
     ]
     headings = ("task", "opponent", "restriction", "score", "exploitability", "gain")
-    return markdown(headings, rows, left=("task", "opponent")) if rows else _NONE.format(task="exploit-v0")
+    return markdown(headings, rows, left=("task", "opponent")) if rows else _NONE.format(task="exploit-v1")
 
 
 def depth() -> str:
@@ -78,10 +81,41 @@ def depth() -> str:
     return markdown(("board", "best simple rule", "best other method", "the method is ahead"), lines, left=("board",))
 
 
+def search() -> str:
+    """The best settings of the search at each budget."""
+    found = saved("experiments", "suite_search")["settings"]
+    rows = [
+        (
+            name,
+            len(trials),
+            f"{sum(row['strokes'] for row in trials):,}",
+            f"`{trials[0]['settings']}`",
+            f"{trials[0]['gain']:.2f}",
+        )
+        for name, trials in found.items()
+    ]
+    return markdown(
+        ("method and budget", "settings tried", "strokes", "best", "mean gain"), rows, left=("method and budget", "best")
+    )
+
+
+def people() -> str:
+    """Methods against individuals, earlier and later."""
+    found = saved("experiments", "people")["summary"]
+    columns = ("score, earlier", "score, later", "gain, earlier", "gain, later")
+    rows = [
+        (f"`{name}`", *(with_interval(scores.get(column)) for column in columns))
+        for name, scores in sorted(found.items(), key=lambda item: -item[1]["score, later"]["value"])
+    ]
+    return markdown(("made for", *columns), rows, left=("made for",))
+
+
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "suite_summary": summary,
     "suite_frontier": frontiers,
     "suite_depth": depth,
+    "suite_search": search,
+    "suite_people": people,
     **{f"suite_{kind}": functools.partial(task_boards, kind) for kind in dict.fromkeys(map(kind_of, TASKS))},
 }
 """Tables by name."""

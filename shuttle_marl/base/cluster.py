@@ -155,7 +155,13 @@ def in_threads(function: Callable[[S], T], arguments: Iterable[S], threads: int 
 
 
 def in_processes(
-    function: Callable[[S], T], arguments: Iterable[S], processes: int, *, ray: str | None = None, packages: Sequence[str] = ()
+    function: Callable[[S], T],
+    arguments: Iterable[S],
+    processes: int,
+    *,
+    apart: bool = False,
+    ray: str | None = None,
+    packages: Sequence[str] = (),
 ) -> Iterator[T]:
     """Call a function of a module with each argument, in this process or in others that end with it; results as they come.
 
@@ -163,6 +169,7 @@ def in_processes(
 
     Args:
         processes: number of parallel processes; 1: this one.
+        apart: make each call in a process of its own, so that none finds what another one left in memory.
         ray, packages: address of a cluster that replaces them, and packages, see :func:`open_cluster`.
 
     Raises:
@@ -173,10 +180,10 @@ def in_processes(
             yield from (result() for result in [cluster.submit(function, each) for each in arguments])
         return
     check_processes(processes)
-    if processes <= 1:
+    if processes <= 1 and not apart:
         yield from map(function, arguments)
         return
-    with WorkerPool(processes) as pool:
+    with WorkerPool(max(1, processes), 1 if apart else None) as pool:
         waiting: set[futures.Future[T]] = set()
         left = iter(arguments)
         while True:
@@ -191,8 +198,9 @@ def in_processes(
 class WorkerPool(futures.ProcessPoolExecutor):
     """Processes that end with this one. Ctrl-C does not reach them, but ends the context of the pool, and them with it."""
 
-    def __init__(self, processes: int) -> None:
-        super().__init__(processes, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+    def __init__(self, processes: int, calls: int | None = None) -> None:
+        context = multiprocessing.get_context("spawn")
+        super().__init__(processes, mp_context=context, initializer=_end_with_parent, max_tasks_per_child=calls)
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **options: Any) -> futures.Future[T]:
         """Submit a call, which may start a process."""

@@ -9,12 +9,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.stats import bootstrap, rankdata, trim_mean
-from scipy.stats import t as student
 
 from shuttle_marl.base.arrays import F64
 
 RESAMPLES: Final = 10_000
-_TRIMMED: Final = 0.25
+TRIMMED: Final = 0.25  # fraction of the runs that an interquartile mean leaves out at each end
 
 
 class Interval(NamedTuple):
@@ -33,55 +32,10 @@ def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Inter
     """
 
     def middle(*columns: F64, axis: int = -1) -> F64:
-        return np.asarray(trim_mean(np.concatenate(columns, axis=axis), _TRIMMED, axis=axis))
+        return np.asarray(trim_mean(np.concatenate(columns, axis=axis), TRIMMED, axis=axis))
 
     samples = [np.asarray(runs, dtype=np.float64) for runs in tasks]
     return _interval(float(middle(*samples)), samples, middle, seed)
-
-
-class Moments(NamedTuple):
-    """A mean with the variance of its error, and the degrees of freedom of that; without a variance it is NaN."""
-
-    value: float
-    variance: float
-    freedom: int
-
-
-def estimate(sample: Sequence[float] | F64, *, trimmed: bool) -> Moments:
-    """The mean of a sample, or its interquartile mean.
-
-    The variance is that of a trimmed mean, from the winsorised sample (Tukey & McLaughlin, Sankhya A 25, 1963; Yuen, Biometrika
-    61, 1974).
-
-    Args:
-        sample: at least one figure.
-        trimmed: leave out the lowest and the highest quarter, rounded down.
-    """
-    ordered = np.sort(np.asarray(sample, dtype=np.float64))
-    cut = int(_TRIMMED * len(ordered)) if trimmed else 0
-    kept = ordered[cut : len(ordered) - cut]
-    n, freedom = len(ordered), len(kept) - 1
-    spread = np.clip(ordered, kept[0], kept[-1]).var(ddof=1) if n > 1 else np.nan
-    return Moments(float(kept.mean()), float(spread * (n - 1) / (len(kept) * freedom)) if freedom else np.nan, freedom)
-
-
-def combined(estimates: Sequence[Moments], weights: Sequence[float]) -> Interval:
-    """Weighted mean of independent estimates, with an interval of Student's t that holds for few runs, as a bootstrap does not.
-
-    Degrees of freedom are those of Welch and Satterthwaite (Biometrics Bulletin 2, 1946).
-
-    Args:
-        estimates: at least one.
-    """
-    share = np.asarray(weights, dtype=np.float64) / np.sum(weights)
-    value, variance, freedom = (np.array(column, dtype=np.float64) for column in zip(*estimates, strict=True))
-    mean, error = float(share @ value), share**2 * variance
-    if np.isnan(error).any():
-        return Interval(mean, float("nan"), float("nan"))
-    if not error.any():
-        return Interval(mean, mean, mean)
-    half = float(student.ppf(0.975, error.sum() ** 2 / (error**2 / freedom).sum()) * np.sqrt(error.sum()))
-    return Interval(mean, mean - half, mean + half)
 
 
 def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float]) -> Interval:

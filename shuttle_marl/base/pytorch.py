@@ -15,15 +15,14 @@ _threads_lock: Final = threading.Lock()
 
 
 class InitialWeights(TorchFunctionMode):
-    """Within this context, modules make weights of float32 and draw them from a generator, whatever the defaults of PyTorch are.
+    """Within this context, modules make weights of float32 and draw them from a seed, whatever the defaults of PyTorch are.
 
-    Args:
-        generator: of the device of the weights; a seed gives the weights that it gives with PyTorch's own generator.
+    They are on the CPU, and those that the seed gives with PyTorch's own generator.
     """
 
-    def __init__(self, generator: torch.Generator) -> None:
+    def __init__(self, seed: int) -> None:
         super().__init__()
-        self._generator = generator
+        self._generator = torch.Generator().manual_seed(seed)
 
     def __torch_function__(self, func: Any, types: Any, args: Sequence[Any] = (), kwargs: Mapping[str, Any] | None = None) -> Any:
         """Call a function of PyTorch."""

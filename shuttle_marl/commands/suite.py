@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import statistics
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -32,7 +33,8 @@ def list_(*, json_output: Json = False) -> None:
         {
             **_described(task),
             "higher_is_better": task.higher_is_better,
-            "game": arena_of(task, "default", "test").base,
+            "game": (arena := arena_of(task, "default", "test")).base,
+            "budgets": sorted({case.budget for case in task.all_cases(arena)} - {0}),
             "splits": SPLITS,
             "baselines": list(BASELINES[kind_of(name)]),
         }
@@ -43,7 +45,7 @@ def list_(*, json_output: Json = False) -> None:
 
 
 def _described(task: "suite.Task") -> dict[str, Any]:
-    names = ("about", "protocol", "access", "entrance", "metric", "unit", "zero", "optimum", "seeds")
+    names = ("question", "about", "protocol", "access", "entrance", "metric", "unit", "zero", "not_proved", "optimum", "seeds")
     return {"task": task.name, **{name: getattr(task, name) for name in names}, "hidden": list(task.hidden)}
 
 
@@ -119,7 +121,6 @@ def board(
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
     *,
     results: File = None,
-    check: bool = True,
     game: str | None = None,
     seed: str | None = None,
     out: File = None,
@@ -131,7 +132,6 @@ def board(
     Args:
         folders: run folders.
         results: a file of `python -m experiments.suite`, whose rows are added as they are.
-        check: verify the folders; entries that are not verified are marked.
         game: model of the game; default: the shipped one that a run names. Folders that a run names are not opened.
         seed: seed of the split round.
         out: write the board here; default: print it.
@@ -141,7 +141,7 @@ def board(
     if not folders and results is None:
         raise SuiteError("nothing to show: name run folders, or a file of results with --results")
     left: list[str] = []
-    rows = rows_of(folders, results, game=game, seed=seed, check=check, progress=_cases, failed=left.append)
+    rows = rows_of(folders, results, game=game, seed=seed, progress=_cases, failed=left.append)
     text = render(rows)
     if out is None:
         print(text, end="")  # noqa: T201
@@ -155,7 +155,7 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
     """Show what the best can reach against an opponent: score against exploitability in points, by the restriction.
 
     Args:
-        task: exploit-v0 or exploit-entrance-v0.
+        task: exploit-v1 or exploit-entrance-v1.
         opponent: name of a policy, such as bc.
         game: model of the game.
     """
@@ -165,11 +165,59 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
 
     found = suite.find_task(task)
     if not isinstance(found, Exploit):
-        raise SuiteError(f"{task} has no frontier of an opponent; exploit-v0 has")
+        raise SuiteError(f"{task} has no frontier of an opponent; exploit-v1 has")
     arena = arena_of(found, game, "test")
     points = points_of(arena, arena.policy(opponent), tolerance=TOLERANCE)
     rows = {f"p = {each['p']:g}": {name: value for name, value in each.items() if name != "p"} for each in points}
     cli.show(points, json_output, cli.named(f"Restricted responses to {opponent}, in points", rows))
+
+
+def figure(task: Task, *, out: Path, results: Path = Path("experiments/results/suite.json"), split: Split = "test") -> None:
+    """Draw exploitability against score: the exact frontier, and every row at each budget, as means over the opponents.
+
+    Args:
+        task: exploit-v1 or exploit-entrance-v1.
+        out: PNG, SVG or PDF.
+        results: a file of `python -m experiments.suite`.
+        split: part of the task.
+    """
+    from shuttle_marl.reports import charts  # noqa: PLC0415  numba
+
+    charts.check_format(out)
+    charts.save(charts.tradeoff(*_tradeoff(task, results, split)), out)
+
+
+def _tradeoff(
+    task: str, results: Path, split: Split
+) -> tuple[list[tuple[float, float, float]], dict[str, list[tuple[int, float, float]]]]:
+    """The frontier of a task, as a mean over its opponents, and every row, for :func:`shuttle_marl.reports.charts.tradeoff`.
+
+    Raises:
+        SuiteError: the task has no frontier, or the file has no rows of it.
+    """
+    from shuttle_marl.suite.board import Results, called  # noqa: PLC0415  numba
+    from shuttle_marl.suite.exploit import Exploit, opponent_of  # noqa: PLC0415
+    from shuttle_marl.suite.results import arena_of, read  # noqa: PLC0415
+    from shuttle_marl.suite.task import frontier as points_of  # noqa: PLC0415
+
+    if not isinstance(found := suite.find_task(task), Exploit):
+        raise SuiteError(f"{task} has no frontier; exploit-v1 has")
+    arena, kept = arena_of(found, "default", split), read(results, Results)
+    opponents = {case.options["opponent"]: opponent_of(arena, case) for case in found.cases(arena)}
+    rows = [row for row in kept.rows if (row["task"], row["split"], row["game"]) == (task, split, arena.base)]
+    if not rows:
+        raise SuiteError(f"{results}: no rows of {task} in this game")
+    known = kept.frontiers.get(task, {}) if split == "test" else {}
+    points = [known.get(name) or points_of(arena, opponent, tolerance=TOLERANCE) for name, opponent in opponents.items()]
+    names = ("p", "exploitability", "score")
+    mean = [tuple(statistics.fmean(point[name] for point in at) for name in names) for at in zip(*points, strict=True)]
+    methods: dict[str, list[tuple[int, float, float]]] = {}
+    for row in sorted(rows, key=lambda row: (called(row), row["budget"] or 0)):
+        budget = 0 if row["kind"] == "reference" else row["budget"] or 0
+        place = (budget, row["scores"]["exploitability"]["value"], row["scores"]["score"]["value"])
+        if place not in (before := methods.setdefault(called(row), [])):
+            before.append(place)
+    return mean, methods  # type: ignore[return-value]
 
 
 def new_submission(task: Task, *, author: str, out: Path = Path()) -> None:
@@ -212,5 +260,5 @@ def data(
     cli.show(write_data(task, out, split, game, seeds, quick=quick, minari=minari), json_output)
 
 
-COMMANDS: Final = cli.by_name(list_, show, run, verify, board, frontier, new_submission, data)
+COMMANDS: Final = cli.by_name(list_, show, run, verify, board, frontier, figure, new_submission, data)
 main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.suite", __doc__ or "")

@@ -24,6 +24,7 @@ from shuttle_marl.game.draws import HURRY_ONE, ONE
 from shuttle_marl.game.layout import observations
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rally import Rallies
+from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 
@@ -43,6 +44,7 @@ class Log:
     outcome: I8  # [N] index into `OUTCOMES`
     probability: F32  # [N] of the stroke under the behaviour policy; NaN for strokes of the opponent
     rally: I32  # [N] number of the rally, from 0
+    waited: I8  # [N] where the receiver waited; the middle without recovery
     won: Bools  # [R] whether the behaviour policy won the rally
 
     def __len__(self) -> int:
@@ -164,6 +166,7 @@ def log_of(game: Game, rallies: Rallies, player: TabulatedPolicy) -> Log:
         outcome=rallies.outcome(game.catalogue),
         probability=probability,
         rally=rallies.row_of_stroke.astype(np.int32),
+        waited=np.full(len(state), CENTRE, np.int8) if rallies.waited is None else rallies.waited,
         won=rallies.winner == 0,
     )
 

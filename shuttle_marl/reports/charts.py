@@ -519,6 +519,38 @@ def save(drawn: Any, path: Path) -> None:
         replace_file(path, buffer.getvalue())
 
 
+@_styled()
+def tradeoff(frontier: Sequence[tuple[float, float, float]], methods: Mapping[str, Sequence[tuple[int, float, float]]]) -> Any:
+    """Score against exploitability: an exact frontier, and every method at each budget.
+
+    Points far below the frontier are drawn at the lower edge, with their score in the legend.
+
+    Args:
+        frontier: restriction, exploitability and score of its points.
+        methods: by name, budget (0: none), exploitability and score of its points.
+    """
+    drawn = figure(10.5, 6.5)
+    axes = drawn.add_subplot()
+    restriction, risk, score = zip(*frontier, strict=True)
+    axes.plot(risk, score, color=_INK, linewidth=2, label="exact frontier, by restriction")
+    for p, x, y in zip(restriction, risk, score, strict=True):
+        axes.annotate(f"{p:g}", (x, y), (-4, 6), textcoords="offset points", ha="right", fontsize=9)
+    least = min(score) - (max(score) - min(score))
+    budgets = sorted({budget for points in methods.values() for budget, _, _ in points if budget})
+    for i, (name, points) in enumerate(methods.items()):
+        style = {"color": _COLOURS[i % len(_COLOURS)], "marker": "osD^vPX*"[i % 8]}
+        low = [f"{y:.1f}" for _, _, y in points if y < least]
+        places = [(x, max(y, least)) for _, x, y in points]
+        axes.plot(*zip(*places, strict=True), linewidth=0.8, label=label(name) + (f" ({', '.join(low)})" if low else ""), **style)
+        sizes = [6 + 4 * budgets.index(budget) if budget else 6 for budget, _, _ in points]
+        for place, size in zip(places, sizes, strict=True):
+            axes.plot(*place, markersize=size, clip_on=False, **style)
+    axes.set(xlabel="exploitability [points]", ylabel="score: rallies won above perfect play [points]", ylim=(least, None))
+    title = f"larger symbols: {', '.join(f'{budget:,}' for budget in budgets)} strokes" if len(budgets) > 1 else None
+    drawn.legend(loc="outside right upper", fontsize=9, title=title)
+    return drawn
+
+
 def landings(summaries: Mapping[str, "Summary"], reference: "Summary", name: str) -> Any:
     """Share of good strokes that land in each area, coloured by the difference from a reference.
 

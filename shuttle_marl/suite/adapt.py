@@ -14,13 +14,12 @@ from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.method import Method, called, made
-from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, Opponent, families, known, luck, opponent
+from shuttle_marl.suite.population import ADAPT_RALLIES, PEOPLE, Opponent, families, known, luck, opponent
 from shuttle_marl.suite.task import POINTS, Arena, Case, Outcome, Setting, Task, exploitabilities, gains, required, table_of
 
 CHANGES: Final = (0, 5, 20, 80, 240)  # rallies before which the policy may change
-HORIZONS: Final = (20, 100, 500)  # numbers of rallies over which the regret is averaged
 RISK_FROM: Final = 20  # rally from which the exploitability of the policies is averaged
-_OPPONENTS: Final = 3
+_OPPONENTS: Final = 8  # of each family, which are the sample; so a seed is enough
 _TOLERANCE: Final = 1e-4  # error bound of values, far below the differences between methods
 
 
@@ -48,27 +47,26 @@ class Adapt(Task):
 
     Given: the game, about 30 known opponents, and rallies against one that is not known, who may change or learn; the policy may
     change before rallies 0, 5, 20, 80 and 240. Score: the gain of ``exploit``, averaged over all rallies; also regret, the
-    rallies lost against the best response to what the opponent plays, over 20, 100 and 500 rallies; and exploitability of what is
-    played from rally 20 on.
+    rallies lost against the best response to what the opponent plays; and exploitability of what is played from rally 20 on.
     """
 
-    name = "adapt-v0"
+    name = "adapt-v1"
     metric = "gain"
     zero = "perfect play, which uses no weakness"
+    not_proved = "adaptation to people, safe play (see exploitability), and that the opponents were not computed beforehand"
     recovery = True
+    seeds = 1
     hidden: ClassVar[tuple[str, ...]] = ("position of the receiver", "opponent")
     roles = tuple(map(str, CHANGES))
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
 
     def all_cases(self, arena: Arena) -> list[Case]:
-        """Opponents of each family, and controls, which do not count in the score."""
+        """Opponents of each family, and people, who do not count in the score and have a column of their own."""
         numbers = dict.fromkeys(families(arena.game)[: 2 if arena.quick else None], 1 if arena.quick else _OPPONENTS)
         if not arena.quick:
-            numbers[CONTROL] = 1
+            numbers[PEOPLE] = _OPPONENTS
         return [
-            Case(
-                name=f"{family}/{number}", stratum=family, counts=family != CONTROL, options={"family": family, "number": number}
-            )
+            Case(name=f"{family}/{number}", stratum=family, counts=family != PEOPLE, options={"family": family, "number": number})
             for family, size in numbers.items()
             for number in range(size)
         ]
@@ -95,23 +93,23 @@ class Adapt(Task):
         return (*map(str, against.starts), repr(against.learns), *hashes)
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
-        """Gain, the largest possible one, mean regret over each horizon, and exploitability, in points."""
+        """Gain, the largest possible one, mean regret, and exploitability, in points."""
         against = _opponent(arena, case)
         tables = {start: required(outcome, str(start)) for start in CHANGES}
         blocks = _blocks(against)
         played = [_met(against, tables, start) for start, _ in blocks]
-        regret, opponents = np.zeros(ADAPT_RALLIES), list({id(policy): policy for _, policy in played}.values())
+        opponents, rallies = list({id(policy): policy for _, policy in played}.values()), [last - start for start, last in blocks]
         most = dict(zip(map(id, opponents), best_odds(opponents, tolerance=_TOLERANCE), strict=True))
-        for (start, last), (_, policy), odds in zip(blocks, played, pair_odds(played, tolerance=_TOLERANCE), strict=True):
-            regret[start:last] = POINTS * (most[id(policy)].rally - odds.rally)
+        won = pair_odds(played, tolerance=_TOLERANCE)
+        regret = [POINTS * (most[id(policy)].rally - odds.rally) for (_, policy), odds in zip(played, won, strict=True)]
         ends = dict(zip(CHANGES, (*CHANGES[1:], ADAPT_RALLIES), strict=True))
         at_risk = [start for start in CHANGES if start >= RISK_FROM]
         risk = exploitabilities([tables[start] for start in at_risk], tolerance=_TOLERANCE)
-        gain, best = gains(arena, played, rallies=[last - start for start, last in blocks], tolerance=_TOLERANCE)
+        gain, best = gains(arena, played, rallies=rallies, tolerance=_TOLERANCE)
         return {
             "gain": gain,
             "best": best,
-            **{f"regret_{horizon}": float(regret[:horizon].mean()) for horizon in HORIZONS},
+            "regret": float(np.average(regret, weights=rallies)),
             "exploitability": float(np.average(risk, weights=[ends[start] - start for start in at_risk])),
         }
 

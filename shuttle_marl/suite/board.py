@@ -15,7 +15,7 @@ from shuttle_marl.base import cache
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.reports.html import escaped
 from shuttle_marl.suite.options import ACCESS, SPLITS, SuiteError
-from shuttle_marl.suite.results import CARD, NOT_VERIFIED, TASKS, Bounds, Row, difference, read, summarise, verify_run
+from shuttle_marl.suite.results import CARD, NOT_VERIFIED, TASKS, Bounds, Row, difference, read, verify_run
 from shuttle_marl.suite.task import Task
 
 _LONGEST: Final = 60  # characters of a name that are shown
@@ -54,7 +54,6 @@ def rows_of(
     *,
     game: str | None = None,
     seed: str | None = None,
-    check: bool = True,
     progress: Callable[[Any], Any] = iter,
     failed: Callable[[str], object],
 ) -> list[Row]:
@@ -64,7 +63,6 @@ def rows_of(
         folders: run folders, which may be those of strangers.
         results: JSON file with ``rows`` of this package, which are taken as they are; None: none.
         game, seed: see :func:`shuttle_marl.suite.results.verify_run`.
-        check: verify the folders.
         failed: receives the reason why a folder is left out: it is refused, is no finished run, or names no author.
 
     Raises:
@@ -74,23 +72,25 @@ def rows_of(
     with cache.forgotten():
         for folder in folders:
             try:
-                found = verify_run(folder, game, seed, progress=progress) if check else None
-                if found and found.refused:
+                found = verify_run(folder, game, seed, progress=progress)
+                if found.summary is None:
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
-                row = (found and found.summary) or summarise(folder, game, seed)
-                if not row["author"]:
+                if not found.summary["author"]:
                     raise SuiteError(f"the run has no author; name one in {CARD}")
-                rows.append({**row, "remarks": [*row["remarks"], *([] if check else ["not recomputed"])]})
+                rows.append(found.summary)
             except Exception as error:
                 failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
     if results is not None:
-        rows += read(results, _Results).rows
+        rows += read(results, Results).rows
     return rows
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Results:
+class Results:
+    """Rows of this package, and frontiers by task and opponent: a file of ``python -m experiments.suite``."""
+
     rows: list[Row]
+    frontiers: dict[str, dict[str, list[dict[str, float]]]] = dataclasses.field(default_factory=dict)
 
 
 class Board(TypedDict):
@@ -132,6 +132,9 @@ def _board(task: Task, rows: list[Row], title: str) -> Board:
         return ACCESS.index(row["access"]), round(sign * row["score"], _DIGITS)
 
     rows.sort(key=lambda row: (*order(row), called(row)))
+    for row in rows:
+        if same := [called(each) for each in rows if each is not row and each["play"] == row["play"]]:
+            row["remarks"] = [*row["remarks"], f"the same play as {', '.join(same)}"]
     ranked = [row for row in rows if row["kind"] == "method"]
     for row in ranked:
         row["rank"] = 1 + sum(each["access"] == row["access"] and order(each) < order(row) for each in ranked)

@@ -51,39 +51,36 @@ _KNOWN: Final = {
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         **_LEARNERS,
-        **_all("players", "ppo-self-play"),
-        **_all(
-            "players", "restricted-counts", "restricted-mixture", "best-response-counts = restricted-counts:1", access="tables"
-        ),
-        **_all("players", *(f"{name} = from-log:{name}" for name in ("fitted-q", "fitted-q-boosted", "model")), "model-boosted"),
+        **_all("players", "ppo-restricted", "ppo-self-play"),
+        **_all("players", "restricted-counts", "best-response-counts = restricted-counts:1", access="tables"),
+        **_all("players", "model-boosted"),
         **_all("players", "constant", "constant-by-incoming", access="opponent", kind="reference"),
         **_KNOWN,
-        **_all("players", "best-response", "restricted", access="opponent", kind="reference"),
+        **_all("players", "best-response = restricted:1", "restricted", access="opponent", kind="reference"),
     },
     "equilibrium": {
         **_LEARNERS,
-        **_all("players", "ppo-deterministic"),
         **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("best-response", "restarts")), access="tables"),
-        **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("pool", "magnet", "nash"))),
-        **_all("players", "model = solved-model:means", "model-boosted = solved-model:trees"),
-        **_all("players", "fictitious-play", "minimax-deterministic", access="tables", kind="reference"),
+        **_all("players", *(f"ppo-{name} = ppo-variant:{name}" for name in ("pool", "magnet", "emagnet", "nash"))),
+        **_all("players", "model-boosted"),
+        **_all("players", "minimax-deterministic", access="tables", kind="reference"),
         **_KNOWN,
     },
     "adapt": {
         **_all("adapters", "minimax", "restricted-nash", "best-response-bc = restricted-nash", access="tables", kind="reference"),
-        **_all("adapters", "posterior-mean", "likeliest", "counts", "tilts", "mixture", access="tables"),
+        **_all("adapters", "posterior-mean", "counts", "mixture", access="tables"),
         **_all("adapters", *(f"mixture-without-{part} = ablated:{part}" for part in _PARTS), access="tables", kind="ablation"),
     },
     "offline": {
-        **_all("logs", "clone", "one-step", "fitted-q", "fitted-q-pessimistic = fitted-q-pessimistic:0.1", "bcq = bcq:0.3"),
+        **_all("logs", "clone", "one-step", "fitted-q"),
         **_all("logs", "iql = iql:10", "model", "model-pessimistic = model-pessimistic:0.1"),
-        **_all("logs", "fitted-q-boosted = fitted-q-boosted:100", "model-boosted = model-boosted:150"),
+        **_all("logs", "model-boosted = model-boosted:150"),
         **_all("logs", "shipped-minimax = shipped:minimax", access="tables", kind="reference"),
         **_all("logs", "shipped-best-response = shipped:best-response:human:0.05", access="tables", kind="reference"),
     },
     "evaluate": {
         **_all("logs", "behaviour", kind="reference"),
-        **_all("logs", "importance-sampling", "weighted-importance-sampling", "doubly-robust", "weighted-doubly-robust"),
+        **_all("logs", "importance-sampling", "weighted-importance-sampling", "doubly-robust"),
         **_all("logs", "dice", "fitted-q-evaluation", "model = model-value", "model-boosted = model-boosted-value"),
     },
 }

@@ -1,4 +1,4 @@
-"""The tasks ``offline-v0`` and ``evaluate-v0``: learning, and evaluation of policies, from a fixed log."""
+"""The tasks ``offline-v1`` and ``evaluate-v1``: learning, and evaluation of policies, from a fixed log."""
 
 import dataclasses
 import functools
@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from scipy.stats import spearmanr
 
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.files import FractionOrZero, content_hash
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.odds import best_odds, pair_odds
@@ -36,8 +37,8 @@ NAMED: Final = (
 )  # fmt: skip
 """Targets of ``evaluate`` by name."""
 TRAINED: Final = (
-    "one-step", "one-step:2", "one-step:8", "fitted-q", "fitted-q:2", "fitted-q:8", "bcq", "bcq:0.1", "bcq:0.5", "model",
-    "model:2", "model:8", "model-pessimistic", "model-pessimistic:0.2", "clone", "clone:8",
+    "one-step", "one-step:2", "one-step:8", "fitted-q", "fitted-q:2", "fitted-q:8", "one-step:64", "fitted-q:64", "model:64",
+    "model", "model:2", "model:8", "model-pessimistic", "model-pessimistic:0.2", "clone", "clone:8",
 )  # fmt: skip
 """Targets of ``evaluate`` that methods of ``offline`` trained on the log."""
 _QUICK: Final = 3000
@@ -93,9 +94,10 @@ class Offline(LogTask):
     against it, in points above half. A method reads the strokes of both players, or its own alone (``track = "own"``).
     """
 
-    name = "offline-v0"
+    name = "offline-v1"
     metric = "score"
     zero = "play as strong as the opponent"
+    not_proved = "strength against other opponents, safe play (see exploitability), and that the log alone was used"
     protocol = "method(setting: Setting) -> object with fit(log) -> player; log is a Log, or Transitions if track is 'own'"
 
     def all_cases(self, arena: Arena) -> list[Case]:
@@ -151,7 +153,7 @@ class Evaluate(LogTask):
     square error of the estimates, in points of rallies won; also bias, rank correlation, and regret of the policy chosen.
     """
 
-    name = "evaluate-v0"
+    name = "evaluate-v1"
     roles = ()
     answers = ("estimates",)
     metric = "error"
@@ -159,6 +161,7 @@ class Evaluate(LogTask):
     optimum = 0.0
     protocol = "method(setting: Setting) -> object with estimate(log, policies) -> one number from 0 to 1 for each policy"
     zero = "the exact values"
+    not_proved = "accuracy for other policies or logs, and that a value comes from the log alone"
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Each behaviour policy with each number of strokes, on the log that the policies were trained on, and on a fresh one."""
@@ -188,7 +191,7 @@ class Evaluate(LogTask):
         return (log_of_unit(arena, case, seed).hash, *(policy.hash for policy in targets(arena, case, seed).values()))
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:
-        """Error, bias, rank correlation and regret; bias also of the trained policies alone."""
+        """Error, bias, rank correlation and regret; bias of the trained policies alone; error by coverage (:func:`covered`)."""
         policies, estimates = targets(arena, case, seed), outcome.answers.get("estimates")
         try:
             estimated = np.array(msgspec.convert(estimates, list[FractionOrZero]))
@@ -197,7 +200,20 @@ class Evaluate(LogTask):
         if len(estimated) != len(policies):
             raise SuiteError(f"expected {len(policies)} estimates, got {len(estimated)}")
         odds = pair_odds([(policy, arena.policy(OPPONENT)) for policy in policies.values()])
-        return errors(estimated, np.array([each.rally for each in odds]), [name in TRAINED for name in policies])
+        true, share = np.array([each.rally for each in odds]), covered(log_of_unit(arena, case, seed), [*policies.values()])
+        parts = {"covered": share >= np.median(share), "not_covered": share < np.median(share)}
+        apart = {f"error_{name}": errors(estimated[part], true[part], ())["error"] for name, part in parts.items() if part.any()}
+        found = errors(estimated, true, [name in TRAINED for name in policies])
+        return {**found, "error_not_covered": 0.0, **apart, "coverage": float(share.mean())}
+
+
+def covered(log: Log, policies: Sequence[TabulatedPolicy]) -> F64:
+    """``[K]`` coverage of policies: which fraction of their strokes, in the own states of a log, it has at least once."""
+    game, data = log.game, log.transitions
+    seen = np.bincount(data.pair % game.n_base_pairs, minlength=game.n_base_pairs) > 0
+    states, number = np.unique(game.base(data.state), return_counts=True)
+    shares = [tabular.by_state(game, policy.block_probabilities(0) * seen, states, np.add) for policy in policies]
+    return np.array([np.average(share, weights=number) for share in shares])
 
 
 def errors(estimated: Any, true: Any, trained: Sequence[bool]) -> dict[str, float]:

@@ -26,8 +26,8 @@ from shuttle_marl.suite.tabular import normalised
 from shuttle_marl.suite.task import Arena
 
 FAMILIES: Final = ("synthetic", "waiting", "human", "counter", "mixture", "switcher", "learner")
-"""Families of opponents; all but ``control`` count in the score, and ``waiting`` is of the game with recovery."""
-CONTROL: Final = "control"  # clones of players, against whom a best response to bc is almost optimal already
+"""Families of opponents; all but ``people`` count in the score, and ``waiting`` is of the game with recovery."""
+PEOPLE: Final = "people"  # clones of players, against whom a best response to bc is almost optimal already
 ADAPT_RALLIES: Final = 500
 _STYLES: Final = ("attacking", "defensive", "safe", "bc@0.5", "random")
 _TILTS: Final = (-1.0, 1.0)
@@ -71,7 +71,7 @@ def known(arena: Arena) -> dict[str, TabulatedPolicy]:
 
 def opponent(arena: Arena, family: str, number: int) -> Opponent:
     """An opponent of the split."""
-    rng = rng_of("adapt-v0", arena.split, arena.seed, f"{family} {number}")
+    rng = rng_of("adapt-v1", arena.split, arena.seed, f"{family} {number}")
     if family == "learner":
         # Numbers from 1000 on are of no other opponent.
         return Opponent((_policy(arena, "mixture", 1500 + number),), learns=float(rng.uniform(0.3, 0.7)))
@@ -84,7 +84,7 @@ def opponent(arena: Arena, family: str, number: int) -> Opponent:
 
 @functools.lru_cache(maxsize=16)
 def _policy(arena: Arena, family: str, number: int) -> TabulatedPolicy:
-    rng = rng_of("adapt-v0", arena.split, arena.seed, f"{family} {number}")
+    rng = rng_of("adapt-v1", arena.split, arena.seed, f"{family} {number}")
     players = _players(arena, 1 if arena.split == "dev" else 2)
     if family == "synthetic":
         return tilted(arena, _shift(arena, rng))

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, NotRequired, TypedDict
 
 import msgspec
 import numpy as np
+from scipy.stats import trim_mean
 
 from shuttle_marl.base import cache, runs
 from shuttle_marl.base.errors import ShuttleError, did_you_mean, printable
@@ -27,7 +28,7 @@ from shuttle_marl.base.files import (
     replace_file,
     replace_sealed,
 )
-from shuttle_marl.base.intervals import combined, estimate
+from shuttle_marl.base.intervals import RESAMPLES, TRIMMED
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.game.shipped import RECOVERY, drawn_game, is_shipped, resolve_game
 from shuttle_marl.game.tables import Game
@@ -40,7 +41,7 @@ from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
 from shuttle_marl.suite.population import rng_of
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task
 
-TASKS: Final[dict[str, Task]] = {task.name: task() for task in (Exploit, Equilibrium, Adapt, Offline, Evaluate, ExploitEntrance)}
+TASKS: Final[dict[str, Task]] = {task.name: task() for task in (Exploit, ExploitEntrance, Adapt, Evaluate, Offline, Equilibrium)}
 
 
 def find_task(name: str) -> Task:
@@ -87,7 +88,7 @@ def write_data(
     """
     found = find_task(task)
     if not isinstance(found, LogTask):
-        raise SuiteError(f"{task} has no logs; offline-v0 and evaluate-v0 have")
+        raise SuiteError(f"{task} has no logs; offline-v1 and evaluate-v1 have")
     if seeds is not None and seeds < 1:
         raise SuiteError(f"--seeds {seeds}: expected 1 or more")
     arena, hashes = arena_of(found, model, split, quick=quick), {}
@@ -146,7 +147,7 @@ class Entry:
     """Content of a file in ``entries``.
 
     Attributes:
-        answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.
+        answers, strokes: see :class:`shuttle_marl.suite.task.Outcome`.
     """
 
     case: Name
@@ -157,7 +158,6 @@ class Entry:
     scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
     seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]  # time of the method, without scoring
     strokes: StoredCount | None = None
-    curve: Annotated[Sequence[tuple[StoredCount, Figure]], msgspec.Meta(max_length=10_000)] = ()
 
 
 def read(path: Path, kind: type[T], advice: str = "", *, sealed: bool = False, limit: int = MAX_JSON) -> T:
@@ -204,7 +204,7 @@ def read_outcome(folder: Path, entry: Entry, game: Game) -> Outcome:
     stored = StoredPolicies(folder / POLICIES, game)
     loaded = {digest: stored.read(digest) for digest in set(entry.policies.values())}
     policies = {role: loaded[digest] for role, digest in entry.policies.items()}
-    return Outcome(policies=policies, answers=entry.answers, strokes=entry.strokes, curve=entry.curve)
+    return Outcome(policies=policies, answers=entry.answers, strokes=entry.strokes)
 
 
 def write_card(folder: Path, card: Card) -> None:
@@ -241,13 +241,13 @@ def checked(entry: Entry, case: Case) -> Entry:
         entry = msgspec.convert(dataclasses.asdict(entry), Entry)
     except msgspec.ValidationError as error:
         raise SuiteError(f"the method returned something that cannot be stored: {error}") from error
-    if case.budget and (most := max(entry.strokes or 0, *(used for used, _ in entry.curve), 0)) > case.budget:
-        raise SuiteError(f"used {most:,} strokes, more than the budget of {case.budget:,}")
+    if case.budget and (entry.strokes or 0) > case.budget:
+        raise SuiteError(f"used {entry.strokes:,} strokes, more than the budget of {case.budget:,}")
     return entry
 
 
 TOLERANCE: Final = 1e-7  # largest difference between a recomputed score and the stored one, in the unit of the score
-NOT_VERIFIED: Final = ("strokes used", "curves", "tuning", "seconds", "access", "that the method produced these policies")
+NOT_VERIFIED: Final = ("strokes used", "tuning", "seconds", "access", "that the method produced these policies")
 """What no recomputation can show."""
 Units = dict[str, dict[str, list[float]]]  # figures by stratum, case and seed
 
@@ -266,6 +266,7 @@ class Row(TypedDict):
     Attributes:
         cases: hash of the fingerprints of the units of the first seed, from which the others follow; rows of a board have the
             same ones, whether they have one seed, as references, or several.
+        play: hash of what was played and answered in all units.
         metric, score, low, high: the main score with its interval.
         seconds, strokes: sums over all units, as they are declared.
     """
@@ -274,6 +275,7 @@ class Row(TypedDict):
     author: str  # from the card; empty in the rows of this package
     method: str
     cases: str
+    play: str
     split: Split
     quick: bool
     budget: int | None
@@ -341,15 +343,19 @@ def summarise(folder: Path, game: str | None = None, seed: str | None = None) ->
         raise SuiteError(f"{folder}: the units have different scores, or none named {task.metric}; `suite verify` says more")
     counting = [case for case in cases if case.counts]
     scores = {name: aggregate(units_of(counting, entries, name)) for name in names}
+    by_unit = units_of(counting, entries, task.metric)
+    strata = units_of(cases, entries, task.metric)
+    scores |= {f"{task.metric} {name}": aggregate({name: those}) for name, those in strata.items() if len(those) > 1}
     if (risk := scores.get("exploitability")) and risk["low"] is not None:
         risk["low"] = max(0.0, risk["low"])
-    main, by_unit = scores[task.metric], units_of(counting, entries, task.metric)
+    main = scores[task.metric]
     middles = [middle for parts in by_unit.values() for middle in _middles(parts)]
     return {
         "task": task.name,
         "author": card.author or "",
         "method": config.method,
         "cases": content_hash("".join(entries[case.name, 0].fingerprint for case in cases).encode()),
+        "play": content_hash(repr([(sorted(each.policies.items()), sorted(each.answers.items())) for each in units]).encode()),
         "split": config.split,
         "quick": config.quick,
         "budget": config.budget,
@@ -380,6 +386,8 @@ def _remarks(task: Task, config: RunConfig, card: Card, units: Sequence[Entry]) 
         found.append(f"{config.seeds} of {task.seeds} seeds")
     if task.budgets and any(entry.strokes is None for entry in units):
         return [*found, "strokes not declared"]
+    if config.seeds > 1 and all(each.policies == units[0].policies and each.answers == units[0].answers for each in units):
+        found.append("all units are equal")
     used = max(entry.strokes or 0 for entry in units)
     smaller = [budget for budget in task.budgets if used <= budget < (config.budget or 0)]
     return found + [f"fits the budget of {budget:,} strokes" for budget in smaller[:1]]
@@ -398,20 +406,23 @@ def units_of(cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], na
 def aggregate(units: Units) -> Bounds:
     """The mean over cases of the interquartile mean over seeds, with its 95 % interval.
 
-    The sample of a stratum are its cases, which are exchangeable, or the seeds of its only case.
+    The interval is that of rliable (Agarwal et al., NeurIPS 2021): percentiles of a bootstrap stratified by case, which draws the
+    seeds of a case again, or the cases of a stratum, which are exchangeable. A single unit has none.
     """
-    estimates = [
-        estimate(_middles(cases), trimmed=False) if len(cases) > 1 else estimate(*cases.values(), trimmed=True)
-        for cases in units.values()
-    ]
-    found = combined(estimates, list(map(len, units.values())))
-    low, high = (None if np.isnan(bound) else bound for bound in (found.low, found.high))
-    return {"value": found.value, "low": low, "high": high}
+    rng, means, known = np.random.default_rng(0), [], True
+    for cases in units.values():
+        sample = np.array(_middles(cases) if len(cases) > 1 else next(iter(cases.values())))
+        known &= len(sample) > 1
+        drawn = np.vstack([sample, sample[rng.integers(len(sample), size=(RESAMPLES, len(sample)))]])
+        means.append(len(cases) * (drawn.mean(axis=1) if len(cases) > 1 else trim_mean(drawn, TRIMMED, axis=1)))
+    value, *resampled = np.sum(means, axis=0) / sum(map(len, units.values()))
+    low, high = np.percentile(resampled, (2.5, 97.5)).tolist() if known else (None, None)
+    return {"value": float(value), "low": low, "high": high}
 
 
 def _middles(cases: Mapping[str, Sequence[float]]) -> list[float]:
     """The interquartile mean over seeds of each case."""
-    return [estimate(seeds, trimmed=True).value for seeds in cases.values()]
+    return [float(trim_mean(seeds, TRIMMED)) for seeds in cases.values()]
 
 
 def difference(ours: Row, theirs: Row) -> Bounds:

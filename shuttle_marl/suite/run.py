@@ -4,9 +4,8 @@ import dataclasses
 import functools
 import itertools
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from rich.console import Console
 from rich.progress import Progress, TimeElapsedColumn
@@ -72,34 +71,30 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         folder = run.folder
         numbers = itertools.product(range(len(cases)), range(config.seeds))
         units = [unit for unit in numbers if not results.entry_path(folder, *unit).exists()]
-        about = {**runs.describe(PACKAGES), "sources": _sources(folder, config, more=bool(units))}
-        runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
+        if units:
+            sources = source_hashes(options.method if baseline is None else f"{__name__}:")
+            run.begin(PACKAGES, same={"sources": sources})
         play = functools.partial(play_unit, folder, config, options.seed)
-        played = in_processes(play, units, min(options.workers, len(units)), ray=options.ray, packages=PACKAGES)
-        with Progress(
-            *Progress.get_default_columns(), TimeElapsedColumn(), console=console or Console(quiet=True), transient=True
-        ) as bar:
+        # Code of strangers finds nothing that its other units left.
+        played = in_processes(
+            play, units, min(options.workers, len(units)), apart=baseline is None, ray=options.ray, packages=PACKAGES
+        )
+        console = console or Console(quiet=True)
+        columns = (*Progress.get_default_columns(), TimeElapsedColumn())
+        saved = functools.partial(_saved, folder, len(cases) * config.seeds)
+        with run.resumable(saved), Progress(*columns, console=console, transient=True) as bar:
             # A unit may take hours.
             for path, entry, policies in bar.track(played, len(units), description="units"):
                 results.write_entry(folder, path, entry, policies)
+        if units:
+            run.finish()
         write_card(folder, card)
         runs.write_json(folder / results.RESULTS, summarise(folder, options.game, options.seed))
-        runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
 
 
-def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str]:
-    """Hashes of the files of a method, which are those that the run was started with if there is more to play."""
-    baseline = baseline_of(config.task, config.method)
-    path, now = folder / runs.MANIFEST, source_hashes(config.method if baseline is None else f"{__name__}:")
-    if not runs.has_results(folder):
-        return now
-    before: dict[str, str] = runs.read_json(path, dict[str, Any]).get("sources", {}) if path.exists() else {}
-    changed = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
-    if changed and more:
-        advice = "two versions are never mixed: restore it, or start again with --overwrite or another --out"
-        raise SuiteError(f"{folder}: {', '.join(changed)} changed after the run was started; {advice}")
-    return before
+def _saved(folder: Path, units: int) -> str:
+    return f"{len(list((folder / results.ENTRIES).glob('*.json')))} of {units} units are saved"
 
 
 def play_unit(folder: Path, config: RunConfig, round_seed: str | None, unit: tuple[int, int]) -> PlayedUnit:
@@ -123,7 +118,6 @@ def play_unit(folder: Path, config: RunConfig, round_seed: str | None, unit: tup
             scores=task.score(arena, case, seed, outcome),
             seconds=seconds,
             strokes=outcome.strokes,
-            curve=tuple(outcome.curve),
         ), case)  # fmt: skip
     except ShuttleError as error:
         raise SuiteError(f"{config.method}, case {case.name}, seed {seed}: {error}") from error

@@ -13,13 +13,16 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I32, I64, Floats, Ints
 from shuttle_marl.exact.profile import PairPolicy
-from shuttle_marl.game.draws import ONE
-from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.draws import CHOICE_ONE, ONE
+from shuttle_marl.game.recovery import STEP, Recovery
+from shuttle_marl.game.rules import FAULT, HURRIED_ABOVE, HURRIED_BELOW, OUTCOMES, RETURNED_ABOVE, RETURNED_BELOW, WINNER
 from shuttle_marl.game.tables import Game, hurry_units
 from shuttle_marl.recording.logs import Log, Transitions
 
 SHRINK = 32.0  # pseudo-observations of the coarser cell
 _SWEEPS = 30
+_MOST = 2000  # largest effect of a position, in steps of log-odds
 _LEAST = 64  # least probability that a stroke ends a rally, in units of 1/65536
 
 
@@ -125,13 +128,9 @@ def expected_under(game: Game, chance: F64) -> Backup:
     return lambda q, states: by_state(game, chance * q, states, np.add)
 
 
-def best_of(game: Game, allowed: F64 | None = None) -> Backup:
-    """Values of the best stroke, of those with ``allowed`` (``[base pairs]``) above 0."""
-
-    def best(q: F64, states: I32) -> F64:
-        return by_state(game, q if allowed is None else np.where(allowed > 0, q, -np.inf), states, np.maximum)
-
-    return best
+def best_of(game: Game) -> Backup:
+    """Values of the best stroke."""
+    return lambda q, states: by_state(game, q, states, np.maximum)
 
 
 def fitted_q(
@@ -139,23 +138,19 @@ def fitted_q(
     backup: Backup,
     *,
     shrink: float = SHRINK,
-    fit: Callable[[F64], F64] | None = None,
-    sweeps: int = _SWEEPS,
 ) -> F64:
     """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke.
 
     Args:
         backup: value of the next state.
         shrink: pseudo-observations of the coarser cell.
-        fit: maps ``[M]`` targets to ``[base pairs]`` Q-values; default: :func:`shrunk_means`.
-        sweeps: largest number of iterations.
     """
     game, prior = data.game, float(data.won[data.first].mean())
-    fit = fit or (lambda target: shrunk_means(game, data.pair, target, prior=prior, shrink=shrink))
+    fit = functools.partial(shrunk_means, game, data.pair, prior=prior, shrink=shrink)
     going = data.following >= 0
     states, index = np.unique(game.base(data.following[going]), return_inverse=True)
     q = fit(data.won.astype(np.float64))
-    for _ in range(sweeps):
+    for _ in range(_SWEEPS):
         target = data.reward.astype(np.float64)
         target[going] = backup(q, states.astype(np.int32))[index]
         updated = fit(target)
@@ -165,10 +160,9 @@ def fitted_q(
     return q
 
 
-def greedy(game: Game, q: F64, allowed: F64 | None = None) -> PairPolicy:
-    """The policy that plays the first best stroke, of those with ``allowed`` above 0."""
-    values = q if allowed is None else np.where(allowed > 0, q, -np.inf)
-    order = np.lexsort((-game.base_pair_rank, values, game.base_pair_state))
+def greedy(game: Game, q: F64) -> PairPolicy:
+    """The policy that plays the first best stroke."""
+    order = np.lexsort((-game.base_pair_rank, q, game.base_pair_state))
     last = np.append(np.diff(game.base_pair_state[order]) > 0, True)
     chance = np.zeros(game.n_base_pairs)
     chance[order[last]] = 1.0
@@ -207,3 +201,51 @@ def with_faults(game: Game, penalty: F64) -> Game:
     fault = np.minimum(shares[:, 0] + penalty, 1.0)
     others = shares[:, 1:] * ((1 - fault) / np.maximum(1 - shares[:, 0], 1e-9))[:, None]
     return game_of(game, np.column_stack([fault, others]))
+
+
+_RIDGE_EFFECT = 4.0  # information of a cell that changes nothing, in observations with even odds
+_PEOPLE = 4.0  # pseudo-observations of the feasible positions of a cell
+
+
+def with_positions(model: Game, pair: Ints, outcome: Ints, place: Ints) -> Game:
+    """A model of the game with recovery, with effects of positions and frequencies of them from strokes.
+
+    Args:
+        model: with outcomes that are means over the positions of the strokes.
+        pair, outcome, place: ``[M]`` each; place is where the receiver waited.
+    """
+    assert model.recovery is not None
+    base, shares = pair % model.n_base_pairs, model.outcome_probabilities(slice(0, model.n_base_pairs))
+    state, stroke = model.base_pair_state[base], model.base_pair_stroke[base]
+    p, late = shares[base], outcome >= HURRIED_BELOW
+    above, returned = np.isin(outcome, (RETURNED_ABOVE, HURRIED_ABOVE)), outcome >= RETURNED_BELOW
+    of_contact = np.where(above, RETURNED_ABOVE, RETURNED_BELOW)
+    rows = np.arange(len(base))
+    contact = p[rows, of_contact] + p[rows, of_contact + 2]
+    chances = (
+        (outcome != FAULT, outcome == WINNER, p[:, WINNER] / (1 - p[:, FAULT])),
+        (returned, above, (p[:, RETURNED_ABOVE] + p[:, HURRIED_ABOVE]) / p[:, RETURNED_BELOW:].sum(axis=1)),
+        (returned, late, p[rows, of_contact + 2] / contact),
+    )
+    shot, area, served = model.catalogue.shot[stroke], model.catalogue.area[stroke], model.catalogue.is_serve[stroke]
+    effect = np.zeros(model.recovery.effect.shape)
+    for found, (counted, happened, chance) in zip(effect, chances, strict=True):
+        used = counted & ~served
+        logit = np.log(np.clip(chance, 1e-4, 1 - 1e-4)) - np.log1p(-np.clip(chance, 1e-4, 1 - 1e-4))
+        cell = np.ravel_multi_index((shot, area, place), found.shape)[used]
+        # A step of Newton for each shot type and position, and then one for each area too.
+        for cells in (np.ravel_multi_index((shot, place), found.shape[::2])[used], cell):
+            odds = 1 / (1 + np.exp(-(logit[used] + found.ravel()[cell])))
+            size = cells.max(initial=0) + 1
+            step = np.bincount(cells, happened[used] - odds, size) / (np.bincount(cells, odds * (1 - odds), size) + _RIDGE_EFFECT)
+            added = np.zeros(found.size)
+            added[cell] = step[cells]
+            np.add(found, added.reshape(found.shape), out=found)
+    people = _PEOPLE * (model.recovery.people > 0) / (model.recovery.people > 0).sum(axis=-1, keepdims=True)
+    own, incoming = (np.append(model.catalogue.area, N_AREAS)[part(state)] for part in (model.own, model.incoming))
+    np.add.at(people, (model.incoming_shot(state), own, incoming, model.contact(state), model.hurried(state), place), 1)
+    people = np.floor(CHOICE_ONE * people / people.sum(axis=-1, keepdims=True)).astype(np.uint16)
+    flat = people.reshape(-1, people.shape[-1])
+    flat[np.arange(len(flat)), flat.argmax(axis=1)] += (CHOICE_ONE - flat.sum(axis=1, dtype=np.int64)).astype(np.uint16)
+    steps = np.rint(np.clip(effect / STEP, -_MOST, _MOST)).astype(np.int16)
+    return dataclasses.replace(model, recovery=Recovery(people=people, effect=steps))

@@ -53,13 +53,11 @@ class Outcome:
         policies: tables by role, such as ``player``.
         answers: JSON values by name, for tasks that score more than policies.
         strokes: strokes that the learner declares to have used; None: unknown or not applicable.
-        curve: score after so many strokes, as pairs.
     """
 
     policies: Mapping[str, TabulatedPolicy] = dataclasses.field(default_factory=dict)
     answers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     strokes: int | None = None
-    curve: Sequence[tuple[int, float]] = ()
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,6 +101,7 @@ class Task(abc.ABC):
     metric: ClassVar[str]  # entry of the scores that ranks methods
     unit: ClassVar[str] = "points"  # unit of the metric; a point is one rally in a hundred
     zero: ClassVar[str]  # what 0 of the metric is
+    not_proved: ClassVar[str]  # what a score does not prove
     higher_is_better: ClassVar[bool] = True
     recovery: ClassVar[bool] = False  # whether the game is the one with recovery, in which the receiver's position is hidden
     hidden: ClassVar[tuple[str, ...]] = ()  # what a player of the task does not know
@@ -118,6 +117,11 @@ class Task(abc.ABC):
     roles: ClassVar[tuple[str, ...]] = ("player",)  # roles of the policies of an outcome
     answers: ClassVar[tuple[str, ...]] = ()  # names of the answers of an outcome
     optimum: ClassVar[float | None] = None  # score of perfect play; None: the score ``best`` of a unit, if there is one
+
+    @property
+    def question(self) -> str:
+        """The first line of the docstring."""
+        return (self.__doc__ or "").partition("\n")[0].rstrip(".").replace("``", "`")
 
     @property
     def about(self) -> str:
@@ -230,6 +234,7 @@ def gains(
     played: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]],
     *,
     rallies: Sequence[int] | None = None,
+    p: float = WEIGHT,
     tolerance: float,
 ) -> tuple[float, float]:
     """The gain of what was played, and the largest possible one, in points; 0 is perfect play.
@@ -238,12 +243,13 @@ def gains(
         arena: has perfect play.
         played: a policy and its opponent, one pair after the other.
         rallies: for how many rallies each pair played; None: equally many.
+        p: restriction of the opponent.
         tolerance: largest acceptable error bound of a value.
     """
     opponents = [opponent for _, opponent in played]
     perfect = [arena.policy("minimax")] * len(played)
     worth, zero, most = (
-        POINTS * float(np.average([odds.rally for odds in restricted_odds(pairs, WEIGHT, tolerance=tolerance)], weights=rallies))
+        POINTS * float(np.average([odds.rally for odds in restricted_odds(pairs, p, tolerance=tolerance)], weights=rallies))
         for pairs in (played, [*zip(perfect, opponents, strict=True)], [(None, each) for each in opponents])
     )
     return worth - zero, most - zero

@@ -46,7 +46,7 @@ class QConfig:
 def implicit_q(data: Transitions, config: QConfig, seed: int) -> F64:
     """``[base pairs]`` logits of the policy of IQL, for the legal strokes of all states at effort 0."""
     game, rng = data.game, np.random.default_rng(seed)
-    with InitialWeights(torch.Generator().manual_seed(seed)):
+    with InitialWeights(seed):
         q, value, policy = (
             head(game, outputs, width=config.width, hidden=config.hidden, scale=0.1)
             for outputs in (game.n_strokes, 1, game.n_strokes)

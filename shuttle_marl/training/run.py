@@ -228,7 +228,7 @@ class _Training(Callback):
         config, game, self.folder = self.config, self.game, self.run.folder
         # Self-play is evaluated against the benchmark's opponent.
         self.evaluator = Evaluator(game, self.opponents or [self.reference], self.reference)
-        with InitialWeights(torch.Generator().manual_seed(self._seed(_WEIGHTS))):
+        with InitialWeights(self._seed(_WEIGHTS)):
             opponents = self.opponents or [self.reference] * n_opponents(config)
             self.learner = LEARNERS[config.algorithm](config, game, opponents)
         self.self_play = SelfPlayOpponents(config, game, self.learner)

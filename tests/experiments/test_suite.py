@@ -5,21 +5,23 @@ from pathlib import Path
 
 import pytest
 
-from docs.tools import suite_tables
 from docs.tools.results import RESULTS as LISTED
+from experiments.suite import foreign
+from experiments.suite import main as suite_experiment
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.suite import TASKS
 from shuttle_marl.suite.method import baseline_of
 from shuttle_marl.suite.results import arena_of
 from tests.experiments.commands import run
 from tests.reduced import reduced_model
+from tests.suite.test_boards import row
 
 RESULTS = Path(__file__).parents[2] / "experiments" / "results" / "suite.json"
 
 
 def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, results = tmp_path / "runs", tmp_path / "suite.json"
-    tasks = ("equilibrium-v0", "exploit-entrance-v0")
+    tasks = ("equilibrium-v1", "exploit-entrance-v1")
     flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--json", str(results)]
     run("experiments.suite", *flags, "--out", str(out), "--tasks", *tasks)
     rows = json.loads(results.read_text())["rows"]
@@ -33,13 +35,21 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
     assert added[:2] == rows
     capsys.readouterr()
     assert suite(("board", "--results", str(results))) == 0
-    assert "### equilibrium-v0, test" in capsys.readouterr().out
+    assert "### equilibrium-v1, test" in capsys.readouterr().out
 
 
-def test_committed_results_are_of_the_tasks_and_methods_and_of_one_game() -> None:
+def test_rows_of_another_commit_or_game_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    results = tmp_path / "suite.json"
+    flags = ["--again", "3", "--json", str(results), "--out"]
+    rows = [{**row(commit="a" * 40), "game": arena_of(TASKS["exploit-entrance-v1"], "default", "test").base}]
+    for number, (changes, told) in enumerate([({"game": "g" * 64}, "not the present one"), ({"commit": "b" * 40}, "2 commits")]):
+        results.write_text(json.dumps({"rows": [*rows, {**rows[0], **changes}], "frontiers": {}}))
+        assert suite_experiment([*flags, str(tmp_path / str(number))]) == 1
+        assert told in capsys.readouterr().err
+
+
+def test_committed_results_are_of_the_tasks_and_methods_and_of_one_game_and_commit() -> None:
     rows = json.loads(RESULTS.read_text())["rows"]
-    assert all(baseline_of(row["task"], row["method"]) for row in rows if row["task"] in TASKS)
-    assert {row["task"] for row in rows} <= {*TASKS}
-    games = {arena_of(task, "default", split).base for task in TASKS.values() for split in ("dev", "test")}
-    assert {row["game"] in games for row in rows} == {not LISTED["suite"].earlier}
-    assert ("no results in the present game" in suite_tables.task_boards("exploit")) == LISTED["suite"].earlier
+    assert all(baseline_of(row["task"], row["method"]) for row in rows)
+    assert foreign(rows) == []
+    assert not LISTED["suite"].earlier

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from scipy import stats
 
 from shuttle_marl.base import files, runs, table_files
 from shuttle_marl.base.cache import NAME, Cache, key_of
@@ -35,7 +34,6 @@ from shuttle_marl.base.files import (
     Weight,
     check_bounds,
 )
-from shuttle_marl.base.intervals import Moments, combined, estimate
 from shuttle_marl.base.programs import Program, ProgramError
 from shuttle_marl.base.runs import Journal, RunError
 
@@ -47,39 +45,6 @@ def message(call: Callable[..., object], kind: type[Exception] = ShuttleError, *
     except kind as error:
         return str(error)
     return ""
-
-
-# Intervals.
-
-
-def test_moments_of_a_sample() -> None:
-    assert estimate([3.0], trimmed=False)[::2] == (3.0, 0)
-    assert math.isnan(estimate([3.0], trimmed=True).variance)
-    # Mean 3, variance 20 / 3, of which the error is a quarter.
-    assert estimate([0.0, 2.0, 4.0, 6.0], trimmed=False) == pytest.approx((3.0, 20 / 3 / 4, 3))
-    # 0 and 100 are left out; the winsorised sample is 1, 1, 2, 3, 3 ... of mean 2: sum of squares 4; (n - 1) s² / (h (h - 1)).
-    assert estimate([100.0, 1.0, 2.0, 0.0, 3.0], trimmed=True) == pytest.approx((2.0, 4 / (3 * 2), 2))
-    assert estimate([5.0, 1.0, 3.0], trimmed=True) == estimate([5.0, 1.0, 3.0], trimmed=False), "a quarter of three is none"
-    numbers = np.arange(8.0) ** 2
-    kept = np.clip(numbers, numbers[2], numbers[5])
-    assert estimate(numbers, trimmed=True) == pytest.approx((numbers[2:6].mean(), kept.var(ddof=1) * 7 / (4 * 3), 3))
-
-
-def test_combined_estimates() -> None:
-    one, other = Moments(1.0, 0.04, 4), Moments(3.0, 0.16, 9)
-    found = combined([one, other], [3, 1])
-    share = np.array([0.75, 0.25])
-    errors = share**2 * [0.04, 0.16]
-    freedom = errors.sum() ** 2 / (errors**2 / [4, 9]).sum()
-    half = stats.t.ppf(0.975, freedom) * math.sqrt(errors.sum())
-    assert found == pytest.approx((1.5, 1.5 - half, 1.5 + half))
-    exact = stats.ttest_1samp([1.0, 2.0, 4.0, 8.0], 0).confidence_interval(0.95)
-    assert combined([estimate([1.0, 2.0, 4.0, 8.0], trimmed=False)], [1])[1:] == pytest.approx((exact.low, exact.high))
-    assert combined([Moments(1.0, 0.0, 3)], [2]) == (1, 1, 1)
-    unknown = combined([one, Moments(3.0, math.nan, 0)], [1, 1])
-    assert unknown.value == 2
-    assert math.isnan(unknown.low)
-    assert math.isnan(unknown.high)
 
 
 # Errors.

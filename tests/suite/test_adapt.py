@@ -1,4 +1,4 @@
-"""The task adapt-v0: populations, play, regret, and what a method may know."""
+"""The task adapt-v1: populations, play, regret, and what a method may know."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
 
 from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
 from shuttle_marl.exact.fixed_point import ExactError
@@ -20,16 +19,13 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import results
 from shuttle_marl.suite.adapt import CHANGES, AdaptSetting, PlayedRally, observed
 from shuttle_marl.suite.methods.adapters import (
-    Likeliest,
     Minimax,
     Mixture,
     Population,
     PosteriorMean,
-    Tilts,
     change_point,
     mixture_weights,
     respond,
-    struck,
     tilted_positions,
 )
 from shuttle_marl.suite.options import SuiteError
@@ -44,7 +40,7 @@ from tests.suite.small import summary, verified
 
 GAME = load_game(f"{reduced_model()}:recovery")
 PLAIN = reduced_game()
-TASK = find_task("adapt-v0")
+TASK = find_task("adapt-v1")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +49,7 @@ def arena() -> Arena:
 
 
 def run(tmp_path: Path, method: str) -> Path:
-    return small.run("adapt-v0", method, tmp_path / "run")
+    return small.run("adapt-v1", method, tmp_path / "run")
 
 
 def test_a_restricted_response_lies_between_minimax_and_the_best_response() -> None:
@@ -146,11 +142,11 @@ class Peeking(Oracle):
 def test_regret_is_exact(tmp_path: Path, arena: Arena) -> None:
     folder = run(tmp_path, f"{__name__}:Oracle")
     first, second = (results.read_entry(results.entry_path(folder, number, 0)) for number in (0, 1))
-    assert first.scores["regret_500"] == pytest.approx(0, abs=1e-3)
+    assert first.scores["regret"] == pytest.approx(0, abs=1e-3)
     player = StoredPolicies(folder / results.POLICIES, GAME).read(first.policies["0"])
     habit = opponent(arena, "waiting", 0).policies[0]
     lost = 100 * (best_response(habit).value.odds().rally - evaluate(player, habit).odds().rally)
-    assert [second.scores[f"regret_{n}"] for n in (20, 500)] == pytest.approx([lost, lost], abs=1e-2)
+    assert second.scores["regret"] == pytest.approx(lost, abs=1e-2)
     risk = 100 * (best_response(player).value.odds().rally - 0.5)
     assert second.scores["exploitability"] == pytest.approx(risk, abs=1e-2)
     assert verified(folder).refused == []
@@ -268,32 +264,12 @@ def test_the_posterior_is_that_of_bayes_and_forgets(arena: Arena) -> None:
 
 def test_estimates_from_the_posterior() -> None:
     parts = np.stack([policy.block_probabilities(0) for policy in THREE.values()])
-    mean, likeliest = (method(setting_of(SMALL, THREE)) for method in (PosteriorMean, Likeliest))
-    mean.log_posterior = likeliest.log_posterior = np.log([0.4, 0.5995, 0.0005])
+    mean = PosteriorMean(setting_of(SMALL, THREE))
+    mean.log_posterior = np.log([0.4, 0.5995, 0.0005])
     assert mean.estimate().block_probabilities(0) == pytest.approx((0.4 * parts[0] + 0.5995 * parts[1]) / 0.9995, abs=1e-6)
     mean.log_posterior = np.log([0.4, 0.599, 0.001 * (1 + 1e-9)])
     assert mean.estimate().block_probabilities(0) == pytest.approx(np.array([0.4, 0.599, 0.001]) @ parts, abs=1e-6)
-    assert likeliest.estimate() is THREE["other"]
     assert Minimax(setting_of(SMALL, THREE)).policy_for_next_rally().hash == solve(SMALL).policy[0].hash
-
-
-def test_tilts_are_the_maximum_a_posteriori() -> None:
-    """Of one known type beside bc there is one number, found by a search."""
-    types = {name: THREE[name] for name in ("bc", "other")}
-    agent, rallies = Tilts(setting_of(SMALL, types)), rallies_against(THREE["other"], 60)
-    agent.seen = rallies
-    bc, other = (THREE[name].block_probabilities(0) for name in ("bc", "other"))
-    feature = np.log(other.clip(1e-4) / bc.clip(1e-4)).clip(-3, 3)
-    pairs = struck(rallies)
-    assert pairs.tolist() == [pair for rally in rallies for pair, own in zip(rally.pair, rally.own, strict=True) if not own]
-
-    def tilted(tilt: float) -> np.ndarray:
-        weight = bc.clip(1e-4) * np.exp(tilt * feature)
-        return np.asarray(weight / np.bincount(SMALL.base_pair_state, weight)[SMALL.base_pair_state])
-
-    best = minimize_scalar(lambda tilt: tilt**2 / (2 * 0.3**2) - np.log(tilted(tilt)[pairs]).sum(), (0, 1)).x
-    assert abs(best) > 0.1
-    assert agent.estimate().block_probabilities(0) == pytest.approx(tilted(best), abs=1e-3)
 
 
 def test_responses_have_a_restriction() -> None:

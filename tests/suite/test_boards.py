@@ -14,10 +14,10 @@ def row(score: float = 0.5, **fields: Any) -> Any:
         return {"value": value, "low": None, "high": None}
 
     plain = {
-        "task": "exploit-entrance-v0", "split": "test", "budget": 10**5, "cases": "c" * 64, "game": "g" * 64, "method": "mine",
+        "task": "exploit-entrance-v1", "split": "test", "budget": 10**5, "cases": "c" * 64, "game": "g" * 64, "method": "mine",
         "author": "alice", "kind": "method", "access": "samples", "score": score, "worst": score, "tuning_strokes": 0,
         "scores": {"gain": bounds(score), "best": bounds(1.0)}, "seeds": 2, "units": {"0": {"a": [score - 0.1, score + 0.1]}},
-        "remarks": [],
+        "remarks": [], "play": repr((score, sorted(map(repr, fields.items())))),
     }  # fmt: skip
     return {**plain, **fields}
 
@@ -36,7 +36,7 @@ def test_rows_are_ordered_by_access_and_score() -> None:
     ]  # fmt: skip
     assert found["best"] is not None
     assert (found["best"]["method"], found["optimum"], found["gap"]) == ("high", 1.0, pytest.approx(0.2))
-    assert found["title"] == "exploit-entrance-v0, test, 100,000 strokes"
+    assert found["title"] == "exploit-entrance-v1, test, 100,000 strokes"
     assert found["columns"] == ["best"]
     behind = {each["method"]: each["behind"]["value"] for each in found["rows"] if "behind" in each}
     assert behind == {"low": pytest.approx(0.7), "tables": pytest.approx(-0.15), "reader": pytest.approx(-0.1)}
@@ -48,12 +48,22 @@ def test_ties_share_a_rank() -> None:
     assert [(each["method"], each["rank"]) for each in found["rows"]] == [("a", 1), ("b", 1), ("c", 3)]
 
 
+def test_equal_play_is_found_whoever_sent_it() -> None:
+    (found,) = boards([row(author="alice", play="p"), row(author="mallory", method="mine2", play="p"), row(0.4, method="other")])
+    remarks = {row["author"] + row["method"]: row["remarks"] for row in found["rows"]}
+    assert remarks == {
+        "alicemine": ["the same play as mallory/mine2"],
+        "mallorymine2": ["the same play as alice/mine"],
+        "aliceother": [],
+    }
+
+
 def test_less_is_better_where_the_metric_is_a_loss() -> None:
     bounds = {"value": 1.0, "low": None, "high": None}
-    loss: dict[str, Any] = {"task": "equilibrium-v0", "scores": {"exploitability": bounds, "won": bounds}, "split": "dev"}
+    loss: dict[str, Any] = {"task": "equilibrium-v1", "scores": {"exploitability": bounds, "won": bounds}, "split": "dev"}
     (found,) = boards([row(score, method=str(score), **loss) for score in (3.0, 1.0, 2.0)])
     assert [each["method"] for each in found["rows"]] == ["1.0", "2.0", "3.0"]
-    assert (found["title"], found["optimum"], found["gap"]) == ("equilibrium-v0, dev, 100,000 strokes", 0.0, 1.0)
+    assert (found["title"], found["optimum"], found["gap"]) == ("equilibrium-v1, dev, 100,000 strokes", 0.0, 1.0)
     (empty,) = boards([row(kind="reference", **loss)])
     assert (empty["best"], empty["optimum"], empty["gap"]) == (None, 0.0, None)
 
@@ -61,16 +71,16 @@ def test_less_is_better_where_the_metric_is_a_loss() -> None:
 def test_boards_stand_by_task_split_budget_and_cases() -> None:
     rows = [
         row(budget=10**6), row(split="dev"), row(game="h" * 64), row(cases="d" * 64), row(), row(split="round"),
-        row(task="unknown"), row(task="exploit-v0"),
+        row(task="unknown"), row(task="exploit-v1"),
     ]  # fmt: skip
     assert [found["title"] for found in boards(rows)] == [
-        "exploit-v0, test, 100,000 strokes",
-        "exploit-entrance-v0, dev, 100,000 strokes",
-        "exploit-entrance-v0, test, 100,000 strokes, game gggggggg, cases cccccccc",
-        "exploit-entrance-v0, test, 100,000 strokes, game gggggggg, cases dddddddd",
-        "exploit-entrance-v0, test, 100,000 strokes, game hhhhhhhh, cases cccccccc",
-        "exploit-entrance-v0, test, 1,000,000 strokes",
-        "exploit-entrance-v0, round, 100,000 strokes",
+        "exploit-v1, test, 100,000 strokes",
+        "exploit-entrance-v1, dev, 100,000 strokes",
+        "exploit-entrance-v1, test, 100,000 strokes, game gggggggg, cases cccccccc",
+        "exploit-entrance-v1, test, 100,000 strokes, game gggggggg, cases dddddddd",
+        "exploit-entrance-v1, test, 100,000 strokes, game hhhhhhhh, cases cccccccc",
+        "exploit-entrance-v1, test, 1,000,000 strokes",
+        "exploit-entrance-v1, round, 100,000 strokes",
     ]
 
 
@@ -85,7 +95,7 @@ def test_names_of_strangers_are_escaped_and_short() -> None:
 @pytest.mark.parametrize("given", [{"resume": True, "overwrite": True}, {"workers": 0}, {"workers": 513}])
 def test_options_of_runs_are_checked(given: dict[str, Any]) -> None:
     with pytest.raises(SuiteError, match=r"--resume continues a run|workers"):
-        SuiteRun(task="exploit-v0", method="ppo", **given)
+        SuiteRun(task="exploit-v1", method="ppo", **given)
 
 
 def test_a_difference_is_of_paired_units() -> None:
@@ -93,8 +103,8 @@ def test_a_difference_is_of_paired_units() -> None:
         return {"task": task, "method": "x", "units": {"s": gains}}
 
     ours, theirs = {"a": [3.0, 5.0], "b": [4.0, 4.0]}, {"a": [1.0, 2.0], "b": [4.0, 3.0]}
-    assert difference(row("exploit-v0", ours), row("exploit-v0", theirs))["value"] == pytest.approx((2.5 + 0.5) / 2)
-    assert difference(row("equilibrium-v0", ours), row("equilibrium-v0", theirs))["value"] == pytest.approx(-1.5)
-    for other in (row("equilibrium-v0", ours), row("exploit-v0", {"a": [1.0, 2.0]}), row("exploit-v0", {**theirs, "b": [1.0]})):
+    assert difference(row("exploit-v1", ours), row("exploit-v1", theirs))["value"] == pytest.approx((2.5 + 0.5) / 2)
+    assert difference(row("equilibrium-v1", ours), row("equilibrium-v1", theirs))["value"] == pytest.approx(-1.5)
+    for other in (row("equilibrium-v1", ours), row("exploit-v1", {"a": [1.0, 2.0]}), row("exploit-v1", {**theirs, "b": [1.0]})):
         with pytest.raises(SuiteError, match="x and x have different cases or seeds; run both with the same ones"):
-            difference(row("exploit-v0", ours), other)
+            difference(row("exploit-v1", ours), other)

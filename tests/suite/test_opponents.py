@@ -23,8 +23,8 @@ def test_random_numbers_are_of_a_split_or_of_a_seed() -> None:
     def drawn(*arguments: Any) -> int:
         return int(rng_of(*arguments).integers(1 << 62))
 
-    asked: list[Any] = [("adapt-v0", "dev", None, "a 1"), ("adapt-v0", "test", None, "a 1"), ("adapt-v0", "dev", None, "a 2")]
-    asked += [("adapt-v0", "round", seed * 32, "a 1") for seed in ("ab", "cd")]
+    asked: list[Any] = [("adapt-v1", "dev", None, "a 1"), ("adapt-v1", "test", None, "a 1"), ("adapt-v1", "dev", None, "a 2")]
+    asked += [("adapt-v1", "round", seed * 32, "a 1") for seed in ("ab", "cd")]
     assert len({drawn(*each) for each in asked}) == len(asked)
     assert luck("dev", None, 3, 4) == luck("test", "ab" * 32, 3, 4) == int(stream(3, 4)[0]) // 2
     assert len({luck("round", seed * 32, *numbers) for seed in ("ab", "cd") for numbers in ((3, 4), (4, 3))}) == 4
@@ -49,12 +49,14 @@ def test_habits_of_position_follow_the_own_stroke() -> None:
 def test_cases_of_adapt() -> None:
     cases = Adapt().cases(Arena(game=HIDDEN))
     names = [case.name for case in cases]
-    assert names == [f"{family}/{number}" for family in population.FAMILIES for number in range(3)] + ["control/0"]
-    assert [case.name for case in cases if not case.counts] == ["control/0"]
-    assert {case.stratum for case in cases} == {*population.FAMILIES, "control"}
-    assert cases[4].options == {"family": "waiting", "number": 1}
+    assert names == [f"{family}/{number}" for family in population.FAMILIES for number in range(8)] + [
+        f"people/{i}" for i in range(8)
+    ]
+    assert [case.name for case in cases if not case.counts] == [f"people/{number}" for number in range(8)]
+    assert {case.stratum for case in cases} == {*population.FAMILIES, "people"}
+    assert cases[9].options == {"family": "waiting", "number": 1}
     assert [case.name for case in Adapt().cases(Arena(game=HIDDEN, quick=True))] == ["synthetic/0", "waiting/0"]
-    assert len(Adapt().cases(Arena(game=GAME))) == 19
+    assert len(Adapt().cases(Arena(game=GAME))) == 56
 
 
 @pytest.mark.parametrize("game", [GAME, HIDDEN], ids=["plain", "hidden"])

@@ -23,11 +23,11 @@ from tests.suite.small import run
 
 ROWS, EPISODES = 1000, 10
 METHODS: Final = {
-    "exploit-v0": ("minimax", "ppo-self-play", "model"),
-    "equilibrium-v0": ("minimax", "minimax-deterministic", "model-boosted"),
-    "adapt-v0": ("likeliest", "tilts", "mixture-without-levels"),
-    "offline-v0": ("clone", "fitted-q-pessimistic", "bcq"),
-    "evaluate-v0": ("weighted-importance-sampling", "dice", "fitted-q-evaluation"),
+    "exploit-v1": ("minimax", "ppo-self-play", "model-boosted"),
+    "equilibrium-v1": ("minimax", "minimax-deterministic", "model-boosted"),
+    "adapt-v1": ("counts", "posterior-mean", "mixture-without-levels"),
+    "offline-v1": ("clone", "fitted-q", "model-pessimistic"),
+    "evaluate-v1": ("weighted-importance-sampling", "dice", "fitted-q-evaluation"),
 }
 
 
@@ -73,7 +73,7 @@ def unit(task: str, method: str, folder: Path) -> tuple[dict[str, float], Outcom
 def test_scores_equal_simulation(task: str, method: str, tmp_path: Path) -> None:
     arena = arena_of(TASKS[task], reduced_model(), "dev", quick=True)
     case, (scores, outcome) = TASKS[task].cases(arena)[0], unit(task, method, tmp_path)
-    if task == "evaluate-v0":
+    if task == "evaluate-v1":
         # The bias is the mean estimate less the mean value of the policies, of which the environment knows some.
         policies = list(targets(arena, case, 0).values())
         values = [100 * odds.rally for odds in pair_odds([(policy, arena.policy(OPPONENT)) for policy in policies])]
@@ -82,26 +82,26 @@ def test_scores_equal_simulation(task: str, method: str, tmp_path: Path) -> None
             mean, error = simulated(policies[number], arena.policy(OPPONENT), number)
             assert mean == pytest.approx(values[number], abs=4 * error)
         return
-    if task == "adapt-v0":
+    if task == "adapt-v1":
         (against,) = opponent(arena, case.options["family"], case.options["number"]).policies
         shares = np.diff([*CHANGES, ADAPT_RALLIES]) / ADAPT_RALLIES
         parts = [simulated(outcome.policies[str(start)], against, start) for start in CHANGES]
         won = float(shares @ [mean for mean, _ in parts])
         error = float(np.sqrt(shares**2 @ [each**2 for _, each in parts]))
         best = 100 * best_response(against).value.odds().rally
-        assert best - won == pytest.approx(scores["regret_500"], abs=4 * error + 0.02)
+        assert best - won == pytest.approx(scores["regret"], abs=4 * error + 0.02)
         return
     player = outcome.policies["player"]
     against = {
-        "exploit-v0": lambda: opponent_of(arena, case),
-        "equilibrium-v0": lambda: arena.policy("bc"),
-        "offline-v0": lambda: arena.policy(OPPONENT),
+        "exploit-v1": lambda: opponent_of(arena, case),
+        "equilibrium-v1": lambda: arena.policy("bc"),
+        "offline-v1": lambda: arena.policy(OPPONENT),
     }[task]()
     won, error = simulated(player, against, 0)
-    if task == "exploit-v0":
+    if task == "exploit-v1":
         perfect, more = simulated(arena.policy("minimax"), against, 1)
         assert won - perfect == pytest.approx(scores["score"], abs=4 * float(np.hypot(error, more)))
     else:
-        assert won - 50 == pytest.approx(scores["won" if task == "equilibrium-v0" else "score"], abs=4 * error)
+        assert won - 50 == pytest.approx(scores["won" if task == "equilibrium-v1" else "score"], abs=4 * error)
     lost, error = simulated(best_response(player).policy, player, 2)
     assert lost - 50 == pytest.approx(scores["exploitability"], abs=4 * error)

@@ -51,12 +51,12 @@ def valued(arena: Arena, case: Case) -> Outcome:
 
 
 OMNISCIENT: dict[str, Any] = {
-    "exploit-v0": exploit,
-    "exploit-entrance-v0": exploit,
-    "equilibrium-v0": equilibrium,
-    "adapt-v0": adapt,
-    "offline-v0": offline,
-    "evaluate-v0": valued,
+    "exploit-v1": exploit,
+    "exploit-entrance-v1": exploit,
+    "equilibrium-v1": equilibrium,
+    "adapt-v1": adapt,
+    "offline-v1": offline,
+    "evaluate-v1": valued,
 }
 
 
@@ -79,7 +79,7 @@ def arena(task: str, split: Split, seed: str | None = None) -> Arena:
 
 @pytest.mark.parametrize(
     ("task", "method"),
-    [("exploit-entrance-v0", "minimax"), ("offline-v0", "clone"), ("equilibrium-v0", "random"), ("evaluate-v0", "model")],
+    [("exploit-entrance-v1", "minimax"), ("offline-v1", "clone"), ("equilibrium-v1", "random"), ("evaluate-v1", "model")],
 )
 def test_a_round_follows_from_its_seed(task: str, method: str, tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="name it with --seed"):
@@ -91,21 +91,21 @@ def test_a_round_follows_from_its_seed(task: str, method: str, tmp_path: Path) -
 
 
 def test_opponents_and_games_of_a_round_are_drawn(tmp_path: Path) -> None:
-    drawn = [arena("exploit-v0", "round", seed) for seed in SEEDS]
-    case = TASKS["exploit-v0"].all_cases(drawn[0])[0]
+    drawn = [arena("exploit-v1", "round", seed) for seed in SEEDS]
+    case = TASKS["exploit-v1"].all_cases(drawn[0])[0]
     one, other = (opponent_of(each, case) for each in drawn)
     assert one.hash != other.hash
     assert one.game.hash != other.game.hash
     assert all(each.game.recovery is not None for each in drawn)
     golden.check("drawn_game", {"round": golden.weighted_sum(drawn[0].game.threshold.astype(float))})
     with pytest.raises(SuiteError, match="this game is drawn"):
-        run("exploit-v0", "ppo", tmp_path / "run", split="round", seed=SEEDS[0])
+        run("exploit-v1", "ppo", tmp_path / "run", split="round", seed=SEEDS[0])
 
 
 def test_the_shipped_game_does_not_answer_a_drawn_one() -> None:
-    test, shipped = arena("offline-v0", "test"), arena("exploit-entrance-v0", "test")
+    test, shipped = arena("offline-v1", "test"), arena("exploit-entrance-v1", "test")
     assert test.game.hash != shipped.game.hash == test.base
-    assert arena("evaluate-v0", "test").game.hash == test.game.hash
+    assert arena("evaluate-v1", "test").game.hash == test.game.hash
     opponent = test.policy("human:0.05")
     best = best_response(opponent).value.odds().rally
     known = TabulatedPolicy(game=test.game, cumulative=best_response(shipped.policy("human:0.05")).policy.cumulative)
@@ -116,9 +116,9 @@ def test_the_shipped_game_does_not_answer_a_drawn_one() -> None:
 
 def test_perfect_play_of_the_shipped_game_is_weak_in_drawn_ones() -> None:
     """A table of answers beside the code is no rank in ``equilibrium`` either."""
-    task = TASKS["equilibrium-v0"]
-    shipped = arena_of(task, reduced_model(), "test", budget=10**6).policy("minimax")
-    drawn = arena_of(task, reduced_model(), "round", budget=10**6, seed=SEEDS[0])
+    task = TASKS["equilibrium-v1"]
+    shipped = arena_of(task, reduced_model(), "test", budget=10**7).policy("minimax")
+    drawn = arena_of(task, reduced_model(), "round", budget=10**7, seed=SEEDS[0])
     outcome = Outcome(policies={"player": dataclasses.replace(shipped, game=drawn.game)})
     assert task.score(drawn, task.cases(drawn)[0], 0, outcome)["exploitability"] > 2
 
@@ -173,7 +173,7 @@ def test_no_mixture_is_better_than_the_restricted_response() -> None:
 
 @pytest.mark.parametrize("method", ["minimax", "best-response", "bc"])
 def test_neither_perfect_play_nor_a_best_response_is_the_best_player(method: str, tmp_path: Path) -> None:
-    scores = summary(run("exploit-entrance-v0", method, tmp_path / "run"))["scores"]
+    scores = summary(run("exploit-entrance-v1", method, tmp_path / "run"))["scores"]
     gain, best = scores["gain"]["value"], scores["best"]["value"]
     if method == "minimax":
         assert gain == pytest.approx(0, abs=1e-5)
@@ -181,7 +181,7 @@ def test_neither_perfect_play_nor_a_best_response_is_the_best_player(method: str
 
 
 def test_the_command_prints_a_list(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(("frontier", "exploit-entrance-v0", "--opponent", "safe", "--game", reduced_model(), "--json")) == 0
+    assert main(("frontier", "exploit-entrance-v1", "--opponent", "safe", "--game", reduced_model(), "--json")) == 0
     assert set(json.loads(capsys.readouterr().out)[0]) == {"p", "score", "exploitability", "gain"}
-    assert main(("frontier", "adapt-v0", "--opponent", "bc", "--game", reduced_model())) == 1
-    assert "exploit-v0 has" in capsys.readouterr().err
+    assert main(("frontier", "adapt-v1", "--opponent", "bc", "--game", reduced_model())) == 1
+    assert "exploit-v1 has" in capsys.readouterr().err

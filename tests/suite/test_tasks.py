@@ -24,10 +24,10 @@ GAME = reduced_game()
 
 
 COMMANDS = {
-    "exploit-v0": "my_player:train",
-    "adapt-v0": "my_adapter:Adapter",
-    "offline-v0": "my_offline:Learner",
-    "evaluate-v0": "my_estimator:Estimator",
+    "exploit-v1": "my_player:train",
+    "adapt-v1": "my_adapter:Adapter",
+    "offline-v1": "my_offline:Learner",
+    "evaluate-v1": "my_estimator:Estimator",
 }
 
 
@@ -48,26 +48,26 @@ def test_templates_run_as_they_are(task: str, tmp_path: Path, monkeypatch: pytes
 
 
 def test_data_are_written_with_their_hashes(tmp_path: Path) -> None:
-    found = write_data("offline-v0", tmp_path, "dev", reduced_model(), 2, quick=True)
+    found = write_data("offline-v1", tmp_path, "dev", reduced_model(), 2, quick=True)
     assert len(found) == 2
     name, digest = next(iter(found.items()))
     table = read_parquet(tmp_path / name)
     assert {"state", "stroke", "probability", "won"} <= set(table.column_names)
-    arena = arena_of(find_task("offline-v0"), reduced_model(), "dev", quick=True)
-    given = find_task("offline-v0").given(arena, find_task("offline-v0").cases(arena)[0], 0)
+    arena = arena_of(find_task("offline-v1"), reduced_model(), "dev", quick=True)
+    given = find_task("offline-v1").given(arena, find_task("offline-v1").cases(arena)[0], 0)
     assert digest in given
-    logs = write_data("evaluate-v0", tmp_path, "dev", reduced_model(), 1, quick=True)
+    logs = write_data("evaluate-v1", tmp_path, "dev", reduced_model(), 1, quick=True)
     assert len({*logs.values()}) == len(logs) == 2
-    with pytest.raises(SuiteError, match="adapt-v0 has no logs"):
-        write_data("adapt-v0", tmp_path, "dev", reduced_model(), None)
+    with pytest.raises(SuiteError, match="adapt-v1 has no logs"):
+        write_data("adapt-v1", tmp_path, "dev", reduced_model(), None)
 
 
 def test_minari_data_sets_are_the_transitions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     minari = pytest.importorskip("minari")
-    (name,) = write_data("offline-v0", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
+    (name,) = write_data("offline-v1", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     read = list(minari.load_dataset(name).iterate_episodes())
-    data = generate(arena_of(find_task("offline-v0"), reduced_model(), "test", quick=True), "bc", 3000, 0).transitions
+    data = generate(arena_of(find_task("offline-v1"), reduced_model(), "test", quick=True), "bc", 3000, 0).transitions
     assert np.array_equal(np.concatenate([each.actions for each in read]), data.stroke)
     assert np.array_equal(np.concatenate([each.rewards for each in read]), data.reward)
     assert np.array_equal(np.concatenate([each.infos["state"][:-1, 0] for each in read]), data.state)
@@ -78,7 +78,7 @@ def test_minari_data_sets_are_the_transitions(tmp_path: Path, monkeypatch: pytes
     env = minari.load_dataset(name).recover_environment()
     assert env.observation_space.contains(env.reset(seed=0)[0])
     with pytest.raises(ShuttleError, match="exist"):
-        write_data("offline-v0", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
+        write_data("offline-v1", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
 
 
 SLOW: Final = [pytest.param(name, 100_000, marks=pytest.mark.slow) for name in ("ppo", "a2c", "sac", "ppo-self-play")]
@@ -89,5 +89,5 @@ def test_learners_fit_their_budgets(method: str, budget: int, tmp_path: Path) ->
     # Rallies become longer while a player learns, most of all in self-play.
     model = "default:recovery" if budget > 20_000 else f"{reduced_model()}:recovery"
     setting = PlayerSetting(game=load_game(model), model=model, opponent="bc", budget=budget, seed=0, folder=tmp_path)
-    trained = find("exploit-v0", method)(setting)
+    trained = find("exploit-v1", method)(setting)
     assert budget / 2 < trained.strokes <= budget

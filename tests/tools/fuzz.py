@@ -260,7 +260,7 @@ def build(root: Path) -> None:
     shutil.copy(root / "table" / "run" / "main.safetensors", root / "table")
     shutil.rmtree(root / "table" / "run")
     (root / "suite" / "card.json").write_text('{"author": "alice"}')
-    run("suite", "suite run exploit-v0 --method bc --quick --game model --out run")
+    run("suite", "suite run exploit-v1 --method bc --quick --game model --out run")
     foreign(root)
     run("csv", "data template --out template")
     for path in (root / "csv" / "template").iterdir():

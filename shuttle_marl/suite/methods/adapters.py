@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
@@ -21,7 +20,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.computed import minimax_policy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
-from shuttle_marl.suite.tabular import cloned, normalised
+from shuttle_marl.suite.tabular import cloned
 from shuttle_marl.suite.task import WEIGHT
 
 TOLERANCE = 1e-4  # error bound of responses, far below the error of a model of the opponent
@@ -30,8 +29,6 @@ _FLOOR = 1e-4  # least probability of a stroke or a position in a likelihood
 _RARE: Final = 1e-3  # posterior probability below which a known type is left out of the mean
 _SHRINK: Final = 6.0  # pseudo-observations of a position after each shot type
 _SHRINK_STROKES: Final = 8.0  # pseudo-observations of the coarser cell of a stroke
-_SPREAD: Final = 0.3  # standard deviation of a tilt, before anything is seen
-_LARGEST: Final = 3.0  # largest difference of log-probabilities that is a feature
 
 
 class Adapter:
@@ -115,47 +112,12 @@ class PosteriorMean(Population):
         return mean_of(self.types, kept / kept.sum())
 
 
-class Likeliest(Population):
-    """The restricted response to the likeliest known type alone."""
-
-    def estimate(self) -> StatePolicy:
-        """The likeliest type."""
-        return self.types[int(self.log_posterior.argmax())]
-
-
 class Counts(Adapter):
     """Response to shrunken counts of the opponent's choices around bc."""
 
     def estimate(self) -> StatePolicy:
         """The counts."""
         return counted(self.bc, self.seen)
-
-
-class Tilts(Adapter):
-    """Response to bc with log-probabilities tilted towards or away from each known type, by maximum a posteriori.
-
-    A log-linear model with the known types as features, which leaves their convex hull as a mixture does not.
-    """
-
-    def estimate(self) -> StatePolicy:
-        """The opponent, estimated."""
-        game, chance = self.game, np.maximum(chances(tuple(self.types)).astype(np.float64), _FLOOR)
-        bc = chance[self.types.index(self.bc)]
-        feature = np.clip(np.log(chance / bc), -_LARGEST, _LARGEST)
-        pairs = struck(self.seen) % game.n_base_pairs
-        states, number = np.unique(game.base_pair_state[pairs], return_counts=True)
-        row, legal = game.pairs(states)
-        seen, usual, legal_feature = feature[:, pairs].sum(axis=1), bc[legal], feature[:, legal]
-
-        def loss(tilt: F64) -> tuple[float, F64]:
-            weight = usual * np.exp(tilt @ legal_feature)
-            total = np.bincount(row, weight, len(states))
-            slope = legal_feature @ ((number / total)[row] * weight) - seen + tilt / _SPREAD**2
-            return float(number @ np.log(total) - tilt @ seen + tilt @ tilt / (2 * _SPREAD**2)), slope
-
-        found = minimize(loss, np.zeros(len(feature)), jac=True, method="L-BFGS-B").x
-        chosen = normalised(game, bc * np.exp(found @ feature))
-        return PairPolicy(game=game, probability=chosen, positions=waited(self.bc, self.seen))
 
 
 def struck(seen: Sequence[PlayedRally]) -> I64:

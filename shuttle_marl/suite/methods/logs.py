@@ -16,8 +16,6 @@ the policy over that under the behaviour, and w the product over the rally:
 - per decision (Precup, Sutton & Singh 2000): every reward is weighted by the strokes before it, so here it is the first one;
 - doubly robust (Jiang & Li 2016, arXiv 1511.03722): V_t = v(s_t) + rho_t (r_t + V_{t+1} - q(s_t, a_t)), backwards in a rally,
   with rho_t of at most 10;
-- weighted doubly robust (Thomas & Brunskill 2016, arXiv 1604.00923): the sum over t of w_t (r_t - q(s_t, a_t)) + w_{t-1} v(s_t),
-  with w_t the product of the ratios up to t over its mean over the rallies, those that are over with their last one;
 - density ratios (DICE; minimax weight learning, Uehara, Huang & Jiang 2020, arXiv 1910.12809): the ratio of visits is linear in
   indicators of incoming shot type, contact and own shot type, for which the equation of its flow has a solution in closed form;
 - fitted Q evaluation (Le, Voloshin & Yue 2019, arXiv 1903.08738), and the exact value in an estimated model.
@@ -94,36 +92,6 @@ class FittedQ(_OwnStrokes):
         return greedy(data.game, fitted_q(data, best_of(data.game), shrink=float(self.argument)))
 
 
-class FittedQPessimistic(_OwnStrokes):
-    """Fitted Q iteration with lower confidence bounds (VI-LCB, Rashidinejad et al. 2021, arXiv 2103.12021).
-
-    ``argument`` over the square root of the observations is taken off the value of a stroke.
-    """
-
-    def fit(self, data: Transitions) -> PairPolicy:
-        """Greedy in the lower bounds."""
-        game, prior = data.game, float(data.won[data.first].mean())
-        penalty = float(self.argument) / np.sqrt(tabular.counts(game, data.pair) + 1)
-        bound = fitted_q(data, best_of(game), fit=lambda target: shrunk_means(game, data.pair, target, prior=prior) - penalty)
-        return greedy(game, bound)
-
-
-class Bcq(_OwnStrokes):
-    """Discrete batch-constrained Q-learning (Fujimoto et al. 2019, arXiv 1910.01708).
-
-    Only strokes are considered whose cloned probability is at least ``argument`` times that of the likeliest stroke.
-    """
-
-    def fit(self, data: Transitions) -> PairPolicy:
-        """Greedy in the fitted Q-values, within the support of the behaviour."""
-        game, chance = data.game, cloned(data.game, data.pair)
-        states = np.flatnonzero(game.playable[: game.n_base_states])
-        likeliest = np.zeros(game.n_base_states)
-        likeliest[states] = tabular.by_state(game, chance, states, np.maximum)
-        allowed = (chance >= float(self.argument) * likeliest[game.base_pair_state]).astype(np.float64)
-        return greedy(game, fitted_q(data, best_of(game, allowed)), allowed)
-
-
 class Iql(_OwnStrokes):
     """Implicit Q-learning by networks (Kostrikov et al. 2022, arXiv 2110.06169); the argument is the inverse temperature."""
 
@@ -191,28 +159,28 @@ class Shipped(_Method):
         return TabulatedPolicy(game=log.game, cumulative=tabulate(resolve(self.argument, shipped), shipped).cumulative)
 
 
-class FittedQBoosted(_OwnStrokes):
-    """Fitted Q iteration with boosted trees (Ernst, Geurts & Wehenkel, JMLR 2005)."""
+def boosted(
+    game: Game, pair: Ints, target: Floats | Ints, trees: int, seed: int, columns: Sequence[int] = (), **objective: Any
+) -> F64:
+    """``[base pairs]`` or ``[base pairs, classes]`` predictions of boosted trees for the targets ``[M]`` of strokes.
 
-    def fit(self, data: Transitions) -> PairPolicy:
-        """Greedy in the fitted Q-values."""
-        seed, trees = self.setting.seed, int(self.argument)
-
-        def fit(target: F64) -> F64:
-            return boosted(data.game, data.pair, target, trees, seed, objective="regression")
-
-        return greedy(data.game, fitted_q(data, best_of(data.game), fit=fit, sweeps=6))
-
-
-def boosted(game: Game, pair: Ints, target: Floats | Ints, trees: int, seed: int, **objective: Any) -> F64:
-    """``[base pairs]`` or ``[base pairs, classes]`` predictions of boosted trees for the targets ``[M]`` of strokes."""
+    Args:
+        columns: of :func:`described_pairs`; default: all.
+    """
     import lightgbm  # noqa: PLC0415  an extra
 
-    table = described_pairs(game)
-    rows = lightgbm.Dataset(table[pair % game.n_base_pairs], target, categorical_feature=list(range(table.shape[1])))
+    described = described_pairs(game)[:, list(columns) or slice(None)]
+    key = np.ravel_multi_index(described.T.astype(np.int64), tuple(described.max(axis=0) + 1))
+    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    table = described[first]
+    # Equal rows are one with a weight, which takes a fraction of the time.
+    values, value = np.unique(target, return_inverse=True)
+    cell, number = np.unique(index[pair % game.n_base_pairs] * len(values) + value, return_counts=True)
+    row, of = np.divmod(cell, len(values))
+    rows = lightgbm.Dataset(table[row], values[of], weight=number, categorical_feature=list(range(table.shape[1])))
     settings: dict[str, Any] = {"verbosity": -1, "seed": seed, "num_threads": 1, "deterministic": True, "force_row_wise": True}
     settings |= {"learning_rate": 0.07, "num_leaves": 31, "min_data_in_leaf": 30, "cat_smooth": 20, **objective}
-    return np.asarray(lightgbm.train(settings, rows, num_boost_round=trees).predict(table), dtype=np.float64)
+    return np.asarray(lightgbm.train(settings, rows, num_boost_round=trees).predict(table), dtype=np.float64)[index]
 
 
 def described_pairs(game: Game) -> I16:
@@ -292,14 +260,6 @@ class DoublyRobust(_EachPolicy):
         return float(doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)).sum())
 
 
-class WeightedDoublyRobust(_EachPolicy):
-    """The same with weights that add up to 1 at each stroke."""
-
-    def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
-        """Sum of :func:`weighted_doubly_robust`."""
-        return float(weighted_doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)).sum())
-
-
 class Dice(_EachPolicy):
     """Ratio of the visits under the policy and under the behaviour, linear in indicators of cells."""
 
@@ -366,19 +326,4 @@ def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
     for t in range(int(length.max()) - 1, -1, -1):
         rows = start[length > t] + t
         value[length > t] = v[rows] + rho[rows] * (data.reward[rows] + value[length > t] - q[rows])
-    return value
-
-
-def weighted_doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
-    """``[R]`` what each rally adds to the weighted doubly robust estimate of how many are won; arguments as above."""
-    start = np.flatnonzero(data.first)
-    length = np.diff(np.append(start, len(data)))
-    weight, before, value = np.ones(len(start)), np.ones(len(start)), np.zeros(len(start))
-    for t in range(int(length.max())):
-        going = length > t
-        rows = start[going] + t
-        weight[going] *= rho[rows]
-        share = weight / max(weight.mean(), np.finfo(np.float64).tiny)
-        value[going] += share[going] * (data.reward[rows] - q[rows]) + before[going] * v[rows]
-        before = share
     return value

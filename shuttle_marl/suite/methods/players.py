@@ -2,43 +2,34 @@
 
 References compute from the tables of the game, and use no strokes. The other methods estimate something from play, and solve what
 they estimated. Strokes are those of the learner, and with recovery its positions too, one for each stroke of the opponent.
-Learners are those of :mod:`shuttle_marl.training`, which train in the game of a model, so not in the drawn game of a round.
+Learners are those of :mod:`shuttle_marl.training`.
 """
 
 import dataclasses
-import json
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base import runs
-from shuttle_marl.exact import best_response as exact_response
-from shuttle_marl.exact import restricted_response, solve
+from shuttle_marl.exact import restricted_response
 from shuttle_marl.exact.play import cells_of, lists
-from shuttle_marl.exact.profile import PairPolicy, positions_of, tabulated_pairs
-from shuttle_marl.game.policy import TabulatedPolicy, tabulate
+from shuttle_marl.exact.profile import PairPolicy, positions_of
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import load_game
 from shuttle_marl.policy.computed import deterministic, minimax_policy, mixture
-from shuttle_marl.recording.logs import Log, play_log
+from shuttle_marl.recording.logs import blank, play_log
 from shuttle_marl.suite.adapt import observed
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
-from shuttle_marl.suite.method import find
-from shuttle_marl.suite.methods.adapters import chances, counted, mean_of, mixture_weights, respond, struck
-from shuttle_marl.suite.methods.logs import boosted, boosted_game
-from shuttle_marl.suite.offline import fitted, in_game
-from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.tabular import SHRINK, cloned, estimated_game, game_of
-from shuttle_marl.suite.task import WEIGHT, Setting
+from shuttle_marl.suite.methods.adapters import counted, respond, tilted_positions
+from shuttle_marl.suite.methods.logs import boosted
+from shuttle_marl.suite.offline import in_game
+from shuttle_marl.suite.tabular import SHRINK, cloned, game_of, with_positions
+from shuttle_marl.suite.task import WEIGHT
 
-_STEPS: Final = 30  # iterations of fictitious play
 _COUNTED: Final = 300_000  # strokes from which on more counts of an opponent change little
-_FITTED: Final = 400_000  # the same for trees
 _STROKES: Final = 8  # more strokes of both players than rallies have on average
-_TYPES: Final = ("bc", "bc@0.5", "attacking", "defensive", "safe", "human:0.05", "random")
-"""Policies that opponents may be mixtures of."""
 _EXPLORE: Final = 0.2  # fraction of random strokes in the second half of the play
+_FITTING: Final[dict[str, Any]] = {"learning_rate": 0.1, "cat_smooth": 5, "feature_fraction": 0.6, "feature_fraction_seed": 0}
+_COLUMNS: Final = (*range(8), 9, 12, 13)  # of the description of a stroke; of the own last one the area alone
 _MARGIN: Final = 200  # strokes that are left for the end of the last rally
 
 
@@ -50,11 +41,6 @@ def named(setting: PlayerSetting, argument: str) -> Trained:  # noqa: ARG001
 def minimax_deterministic(setting: PlayerSetting) -> Trained:
     """Perfect play that always makes its likeliest choice."""
     return Trained(player=deterministic(setting.policy("minimax")), strokes=0)
-
-
-def best_response(setting: PlayerSetting) -> Trained:
-    """The exact best response to the opponent, which is exploited in turn."""
-    return Trained(player=f"best-response:{setting.opponent}", strokes=0)
 
 
 def restricted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
@@ -76,143 +62,147 @@ def constant_by_incoming(setting: PlayerSetting) -> Trained:
     return constant(setting, "incoming_shot", "contact")
 
 
-def fictitious_play(setting: PlayerSetting) -> Trained:
-    """Fictitious play with exact best responses, averaged state by state (Sayin, Parise & Ozdaglar 2022, arXiv 2010.04223)."""
-    game = setting.game
-    first = setting.policy("bc")
-    mean, places = first.pair_probabilities(), positions_of(first)
-    for step in range(_STEPS):
-        answer = exact_response(PairPolicy(game=game, probability=mean, positions=places), tolerance=1e-6).policy
-        mean += (answer.pair_probabilities() - mean) / (step + 2)
-        places = places + (positions_of(answer) - places) / (step + 2)
-    return Trained(player=tabulated_pairs(PairPolicy(game=game, probability=mean, positions=places)), strokes=0)
-
-
-def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT), names: Sequence[str] = ("bc",)) -> Trained:
+def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
     """Counts of the opponent's choices against perfect play, shrunken towards bc, and the restricted response in the game.
 
     The restriction is fixed; that of a data-biased response (Johanson & Bowling, AISTATS 2009) grows with the counts of a state.
     """
-    game, types = setting.game, tuple(map(setting.policy, names))
+    game = setting.game
     number = max(1, min(setting.budget, _COUNTED) // _STROKES)
     seen = list(observed(game, (minimax_policy(game), setting.against), number, setting.seed))
-    weight = mixture_weights(chances(types)[:, struck(seen) % game.n_base_pairs], np.ones(len(types)))[0]
-    prior = mean_of(types, weight)
     used = sum(len(rally.own) if game.hides else int(rally.own.sum()) for rally in seen)
-    return Trained(player=respond(counted(prior, seen), float(argument)), strokes=used)
+    return Trained(player=respond(counted(setting.policy("bc"), seen), float(argument)), strokes=used)
 
 
-def restricted_mixture(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
-    """The same with counts that are shrunken towards a mixture of policies of the package, fitted to them."""
-    return restricted_counts(setting, argument, _TYPES)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Boosting:
+    """Settings of ``model-boosted``, see the search ``experiments/suite_search.py``."""
+
+    p: float = WEIGHT  # restriction of the response that is returned
+    trees: int = 200
+    leaves: int = 16
+    most: int = 500_000  # own strokes of the play, at most
 
 
-def from_log(setting: PlayerSetting, argument: str) -> Trained:
-    """A method of ``offline``, whose name is the argument, from a log of random play against the opponent."""
-    log, used = _random_log(setting, setting.against)
-    learner = Setting(game=log.game, model=setting.model, seed=setting.seed, folder=setting.folder)
-    player = fitted(find("offline-v0", argument), log, learner, argument)
-    return Trained(player=in_game(player, setting.game), strokes=used)
+def model_boosted(setting: PlayerSetting, argument: str = "") -> Trained:
+    """A model from play, and the restricted response in it, or without an opponent its solution.
 
-
-def solved_model(setting: PlayerSetting, argument: str) -> Trained:
-    """Perfect play in a model of random play: outcomes by shrunken means (``means``) or boosted trees (``trees``).
-
-    The model has no positions, so the solution does not mix.
+    The argument is the restriction; all else was tuned on dev.
     """
-    log, used = _random_log(setting, setting.policy("random"))
-    game = estimated_game(log) if argument == "means" else boosted_game(log, 150, setting.seed)
-    return Trained(player=in_game(solve(game, tolerance=1e-6).policy[0], setting.game), strokes=used)
+    tuned = next((found for most, found in BOOSTING.items() if setting.budget <= most), [*BOOSTING.values()][-1])
+    estimate, used = estimated(setting, tuned)
+    return Trained(player=in_game(planned(setting, estimate, float(argument or tuned.p)), setting.game), strokes=used)
 
 
-def _random_log(setting: PlayerSetting, opponent: TabulatedPolicy) -> tuple[Log, int]:
-    """A log of random play within the budget in a game without positions, and the strokes of the learner."""
-    game, both = setting.game, setting.opponent is None
-    # A position, or a stroke of the other side, for each stroke.
-    share = (1 + both) * (1 + game.hides)
-    log = play_log((setting.policy("random"), opponent), min(setting.budget, share * _FITTED) * 9 // (10 * share), setting.seed)
-    used = int(log.own.sum()) if share == 1 else len(log) * share // 2
-    return dataclasses.replace(log, game=dataclasses.replace(log.game, recovery=None)), used
+def planned(setting: PlayerSetting, estimate: PairPolicy, p: float) -> TabulatedPolicy:
+    """The response to an opponent in a model of the game, or without an opponent the solution of the model."""
+    return respond(estimate, p if setting.opponent else 0.0)
 
 
-def model_boosted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
-    """Outcomes by boosted trees from play, first at random and then as planned, and the restricted response in that model.
+def estimated(setting: PlayerSetting, options: Boosting) -> tuple[PairPolicy, int]:
+    """The opponent in a model of the game, both estimated from play, and the strokes that were used.
 
-    The model has no positions, which it does not see: it waits as people do.
+    The play is at random at first, then as planned. Outcomes are boosted trees; with recovery, what positions change is added to
+    their odds by shot type and area. The opponent is cloned by counts.
     """
-    game, uniform = setting.game, setting.policy("random")
-    plain, hidden = dataclasses.replace(game, recovery=None), game.hides
-    player, rows, used = uniform, [], 0
-    budget = min(setting.budget // (1 + hidden), _FITTED)
+    game, uniform, rules = setting.game, setting.policy("random"), blank(setting.game)
+    player, logs, used, both = uniform, [], 0, setting.opponent is None
+    fitting = {"objective": "multiclass", "num_class": len(OUTCOMES), "num_leaves": options.leaves, **_FITTING}
     for turn in range(2):
-        log = play_log((player, setting.against), budget * 9 // 20 - _MARGIN, 2 * setting.seed + turn)
-        used += len(log) if hidden else int(log.own.sum())
-        rows.append((log.pair, log.outcome, log.pair[~log.own]))
-        pair, outcome, theirs = (np.concatenate(column) for column in zip(*rows, strict=True))
-        shares = boosted(plain, pair, outcome, 150, setting.seed, objective="multiclass", num_class=len(OUTCOMES))
-        model = game_of(plain, shares)
-        estimate = PairPolicy(game=model, probability=cloned(plain, theirs, shrink=SHRINK))
-        found = TabulatedPolicy(game=game, cumulative=respond(estimate, float(argument)).cumulative)
-        player = mixture([found, uniform], [1 - _EXPLORE, _EXPLORE])
-    return Trained(player=found, strokes=used)
+        # Own strokes, and with recovery positions; those of the other side too where that is the learner's.
+        number = int(0.45 * min(setting.budget / (1 + game.hides) / (1 + both), options.most)) - _MARGIN
+        log = play_log((player, player if both else setting.against), number, 2 * setting.seed + turn)
+        used += len(log) * (1 + both) if game.hides else len(log) if both else int(log.own.sum())
+        logs.append(log)
+        pair, outcome, place, own, state = (
+            np.concatenate([getattr(log, name) for log in logs]) for name in ("pair", "outcome", "waited", "own", "state")
+        )
+        trees = options.trees if turn else options.trees // 2  # a plan needs less than the result
+        model = game_of(rules, boosted(rules, pair, outcome, trees, setting.seed, _COLUMNS, **fitting))
+        if game.hides:
+            model = with_positions(model, pair, outcome, place)
+        estimate = PairPolicy(game=model, probability=cloned(rules, pair[~own], shrink=SHRINK))
+        if game.hides:
+            places = tilted_positions(positions_of(estimate), model, state[own], place[own])
+            estimate = dataclasses.replace(estimate, positions=places)
+        if not turn:
+            player = mixture([in_game(planned(setting, estimate, options.p), game), uniform], [1 - _EXPLORE, _EXPLORE])
+    return estimate, used
 
 
-_SHARE: Final = 0.94
-"""Fraction of the budget that is planned; the rest is for the ends of rallies, and for choices that are not the learner's."""
-_LESS: Final = 0.97  # factor of the planned strokes until they fit
-_SHARES: Final = {50_000: 0.5, 200_000: 0.65}
-"""The same of budgets up to these: rallies become longer while a player learns, and few batches follow late."""
-_ITERATIONS: Final = 12  # iterations of a run with a small budget
+BOOSTING: Final = {
+    100_000: Boosting(trees=150, leaves=8),
+    1_000_000: Boosting(),
+    10_000_000: Boosting(trees=250, leaves=31, most=1_000_000),
+}
+"""Settings of ``model-boosted`` for budgets up to these, from the search on dev."""
+TUNED: Final[dict[int, dict[str, Any]]] = {
+    100_000: {"own": 0.25, "batch": 2048, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
+    1_000_000: {"own": 0.25, "batch": 4096, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
+    10_000_000: {"own": 0.25, "batch": 16_384, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
+}
+"""The same of ``ppo-restricted``."""
+_LONGER: Final = 1.6  # strokes of the first iteration over its batch, at most
+_MORE: Final = 1.15  # margin of the strokes of an iteration over those of earlier ones
+_LEAST: Final = 256  # strokes of the smallest batch
+_ITERATIONS: Final = 12  # iterations of a run with a small budget, at least
+_BLOCK: Final = 100  # rallies after which the opponents of a learner come again
 
 
-def learner(setting: PlayerSetting, argument: str, **options: Any) -> Trained:
-    """The agent of a learning algorithm, with options of its configuration.
+def learner(setting: PlayerSetting, argument: str, own: float = 0.0, **options: Any) -> Trained:
+    """The agent of a learning algorithm, in the game of the setting, which may be drawn.
 
     PPO (Schulman et al. 2017, arXiv 1707.06347), A2C (Mnih et al. 2016, arXiv 1602.01783), or SAC (Haarnoja et al. 2018, arXiv
     1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207).
-    """
-    from shuttle_marl.training import train  # noqa: PLC0415  torch
-    from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
 
-    if load_game(setting.model).hash != setting.game.hash:
-        raise SuiteError(f"{argument} trains in the game of a model, and this game is drawn")
-    default, folder = CONFIGS[argument], setting.folder / argument
-    config = default(
-        opponent=(setting.opponent or "self",),
-        strokes=setting.budget,
-        batch=min(default().batch, max(256, setting.budget // _ITERATIONS)),
-        seed=setting.seed,
-        game=setting.model,
-        record="none",
-        exploitability=False,
-        out=folder,
-        resume=(folder / runs.CONFIG).exists(),
-        **options,
-    )
-    # Rallies are played to their end, so iterations are a little longer than their batches.
-    share = next((share for most, share in _SHARES.items() if setting.budget <= most), _SHARE)
-    while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
-        config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
-    done = train(config)
-    points = [json.loads(line) for line in (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()]
-    figure = "normalised_score" if setting.opponent is not None else "exploitability"
-    curve = tuple((int(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
-    return Trained(player=done.policy, strokes=done.strokes, curve=curve)
+    Args:
+        own: fraction of the rallies against an opponent that are self-play.
+        **options: of the configuration of the algorithm.
+    """
+    from shuttle_marl.base.pytorch import InitialWeights, own_settings  # noqa: PLC0415
+    from shuttle_marl.training.config import CONFIGS  # noqa: PLC0415
+    from shuttle_marl.training.networks import tabulated  # noqa: PLC0415
+    from shuttle_marl.training.run import LEARNERS, tempered  # noqa: PLC0415
+    from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents  # noqa: PLC0415
+
+    game, budget, default = setting.game, setting.budget, CONFIGS[argument]
+    options = {"batch": default().batch, **options}
+    batch = min(options.pop("batch"), max(_LEAST, budget // _ITERATIONS))
+    config = default(opponent=(setting.opponent or "self",), strokes=budget, batch=batch, seed=setting.seed, **options)
+    config = tempered(config, game)
+    with own_settings(config.threads):
+        opponents = [setting.against] * (n_opponents(config) if config.self_play else 1)
+        with InitialWeights(setting.seed):
+            agent = LEARNERS[argument](config, game, opponents)
+        changing = SelfPlayOpponents(config, game, agent)
+        changing.set_seed(agent.collector.set_seed(setting.seed))
+        if own:
+            rallies = np.floor(own * np.arange(_BLOCK + 1))
+            agent.collector.sampler.assign(np.where(np.diff(rallies) > 0, -1, 0))
+        # Rallies are played to their end, so iterations are a little longer than their batches.
+        longer: list[float] = []
+        while agent.strokes + max(longer, default=_LONGER) * _MORE * (due := config.batch_of(agent.iteration)) < budget:
+            changing.update(agent.iteration)
+            before = agent.strokes
+            agent.iterate(1 - before / budget)
+            longer.append((agent.strokes - before) / due)
+        return Trained(player=tabulated(agent.eval_actor, game, config.temperature), strokes=agent.strokes)
 
 
 def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
     """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
-    # Rallies that start in a state of the best response are of another length, so more strokes are kept back.
-    planned = dataclasses.replace(setting, budget=setting.budget * 49 // 50) if argument == "restarts" else setting
-    return learner(planned, "ppo", variant=argument)
+    return learner(setting, "ppo", variant=argument)
+
+
+def ppo_restricted(setting: PlayerSetting, argument: str = "") -> Trained:
+    """PPO whose rallies are partly self-play: a restricted response by rally, tuned at each budget on the dev split.
+
+    ``experiments/results/suite_search.json`` has the search. The argument is the fraction of self-play.
+    """
+    tuned = next((found for most, found in TUNED.items() if setting.budget <= most), [*TUNED.values()][-1])
+    return learner(setting, "ppo", **{**tuned, **({"own": float(argument)} if argument else {})})
 
 
 def ppo_self_play(setting: PlayerSetting) -> Trained:
     """PPO in self-play, which does not look at the opponent."""
     return learner(dataclasses.replace(setting, opponent=None), "ppo")
-
-
-def ppo_deterministic(setting: PlayerSetting) -> Trained:
-    """PPO in self-play, whose agent always makes its likeliest choice."""
-    found = learner(setting, "ppo")
-    return dataclasses.replace(found, player=deterministic(tabulate(found.player, setting.game)), curve=())

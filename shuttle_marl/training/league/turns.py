@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
-import torch
 from safetensors import SafetensorError
 from safetensors.numpy import save
 from safetensors.torch import load
@@ -117,7 +116,7 @@ class _Turn(Callback):
         if turn.response_fraction:  # replaced by the best response before the first iteration
             opponents.append(_first_stroke(game))
         settings = _learner_config(config, self_play=not opponents or config.algorithm != "sac")
-        with InitialWeights(torch.Generator().manual_seed(turn.seed % SEEDS)):
+        with InitialWeights(turn.seed % SEEDS):
             self.learner = ALGORITHMS[config.algorithm](settings, game, opponents)
         self.pending: Future[TabulatedPolicy] | None = None
         if not turn.fresh:

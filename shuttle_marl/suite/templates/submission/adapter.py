@@ -1,4 +1,4 @@
-"""A method for adapt-v0: the best response to the known opponent under which the observed strokes are likeliest."""
+"""A method for adapt-v1: the best response to the known opponent under which the observed strokes are likeliest."""
 
 from typing import Any
 

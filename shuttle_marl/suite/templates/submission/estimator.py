@@ -1,4 +1,4 @@
-"""A method for evaluate-v0: weighted importance sampling with clipped weights."""
+"""A method for evaluate-v1: weighted importance sampling with clipped weights."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""A method for offline-v0: the strokes that won most of the rallies of the log, after each incoming stroke."""
+"""A method for offline-v1: the strokes that won most of the rallies of the log, after each incoming stroke."""
 
 from typing import Any, ClassVar
 

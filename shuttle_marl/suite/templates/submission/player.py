@@ -1,4 +1,4 @@
-"""A player for exploit-v0: plays at random, and then the strokes that won most after each incoming shot type."""
+"""A player for exploit-v1: plays at random, and then the strokes that won most after each incoming shot type."""
 
 from typing import Any
 
