@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import shuttle_marl
-from shuttle_marl.court.clips import base91
+from shuttle_marl.court.staged import base91
 from shuttle_marl.data.words import bare, table
 from shuttle_marl.game.court import AREA_WORDS, AREAS
 from shuttle_marl.game.shipped import Estimate, default_game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.reports.languages import FOLDER, LANGUAGES, Language, speaking
-from shuttle_marl.reports.pages import Drill, differences, drills
-from shuttle_marl.reports.waits import Place, Wait
+from shuttle_marl.reports.pages import Drill, drills
+from shuttle_marl.reports.waits import Place, Wait, differences
 from shuttle_marl.reports.words import Words, of_100, signed
 
 PACKAGE = Path(shuttle_marl.__file__).parent
