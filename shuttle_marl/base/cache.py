@@ -43,18 +43,19 @@ def cache_folder() -> Path | None:
 
 
 @functools.cache
-def _sources_hash() -> str:
-    sources = sorted(path for room in _ROOMS for path in (Path(__file__).parents[1] / room).rglob("*.py"))
+def _sources_hash(rooms: tuple[str, ...]) -> str:
+    sources = sorted(path for room in rooms for path in (Path(__file__).parents[1] / room).rglob("*.py"))
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
 
 
-def key_of(*parts: str) -> bytes:
+def key_of(*parts: str, rooms: tuple[str, ...] = ()) -> bytes:
     """The key of a result of this version of the code.
 
     Args:
         parts: everything else that the result depends on.
+        rooms: that compute it, beside those between the tables of a game and a policy.
     """
-    return hashlib.sha256(" ".join((*parts, _sources_hash())).encode()).digest()
+    return hashlib.sha256(" ".join((*parts, _sources_hash((*_ROOMS, *rooms)))).encode()).digest()
 
 
 class Cache:

@@ -40,12 +40,11 @@ def scout(
         list_players: list the players of the model instead.
         output: what is written.
     """
-    from shuttle_marl.court.clips import scout_clips  # noqa: PLC0415
-    from shuttle_marl.data import read_matches  # noqa: PLC0415
+    from shuttle_marl.data import read_matches  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.game.pairs import people_of  # noqa: PLC0415
     from shuttle_marl.reports.habits import plain  # noqa: PLC0415
     from shuttle_marl.reports.pages import gaps, scouting_page  # noqa: PLC0415
-    from shuttle_marl.reports.scouting import players_of  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.reports.scouting import players_of  # noqa: PLC0415
     from shuttle_marl.reports.scouting import scout as scouted  # noqa: PLC0415
     from shuttle_marl.reports.words import words  # noqa: PLC0415
 
@@ -73,7 +72,13 @@ def scout(
         other = None if other is None else (letters[2], other[1])
         report = dataclasses.replace(report.renamed(lambda name: hidden.get(name, letters[2])), pair=pair, beside=other)
     missing = () if strokes is None else gaps(strokes)
-    output.write(report.as_json(), lambda: scouting_page(report, missing, scout_clips(report)), "scout.html")
+
+    def page() -> bytes:
+        from shuttle_marl.court.clips import scout_clips  # noqa: PLC0415  figures need no court
+
+        return scouting_page(report, missing, scout_clips(report, None if output.anonymous else strokes))
+
+    output.write(report.as_json(), page, "scout.html")
 
 
 COMMANDS: Final = scout

@@ -45,6 +45,7 @@ class Plays:
         own, incoming: ``[N]`` shot type of the striker's own last and of the incoming stroke; :data:`NONE`, or larger if unknown.
         met: ``[N]`` area in which the striker strikes; -1 if unknown or serving.
         contact, shot, technique, area: ``[N]`` of the stroke; area -1 if unknown.
+        hurried: ``[N]`` whether the striker is hurried, 1 or 0; -1: not known.
         opposite: ``[N]`` whether the receiver has the other hand.
         fault, winner: ``[N]`` whether they ended the rally so.
         group: ``[N]`` cluster of alike strokes: number of the match.
@@ -57,6 +58,7 @@ class Plays:
     shot: I64
     technique: I64
     area: I64
+    hurried: I64
     opposite: Bools
     fault: Bools
     winner: Bools
@@ -88,6 +90,7 @@ def plays_of(rows: Rows) -> Plays:
         technique=code["technique"],
         # Where the shuttle came down, not the target as the models estimate it: what a coach sees.
         area=np.where(fault, -1, rows.landed).astype(np.int64),
+        hurried=rows.hurried.astype(np.int64),
         opposite=code["hands"] == 1,
         fault=fault,
         winner=rows.outcome == Outcome.WINNER,

@@ -34,9 +34,7 @@ from shuttle_marl.reports.match import MatchReport, match_report, matches_in
 from shuttle_marl.reports.pages import NO_CLIPS, Clips, gaps, log_title, match_page, scouting_page
 from shuttle_marl.reports.rally import LogPlayers, Players
 from shuttle_marl.reports.scouting import ScoutingReport, scout
-from shuttle_marl.reports.summary import (
-    AnalysisError,
-)
+from shuttle_marl.reports.summary import AnalysisError
 from shuttle_marl.reports.words import words
 
 _LISTED = 12
@@ -280,7 +278,7 @@ def scouting_report(
     beside: str | None = None,
     date: str | None = None,
     model: str = "default",
-    clips: Callable[[ScoutingReport], Clips] | None = None,
+    clips: Callable[[ScoutingReport, pa.Table | None], Clips] | None = None,
 ) -> CoachReport:
     """Scouting report: what a player should do against an opponent, how the opponent plays, and where the opponent is weak.
 
@@ -299,7 +297,7 @@ def scouting_report(
     strokes = None if data is None else read_matches(data, rules=rules)
     names = (player,) if opponent is None else (opponent, player)
     found = scout(*names, beside=beside, model=model, date=date, data=strokes)
-    staged = NO_CLIPS if clips is None else clips(found)
+    staged = NO_CLIPS if clips is None else clips(found, strokes)
     return CoachReport(
         figures=found.as_json(), _page=lambda: scouting_page(found, () if strokes is None else gaps(strokes), staged)
     )

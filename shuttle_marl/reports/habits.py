@@ -1,9 +1,8 @@
-"""What is counted in real strokes: habits and endings beside those of others, options that won or lost more, and page 1.
+"""What is counted in real strokes: habits and endings beside those of others, and options within one situation.
 
 Differences of the counts of two tallies (:mod:`shuttle_marl.dynamics.habits`) are tested together, with the false discovery rate
-of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995). An **option** is a kind of stroke beside others; those that stand out most
-are what a player does and leaves. The best of many differences is larger than the next match will show, so page 1 also says how
-many of them are more than chance.
+of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995). An **option** is a shot type beside the other ones in the same situation:
+over several situations the shares of rallies won would compare the situations, because a block answers a smash.
 """
 
 import dataclasses
@@ -13,13 +12,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy import special, stats
+from scipy import stats
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.dynamics.habits import NONE, QUESTIONS, Plays, Tally, tally
 from shuttle_marl.game.court import AREAS, BACK, N_AREAS, third_of
 from shuttle_marl.game.shipped import RELIABLE
-from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.reports.value import NORMAL
 
 FALSE_DISCOVERIES: Final = 0.05
@@ -35,8 +34,8 @@ class Habit:
         strokes: number of strokes of the player that the question asks about.
         share, low, high: share of the answer among them, with its 90 % interval.
         usual: share of the others.
-        p: p-value of the difference.
-        clear: whether the difference is more than chance, with a correction for the number of differences, and large enough.
+        p, q: p-value of the difference, and the same corrected for the number of differences.
+        clear: whether the difference is more than chance, with this correction, and large enough.
     """
 
     kind: str
@@ -48,6 +47,7 @@ class Habit:
     high: float
     usual: float
     p: float
+    q: float = math.nan
     clear: bool = False
 
 
@@ -83,18 +83,21 @@ def habits(mine: Tally, others: Tally, *, dispersed: bool = True) -> list[Habit]
 
 def with_discoveries(found: Sequence[Habit]) -> list[Habit]:
     """The habits, with those marked whose difference from the others is more than chance."""
-    clear = discoveries([habit.p for habit in found])
+    corrected = adjusted([habit.p for habit in found]).tolist()
     return [
-        dataclasses.replace(habit, clear=bool(mark) and abs(habit.share - habit.usual) >= LEAST_DIFFERENCE)
-        for habit, mark in zip(found, clear, strict=True)
+        dataclasses.replace(habit, q=q, clear=q <= FALSE_DISCOVERIES and abs(habit.share - habit.usual) >= LEAST_DIFFERENCE)
+        for habit, q in zip(found, corrected, strict=True)
     ]
+
+
+def adjusted(p: Sequence[float]) -> F64:
+    """``[N]`` p-values corrected for their number: the least false discovery rates at which the hypotheses are rejected."""
+    return np.asarray(stats.false_discovery_control(np.asarray(p)) if len(p) else np.zeros(0))
 
 
 def discoveries(p: Sequence[float]) -> Bools:
     """``[N]`` which of N hypotheses are rejected, with a false discovery rate of 5 %."""
-    if not len(p):
-        return np.zeros(0, np.bool_)
-    return np.asarray(stats.false_discovery_control(np.asarray(p)) <= FALSE_DISCOVERIES)
+    return np.asarray(adjusted(p) <= FALSE_DISCOVERIES)
 
 
 def difference_error(won: Any, n: Any, others_won: Any, m: Any, scale: float = 1.0) -> F64:
@@ -121,7 +124,8 @@ class Ending:
     Attributes:
         shot, technique: shot type, and technique; None: all of them.
         fault, winner: shares, each with the 90 % interval and the share of the others.
-        clear: whether the share of faults, and that of winners, differs by more than chance.
+        q: p-values of both differences, corrected for their number.
+        clear: whether the share of faults, and that of winners, differs by more than chance, and enough.
     """
 
     shot: str
@@ -129,6 +133,7 @@ class Ending:
     strokes: float
     fault: tuple[float, float, float, float]
     winner: tuple[float, float, float, float]
+    q: tuple[float, float]
     clear: tuple[bool, bool]
 
 
@@ -148,51 +153,71 @@ def endings(mine: Tally, others: Tally) -> list[Ending]:
     error = difference_error(shares * n, n, usual * m, m)
     with np.errstate(invalid="ignore"):
         p = np.where(error > 0, 2 * stats.norm.sf(np.abs(shares - usual) / error), 1.0)
-    clear = discoveries(p.ravel().tolist()).reshape(-1, 2)
+    corrected = adjusted(p.ravel().tolist()).reshape(-1, 2)
+    clear = (corrected <= FALSE_DISCOVERIES) & (np.abs(shares - usual) >= LEAST_DIFFERENCE)
     found = []
     for i, kind in enumerate(enough.tolist()):
         size = float(n[i, 0])
         fault, winner = ((s, *interval(s, size), u) for s, u in zip(shares[i].tolist(), usual[i].tolist(), strict=True))
         shot, technique = kinds[kind]
-        mark = bool(clear[i, 0]), bool(clear[i, 1])
-        found.append(Ending(shot=shot, technique=technique, strokes=size, fault=fault, winner=winner, clear=mark))
+        q, mark = (tuple(each[i].tolist()) for each in (corrected, clear))
+        found.append(Ending(shot=shot, technique=technique, strokes=size, fault=fault, winner=winner, q=q, clear=mark))
     return found
 
 
-DOS: Final = 3
-DONTS: Final = 2
 MAIN: Final = 3
 _HIGH: Final = (SHOTS.index("clear"), SHOTS.index("lift"))
 
 
-class Option(NamedTuple):
-    """Strokes of a shot type to a target area, and how many of their rallies the striker won.
+class Situation(NamedTuple):
+    """Situation in which a player chooses a stroke.
 
     Attributes:
-        shot, area: indices; -1: any. With an area, only strokes that landed in count, because faults have none.
-        strokes, won: real strokes, and rallies won with them.
-        others, others_won: the same of the strokes that they are compared with.
-        usual: share of rallies that they would win here: that of the others, at the strength of the opponent.
-        clear: whether the difference is more than chance, with a correction for the number of options.
+        shot: index of the shot type of the incoming stroke; -1: the player serves.
+        area: where the player strikes; -1 for a serve.
+        contact: 0 below, 1 above the net.
+        hurried: whether the player is late or stretched.
     """
 
     shot: int
     area: int
-    strokes: int
+    contact: int
+    hurried: bool
+
+
+SERVING: Final = Situation(-1, -1, 0, False)
+
+
+class Option(NamedTuple):
+    """A shot type in one situation beside the other ones there. A rally counts once, by the last stroke in the situation.
+
+    Attributes:
+        shot: index.
+        rallies, won: in which it was played, and that its striker won; ``low``, ``high``: 90 % interval of the share.
+        others, others_won: the same of the other shot types.
+        p, q: p-value of the difference by Fisher's exact test, and the same corrected for the number of options tested.
+    """
+
+    situation: Situation
+    shot: int
+    rallies: int
     won: int
+    low: float
+    high: float
     others: int
     others_won: int
-    usual: float
-    clear: bool
+    p: float
+    q: float = math.nan
 
     @property
     def gain(self) -> float:
         """Difference of the shares of rallies won."""
-        return self.won / self.strokes - self.others_won / self.others
+        return self.won / self.rallies - self.others_won / self.others
 
-    def covers(self, shot: int, area: int) -> bool:
-        """Whether a stroke is one of the kind."""
-        return self.shot in (-1, shot) and self.area in (-1, area)
+    @property
+    def clear(self) -> bool:
+        """Whether the difference is more than chance, and large enough."""
+        return self.q <= FALSE_DISCOVERIES and abs(self.gain) >= LEAST_DIFFERENCE
 
 
 def is_short(shot: Ints | int, area: Ints | int) -> Bools:
@@ -205,6 +230,52 @@ def is_short(shot: Ints | int, area: Ints | int) -> Bools:
     return np.isin(shot, _HIGH) & (np.asarray(area) >= 0) & (third_of(np.asarray(area)) < BACK)
 
 
+class Results:
+    """Rallies won by the strokes of some, by situation.
+
+    Args:
+        won: ``[N]`` :func:`~shuttle_marl.reports.summary.won_or_lost`.
+        rally: ``[N]`` number of the rally.
+        mine: ``[N]`` strokes that count.
+    """
+
+    def __init__(self, plays: Plays, won: F64, rally: I64, mine: Bools) -> None:
+        serving = (plays.incoming == NONE) & (plays.shot < N_SERVES)
+        placed = (plays.incoming < NONE) & (plays.met >= 0) & (plays.contact >= 0) & (plays.hurried >= 0)
+        parts = np.stack([plays.incoming, plays.met, plays.contact, plays.hurried])
+        counts = np.flatnonzero(mine & np.isfinite(won) & (serving | placed))[::-1]
+        where = np.where(serving, np.array(SERVING)[:, None], parts)[:, counts]
+        last = np.unique(np.vstack([rally[counts], where]), axis=1, return_index=True)[1]
+        found: dict[Situation, dict[int, list[int]]] = {}
+        for shot, result, *place in np.vstack([plays.shot[counts], won[counts], where])[:, last].astype(np.int64).T.tolist():
+            at = found.setdefault(Situation(*place[:3], bool(place[3])), {}).setdefault(shot, [0, 0])
+            at[0], at[1] = at[0] + 1, at[1] + result
+        self._counts = found
+
+    def of(self, situation: Situation, shot: int) -> tuple[int, int]:
+        """Rallies with a shot type in a situation, and those of them that were won."""
+        rallies, won = self._counts.get(situation, {}).get(shot, (0, 0))
+        return rallies, won
+
+    def confirm(self, situation: Situation, better: int, worse: int) -> bool:
+        """Whether a shot type won no smaller share of the rallies in a situation than another one, if both were played there."""
+        (n, won), (m, lost) = self.of(situation, better), self.of(situation, worse)
+        return not n or not m or won * m >= lost * n
+
+    def options(self) -> list[Option]:
+        """All options with enough rallies on both sides, the surest first."""
+        found = []
+        for situation, shots in self._counts.items():
+            total = np.sum([*shots.values()], axis=0)
+            for shot, (n, won) in shots.items():
+                others, others_won = (total - (n, won)).tolist()
+                if min(n, others) >= RELIABLE:
+                    p = float(stats.fisher_exact([[won, n - won], [others_won, others - others_won]]).pvalue)
+                    found.append(Option(situation, shot, n, won, *interval(won / n, n), others, others_won, p))
+        corrected = adjusted([each.p for each in found]).tolist()
+        return sorted((each._replace(q=q) for each, q in zip(found, corrected, strict=True)), key=lambda each: (each.q, each[:2]))
+
+
 class Expected(NamedTuple):
     """Most frequent answers to a question, as names and shares, among a number of strokes."""
 
@@ -212,94 +283,6 @@ class Expected(NamedTuple):
     about: str
     most: tuple[tuple[str, float], ...]
     strokes: int
-
-
-class Answers(NamedTuple):
-    """How an opponent answers a stroke.
-
-    Attributes:
-        expected: shot types of the answers.
-        areas: ``[9]`` shares of the areas to which they go, as the player who waits sees them; empty: not known.
-    """
-
-    expected: Expected
-    areas: tuple[float, ...]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Brief:
-    """Page 1 for a player against an opponent.
-
-    Attributes:
-        dos, donts: options of the player that won and lost more than others, the most striking first.
-        expected: serves, returns and third strokes of the opponent.
-        returns: the return of the opponent's serves that won most, beside the other returns; None: too few.
-        answers: of the opponent to the main strokes of the player.
-    """
-
-    dos: tuple[Option, ...]
-    donts: tuple[Option, ...]
-    expected: tuple[Expected, ...]
-    returns: Option | None
-    answers: tuple[Answers, ...]
-
-
-def options(plays: Plays, won: F64, mine: Bools, others: Bools | None = None) -> list[Option]:
-    """All options with enough strokes, those that stand out for winning first.
-
-    Args:
-        won: ``[N]`` :func:`won_or_lost`.
-        mine: ``[N]`` strokes that count.
-        others: ``[N]`` strokes of others, compared where they are of the same kind, at the strength that the difference of all
-            strokes with a landing area shows: against a strong opponent every kind wins less. None: all other ones of ``mine``.
-    """
-    rally = np.isfinite(won) & (plays.shot >= N_SERVES)
-
-    def counted(which: Bools) -> F64:
-        """``[kinds, areas, 2]`` strokes and rallies won; the last kind and the last area stand for all."""
-        total = np.zeros((N_SHOTS + 1, N_AREAS + 1, 2))
-        which = which & rally
-        result = np.stack([np.ones(len(won)), won], axis=1)[which]
-        shot, area = plays.shot[which], plays.area[which]
-        landed = area >= 0
-        np.add.at(total, (shot[landed], area[landed]), result[landed])
-        total[-1] = total[:-1].sum(axis=0)
-        total[-1, -1] = total[-1].sum(axis=0)
-        np.add.at(total, (shot, np.full(len(shot), N_AREAS)), result)
-        return total
-
-    total = counted(mine)
-    if others is None:
-        # What landed in is compared with what landed in, and all strokes of a shot type with all strokes.
-        beside = np.broadcast_to(total[-1, -1], total.shape).copy()
-        beside[:, -1] = total[:-1, -1].sum(axis=0)
-        beside -= total
-    else:
-        beside = counted(others)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ((n, w), (m, v)) = (np.moveaxis(each, -1, 0) for each in (total, beside))
-        level = 0.0 if others is None else float(special.logit(w[-1, -1] / n[-1, -1]) - special.logit(v[-1, -1] / m[-1, -1]))
-        usual = special.expit(special.logit(v / m) + level)
-        z = (w / n - usual) / difference_error(w, n, usual * m, m)
-        alike = (n >= RELIABLE) & (m >= RELIABLE) & (z * (w / n - v / m) >= 0)
-    alike[-1, -1] = False
-    kinds = np.argwhere(alike & np.isfinite(z))
-    clear = discoveries((2 * stats.norm.sf(np.abs(z[tuple(kinds.T)]))).tolist())
-    found = []
-    for (s, a), mark in zip(kinds.tolist(), clear, strict=True):
-        counts = int(n[s, a]), int(w[s, a]), int(m[s, a]), int(v[s, a])
-        option = Option(s if s < N_SHOTS else -1, a if a < N_AREAS else -1, *counts, float(usual[s, a]), bool(mark))
-        found.append((float(z[s, a]), option))
-    return [option for _, option in sorted(found, key=lambda each: -each[0])]
-
-
-def _chosen(ordered: Sequence[Option], most: int, before: Sequence[Option] = ()) -> tuple[Option, ...]:
-    """The first ones that say something else than those before them."""
-    taken = [*before]
-    for option in ordered:
-        if len(taken) < len(before) + most and not any(a.covers(*b[:2]) or b.covers(*a[:2]) for a in taken for b in [option]):
-            taken.append(option)
-    return tuple(taken[len(before) :])
 
 
 def expected_of(own: Tally, kind: str, *about: str) -> Expected:
@@ -310,44 +293,6 @@ def expected_of(own: Tally, kind: str, *about: str) -> Expected:
     order = [k for k in np.argsort(-counts, kind="stable").tolist()[:MAIN] if counts[k]]
     shares = tuple((question.answers[k], float(counts[k] / total)) for k in order)
     return Expected(kind, "".join(question.about[:1]), shares, int(total))
-
-
-def brief(
-    own: Tally, player: Tally | None, plays: Plays, won: F64, towards: Bools, answering: Bools, others: Bools | None = None
-) -> Brief:
-    """Page 1 against an opponent.
-
-    Args:
-        own: strokes of the opponent.
-        player: strokes of the player; None: of nobody in particular, whose main strokes are those that the opponent meets.
-        plays, won: ``[N]`` annotated strokes and their results; of none there are no options.
-        towards: ``[N]`` strokes that are played to the opponent: those of the player, or of all of the opponent's opponents.
-        answering: ``[N]`` strokes of the opponent.
-        others: ``[N]`` strokes that options are compared with, as in :func:`options`.
-    """
-    found = options(plays, won, towards, others)
-    dos = _chosen([each for each in found if each.gain > 0 and not is_short(each.shot, each.area)], DOS)
-    donts = _chosen([each for each in found[::-1] if each.gain < 0], DONTS, dos)
-    served = towards & (plays.incoming < N_SERVES)
-    returns = next((each for each in options(plays, won, served) if each.area < 0 < each.gain), None)
-    mix = np.bincount(plays.shot[towards], minlength=N_SHOTS).astype(np.float64)
-    if player is not None:
-        mix = player.answers(next(i for i, each in enumerate(QUESTIONS) if each.kind == "shots"))
-    mix[:N_SERVES] = 0
-    answers = []
-    for shot in np.argsort(-mix, kind="stable").tolist()[: min(MAIN, np.count_nonzero(mix))]:
-        landed = plays.area[answering & (plays.incoming == shot) & (plays.area >= 0)]
-        areas = np.bincount(landed, minlength=N_AREAS) / max(1, len(landed)) if len(plays) else np.zeros(0)
-        answers.append(Answers(expected_of(own, "reply", SHOTS[shot]), tuple(areas.tolist())))
-    asked = (("serve",), ("serve_side",), ("return", "short-serve"), ("return", "long-serve"), ("third",), ("direction", "smash"))
-    expected = (expected_of(own, *each) for each in asked)
-    return Brief(
-        dos=dos,
-        donts=donts,
-        expected=tuple(each for each in expected if each.strokes >= RELIABLE or (each.strokes and each.kind == "serve")),
-        returns=returns,
-        answers=tuple(answers),
-    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -398,10 +343,13 @@ def changes(plays: Plays, seat: I64, game: I64) -> list[Change]:
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses, tuples and arrays as values of JSON; NaN as None. Options name their shot type and area; None: any."""
+    """Dataclasses, tuples and arrays as values of JSON; NaN as None. Situations and options name shot types and areas."""
+    if isinstance(value, Situation):
+        shot, area = (SHOTS[value.shot], AREAS[value.area]) if value.shot >= 0 else (None, None)
+        return {"shot": shot, "area": area, "contact": HEIGHTS[value.contact], "hurried": value.hurried}
     if isinstance(value, Option):
-        named = {"shot": SHOTS[value.shot] if value.shot >= 0 else None, "area": AREAS[value.area] if value.area >= 0 else None}
-        return {**value._asdict(), **named}
+        own = {name: plain(part) for name, part in value._asdict().items()}
+        return {**own, "shot": SHOTS[value.shot], "clear": value.clear}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {name: plain(part) for name, part in value._asdict().items()}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -18,7 +18,7 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.data.matches import game_end, real_rallies, rules_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.habits import plays_of, tally
+from shuttle_marl.dynamics.habits import Tally, plays_of, tally
 from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.odds import match_table
 from shuttle_marl.game.pairs import game_of_people, people_of, without_skill
@@ -28,28 +28,26 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.reports.habits import (
-    Brief,
+    SERVING,
     Change,
     Heat,
-    brief,
+    Results,
+    Situation,
     changes,
     discoveries,
+    endings,
+    habits,
     heat,
     interval,
     is_short,
     plain,
 )
+from shuttle_marl.reports.page1 import Advised, Page1, Statement, advised, answers, options, serves, sure
 from shuttle_marl.reports.rating import Rater, rater_of
-from shuttle_marl.reports.summary import (
-    AnalysisError,
-    hand_of,
-    rally_numbers,
-    rally_table,
-    with_hands_of_model,
-    won_or_lost,
-)
+from shuttle_marl.reports.summary import AnalysisError, hand_of, rally_numbers, rally_table, with_hands_of_model, won_or_lost
 from shuttle_marl.reports.value import NORMAL, Placed, calibrated, placed, stroke_values
-from shuttle_marl.reports.waits import Wait, waits
+from shuttle_marl.reports.waits import Wait, differences, waits
+from shuttle_marl.reports.words import words
 
 _TURN: Final = 0.1  # smallest change of the probability of winning a rally that is reported
 
@@ -60,6 +58,7 @@ class RallyRow:
 
     Attributes:
         key: game and number of the rally in the data.
+        number: of the rally in the match, by its points, from 1.
         points, games: score before it.
         server, winner: numbers of the players; winner None: not recorded.
         ending: one of :data:`~shuttle_marl.reports.summary.ENDINGS`.
@@ -72,6 +71,7 @@ class RallyRow:
     """
 
     key: tuple[int, int]
+    number: int
     points: tuple[int, int]
     games: tuple[int, int]
     server: int
@@ -117,6 +117,7 @@ def _rallies(strokes: pa.Table, frame: pa.Table, added: F64, area: I64, rules: R
         out.append(
             RallyRow(
                 key=rally.number,
+                number=max(out[-1].number if out else 0, sum(map(sum, rally.score.finished)) + sum(rally.score.points)) + 1,
                 points=rally.score.points,
                 games=rally.score.games,
                 server=server,
@@ -208,7 +209,8 @@ class Choice:
 
     Attributes:
         player: who decided; ``rally``: index of the rally; ``stroke``: number of the stroke in it, from 1.
-        incoming: catalogue index of the incoming stroke, the number of strokes for a serve; ``contact``: 0 below, 1 above.
+        incoming: catalogue index of the incoming stroke, the number of strokes for a serve; ``contact``: 0 below, 1 above;
+            ``hurried``: whether the player was.
         played, better: catalogue indices of the stroke and of a better one.
         cost: rallies won less than with what elite players choose there, per time, calibrated: the change of the live court.
         played_behind, better_behind: real strokes behind both.
@@ -220,6 +222,7 @@ class Choice:
     stroke: int
     incoming: int
     contact: int
+    hurried: bool
     played: int
     better: int
     cost: Estimate
@@ -237,7 +240,7 @@ class MatchReport:
         hands: of both, each one of :data:`~shuttle_marl.game.court.HANDS`; None: not known, played as right-handed.
         score: points of both in each game.
         inferred: games whose last rally is not in the data, and added by the rules.
-        briefs: page 1 for each player.
+        page1: page 1, on both players.
         moments: indices of the rallies with the largest swings, largest first.
         values: value of the strokes by player and shot type.
         choices: costly decisions, most costly first.
@@ -254,7 +257,7 @@ class MatchReport:
     hands: tuple[str | None, str | None]
     score: tuple[tuple[int, int], ...]
     inferred: tuple[int, ...]
-    briefs: Sequence[Brief]
+    page1: Page1
     rules: Rules
     strokes: int
     rallies: Sequence[RallyRow]
@@ -277,7 +280,8 @@ class MatchReport:
         names = (*self.game.catalogue.names, None)
         for choice in figures["choices"]:
             choice |= {part: names[choice[part]] for part in ("incoming", "played", "better")}
-        return figures
+        people = words().player(self.players[0]), words().player(self.players[1])
+        return figures | {"page1": self.page1.as_json(lambda each: words().statement(each, people, match=True))}
 
 
 def matches_in(strokes: pa.Table) -> list[str]:
@@ -322,7 +326,11 @@ def match_report(
     plays = plays_of(found.rows)
     tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
     waiting = waits(strokes, players)
-    briefs = [brief(tallies[1 - player], tallies[player], plays, won, seat == player, seat != player) for player in (0, 1)]
+    results = [Results(plays, won, rally, seat == player) for player in (0, 1)]
+    tested = [each.options() for each in results]
+    said = [each for player in (0, 1) for each in _said(player, tallies, waiting)]
+    said += [each for player in (0, 1) for each in options(player, tested[player])]
+    counted = serves(strokes, players[0]), serves(strokes, players[1])
     forced = [strokes["forced"].filter(pa.array(seat == player)).drop_null().to_numpy() for player in (0, 1)]
     changed = changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
     # The match.
@@ -337,13 +345,13 @@ def match_report(
         hands=hands,
         score=score,
         inferred=inferred,
-        briefs=briefs,
+        page1=Page1(tuple(said), sum(map(len, tested)), counted),
         rules=rules,
         strokes=strokes.num_rows,
         rallies=rallies,
         moments=_moments(rallies),
         values=_values(added, plays.shot, seat, rally),
-        choices=_costly(found, rater, seat, rally, stakes),
+        choices=_costly(found, rater, seat, rally, stakes, results, advised(said)),
         refits=rater.refits,
         factor=factor_of(average.game),
         serving=_serving(rallies, np.where(found.rows.stroke == 1, plays.shot, -1)[frame["first"].to_numpy()]),
@@ -369,6 +377,19 @@ def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
             f"{len(matches_in(strokes))} matches of {len(people)} players: expected the strokes of one match of two"
         )
     return str(strokes["match"][0].as_py()), (str(first[0]), str(first[1]))
+
+
+def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> list[Statement]:
+    """What a player did more than the other one, and how both began rallies."""
+    own, other = tallies[player], tallies[1 - player]
+    more = [each for each in habits(own, other, dispersed=False) if each.share > each.usual]
+    ends = [
+        dataclasses.replace(
+            each, clear=tuple(c and f[0] > f[3] for c, f in zip(each.clear, (each.fault, each.winner), strict=True))
+        )
+        for each in endings(own, other)
+    ]
+    return [*sure(player, more, ends, differences(waiting, match=True)), *answers(player, own)]
 
 
 def _moments(rallies: Sequence[RallyRow]) -> list[int]:
@@ -435,8 +456,12 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
 
 
-def _costly(found: Placed, rater: Rater, seat: I64, rally: I64, stakes: F64) -> list[Choice]:
+def _costly(
+    found: Placed, rater: Rater, seat: I64, rally: I64, stakes: F64, results: Sequence[Results], before: Sequence[Advised]
+) -> list[Choice]:
     """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind.
+
+    None is against the results of the match, or against other advice of the report.
 
     The better stroke has the technique of the stroke played, which follows from where the striker stands. Strokes late in a rally
     are left out: the game knows no fatigue.
@@ -444,6 +469,8 @@ def _costly(found: Placed, rater: Rater, seat: I64, rally: I64, stakes: F64) -> 
     Args:
         seat, rally: ``[N]`` striker and rally of each stroke of the match.
         stakes: ``[2, rallies]`` what each rally is worth to each player, by which costs are ordered; 0: not costly.
+        results: rallies that each player won.
+        before: other advice.
     """
     # Where a fault was aimed at is not recorded.
     row = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
@@ -462,12 +489,19 @@ def _costly(found: Placed, rater: Rater, seat: I64, rally: I64, stakes: F64) -> 
     better = np.array([s + part.argmax() for s, part in zip(rated.start, np.split(alike, rated.start[1:]), strict=True)])
     bad &= (stake > 0) & (number <= _LATE) & (alike[better] > rated.change[position])
     seen: set[tuple[int, int, int]] = set()
-    out: list[Choice] = []
+    out, told = list[Choice](), [*before]
     for k in np.flatnonzero(bad)[np.argsort((rated.change[position] * stake)[bad], kind="stable")].tolist():
         place, best = int(position[k]), int(better[k])
         what = (int(who[k]), int(rated.shot[place]), int(rated.shot[best]))
         if what in seen or len(out) == _MOST_CHOICES:
             continue
+        r, kinds = found.rows, np.stack([catalogue.shot, catalogue.area], axis=1)[[rated.stroke[best], stroke[k]]].tolist()
+        at = (r.codes["incoming_shot"], r.codes["incoming_area"], r.codes["contact"], r.hurried == 1)
+        here = SERVING if incoming[k] == len(catalogue) else Situation(*(part[row[k]].item() for part in at))
+        advice = Advised(what[0], here, *map(tuple, kinds))
+        if not advice.agrees(results[what[0]], told):
+            continue
+        told.append(advice)
         seen.add(what)
         same = (who == who[k]) & (incoming == incoming[k]) & (contact == contact[k]) & (stroke == stroke[k])
         out.append(
@@ -477,6 +511,7 @@ def _costly(found: Placed, rater: Rater, seat: I64, rally: I64, stakes: F64) -> 
                 stroke=int(number[k]),
                 incoming=int(incoming[k]),
                 contact=int(contact[k]),
+                hurried=here.hurried,
                 played=int(stroke[k]),
                 better=int(rated.stroke[best]),
                 cost=calibrated(-rated.refits[:, place], rater.factor),

@@ -17,25 +17,36 @@ from shuttle_marl.game.scoring import is_over, wins_game
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts
-from shuttle_marl.reports.advice import LEAST_STEADY
-from shuttle_marl.reports.habits import (
-    Ending,
-    Habit,
-)
+from shuttle_marl.reports.habits import Habit
 from shuttle_marl.reports.html import Heading, Viewer, render
-from shuttle_marl.reports.match import MatchReport, ShotValue
+from shuttle_marl.reports.match import MatchReport, ShotValue, matches_in
+from shuttle_marl.reports.page1 import ENDS, clear_endings
 from shuttle_marl.reports.scouting import ScoutingReport
-from shuttle_marl.reports.summary import (
-    met,
-)
+from shuttle_marl.reports.summary import met
 from shuttle_marl.reports.value import LEAST_REFITS
-from shuttle_marl.reports.waits import LEAST_METRES, Wait
+from shuttle_marl.reports.waits import LEAST_METRES, Wait, differences, named
 from shuttle_marl.reports.words import between, metres, of_100, parts, ranged, signed, words
 
 if TYPE_CHECKING:
     from shuttle_marl.reports.coach import Source
 
 DRILLS: Final = 3
+
+
+class Example(NamedTuple):
+    """A staged rally that shows a habit of the opponent.
+
+    Attributes:
+        statement: number of the habit on page 1.
+        match: annotated match; empty: the rally is simulated. ``people``: its players.
+        game, points: number of the game, and the points of the opponent and of the other player before the rally.
+    """
+
+    statement: int = 0
+    match: str = ""
+    people: tuple[str, str] = ("", "")
+    game: int = 0
+    points: tuple[int, int] = (0, 0)
 
 
 class Clips(NamedTuple):
@@ -47,6 +58,7 @@ class Clips(NamedTuple):
         reason: why there is none.
         shown: rallies of a match that it plays, by their index.
         numbers: of the rallies of a match on the live court, from 0, by their index; empty: they cannot be shown there.
+        examples: what each rally of a scouting report shows.
     """
 
     content: str = ""
@@ -54,6 +66,7 @@ class Clips(NamedTuple):
     reason: str = ""
     shown: Sequence[int] = ()
     numbers: Mapping[int, int] = {}
+    examples: Sequence[Example] = ()
 
 
 NO_CLIPS: Final = Clips()
@@ -75,34 +88,10 @@ def drills(catalogue: Catalogue, asked: Iterable[tuple[int, int, int]]) -> list[
     return [*first.values()][:DRILLS]
 
 
-class Difference(NamedTuple):
-    """A difference of a player from others that the data support: where they wait, and its size and interval [m]."""
-
-    wait: Wait
-    kind: str
-    value: float
-    low: float
-    high: float
-
-
-def differences(found: Sequence[Wait], *, match: bool) -> list[Difference]:
-    """The largest first. ``match``: the players are each other's only opponents, so a difference is named for one of them."""
-    first = {wait.shot for wait in found if wait.player == 0}
-    named = [each for wait in found if not (match and wait.player and wait.shot in first) for each in _named(wait)]
-    return sorted(named, key=lambda each: -each.value)
-
-
-def _named(wait: Wait) -> Iterator[Difference]:
-    for place, kinds in ((wait.depth, ("closer", "farther")), (wait.side, ("backhand", "forehand"))):
-        if place.clear:
-            value, *interval = place.difference
-            yield Difference(wait, kinds[value > 0], abs(value), *sorted(map(abs, interval)))
-
-
 def shown_differences(wait: Wait) -> str:
     """What the data support, as short texts with commas between them."""
     say = words()
-    parts = [say(f"waits.shown_{each.kind}", metres=metres(each.value)) for each in _named(wait)]
+    parts = [say(f"waits.shown_{each.kind}", metres=metres(each.value)) for each in named(wait)]
     return say.listed(parts) or say("waits.same")
 
 
@@ -163,12 +152,12 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
         "command": "" if source is None else source.command,
         "video": None if source is None else source.video,
         "met": None,
+        "met_of": 0,
         "gaps": (),
         "examples": {rally: number for number, rally in enumerate(clips.shown)},
         "numbers": clips.numbers,
         "score": lambda winner=0: words().listed(f"{points[winner]}\N{EN DASH}{points[1 - winner]}" for points in report.score),
         "event": words().event(match, named),
-        "number": lambda i: clips.numbers[i] + 1 if i in clips.numbers else "\N{EN DASH}" if clips.numbers else i + 1,
         "reasons": lambda i: _reasons(report, i),
         "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
         "enough_refits": report.refits >= LEAST_REFITS,
@@ -182,12 +171,15 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
             for player in (0, 1)
         ],
         "mean_length": float(np.mean([row.strokes for row in report.rallies])),
+        "landed": [np.add(heat.won, heat.lost) for heat in report.heat],
         "maps": [heat for heat in report.heat if min(sum(heat.won), sum(heat.lost)) >= _LEAST_HEAT],
         "share_of": lambda counts: np.array(counts) / np.sum(counts),
     }
     if source is not None and source.strokes is not None:
         played = source.strokes.filter(pc.equal(source.strokes["match"], str(source.match)))
-        content |= {"met": met(source.strokes, *source.people), "gaps": gaps(played)}
+        against = source.strokes.filter(pc.equal(source.strokes["opponent"], source.people[1]))
+        of_opponent = {"met": met(source.strokes, *source.people), "met_of": len(matches_in(against))}
+        content |= {**of_opponent, "gaps": gaps(played)}
     return page("match.html.j2", clips, content)
 
 
@@ -199,7 +191,7 @@ def _course(report: MatchReport) -> dict[str, Any]:
     rows = report.rallies
     return {
         "winner": winner,
-        "won": [sum(row.winner == player for row in rows) for player in (0, 1)],
+        "won": np.sum(report.score, axis=0).tolist(),
         "chance": [row.before for row in rows] + [rows[-1].after],
         "ends": [i for i in range(1, len(rows)) if rows[i].key[0] != rows[i - 1].key[0]],
         "played": sum(map(sum, report.score)),
@@ -247,36 +239,39 @@ def gaps(strokes: pa.Table) -> tuple[str, ...]:
 
 _SHOWN: int = 12
 _RARE = 0.02  # least share, of the player or of others, of an answer that is listed
-_ENDS = ("fault", "winner")
 
 
 def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips = NO_CLIPS) -> bytes:
     """The scouting report as the content of a file; ``gaps``: sentences on what the data lack; ``clips``: its rallies."""
     say = words()
-    report, catalogue = report.renamed(say.player), None if report.pair is None else report.pair.catalogue
+    report = report.renamed(say.player)
     content = {
         "report": report,
         "known": [known for known in (report.player, report.opponent) if known is not None],
         "gaps": gaps,
-        "enough_refits": report.refits >= LEAST_REFITS,
-        "least_steady": LEAST_STEADY,
-        "catalogue": catalogue,
+        "clips": {each.statement: f"#example-{i}" for i, each in enumerate(clips.examples)},
+        "examples": [_example(report, each) for each in clips.examples],
+        "ENDS": ENDS,
+        "framed": [AREAS.index(each.answer) for each in report.habits if each.kind == "targets" and each.clear],
         "habit_bars": lambda habits: [
             charts.Bar(say.habit(each), 100 * each.share, 100 * each.low, 100 * each.high, 100 * each.usual, player=1)
             for each in habits[:_SHOWN]
         ],
         "answers": lambda kinds: _answers(report, kinds),
         "ending_share": lambda share, digits=0: ranged(Estimate(*share[:3]), digits),
-        "clear_endings": list(_clear_endings(report.endings)),
+        "clear_endings": list(clear_endings(report.endings)),
         "endings": sorted((each for each in report.endings if each.technique is None), key=lambda each: -each.strokes),
-        "ends": [
-            sorted((e for e in report.endings if e.technique is None), key=lambda e: getattr(e, end)[3] - getattr(e, end)[0])
-            for end in _ENDS
-        ],
         "beside": _beside(report),
-        "drills": [] if catalogue is None else drills(catalogue, ((*a.situation[:2], a.stroke) for a in report.advice)),
     }
     return page("scout.html.j2", clips, content)
+
+
+def _example(report: ScoutingReport, each: Example) -> str:
+    say = words()
+    habit = say.capital(say.habit(report.page1.of(1, "habit")[each.statement].figure))
+    points = "\N{EN DASH}".join(map(str, each.points))
+    event = say.event(each.match, each.people)
+    return say("scout.examples_at", habit=habit, game=each.game, points=points, event=event) if each.match else habit
 
 
 def _listed(habit: Habit) -> bool:
@@ -287,15 +282,6 @@ def _answers(report: ScoutingReport, kinds: Sequence[str]) -> list[Habit]:
     """All answers to some questions that are not very rare."""
     asked = [habit for habit in report.habits if habit.kind in kinds and _listed(habit)]
     return sorted(asked, key=lambda habit: (kinds.index(habit.kind), habit.about, -habit.share))
-
-
-def _clear_endings(endings: Sequence[Ending]) -> Iterator[tuple[Ending, str]]:
-    """Faults and winners that differ from those of others; what holds of a shot type is not repeated for its techniques."""
-    whole = {(each.shot, key) for each in endings if each.technique is None for key in np.flatnonzero(each.clear).tolist()}
-    for each in endings:
-        for key, end in enumerate(_ENDS):
-            if each.clear[key] and (each.technique is None or (each.shot, key) not in whole):
-                yield each, end
 
 
 def _beside(report: ScoutingReport) -> dict[str, Any] | None:

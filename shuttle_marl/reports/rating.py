@@ -40,8 +40,7 @@ from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import TYPICAL_TAU, human_policy
-from shuttle_marl.reports.advice import TOLERANCE
-from shuttle_marl.reports.value import Value, agree
+from shuttle_marl.reports.value import TOLERANCE, Value, agree
 
 MARKS: Final = ("!!", "!", "?!", "?", "??")
 RARE: Final = 0.25  # share of the shot type among the choices of elite players from which a stroke has no mark

@@ -18,38 +18,22 @@ from scipy.special import expit, logit
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.data.schema import DISCIPLINES, STROKES
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.habits import NONE, Plays, Tally, load_habits, plays_of_strokes, tally
-from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.pairs import AVERAGE, Day, Skill, load_skill, pair_game
-from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder, resolve_game
+from shuttle_marl.dynamics.features import hurry_of, marked_rows
+from shuttle_marl.dynamics.habits import Plays, Tally, load_habits, plays_of, tally
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game.pairs import AVERAGE, Day, Skill, load_skill, pair_game, people_of
+from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.shipped import PROFILES, Estimate, model_folder, resolve_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.reports.advice import Advice, Meeting, Refitted, advise, refitted
-from shuttle_marl.reports.habits import (
-    Brief,
-    Ending,
-    Habit,
-    Option,
-    brief,
-    endings,
-    habits,
-    interval,
-    is_short,
-    plain,
-)
-from shuttle_marl.reports.summary import (
-    AnalysisError,
-    Met,
-    hand_of,
-    met,
-    with_hands_of_model,
-    won_or_lost,
-)
-from shuttle_marl.reports.waits import Wait, waits
+from shuttle_marl.reports.habits import Ending, Habit, Option, Results, endings, habits, interval, plain
+from shuttle_marl.reports.page1 import Page1, answers, options, serves, sure
+from shuttle_marl.reports.summary import AnalysisError, Met, hand_of, met, rally_numbers, with_hands_of_model, won_or_lost
+from shuttle_marl.reports.value import TOLERANCE
+from shuttle_marl.reports.waits import Wait, differences, waits
+from shuttle_marl.reports.words import words
 
-PIECES: Final = 5
-LEAST_EACH: Final = 0.01  # smaller gains per time, in rallies won, are of no use on court
 ATTACKS: Final = ("smash", "half-smash", "net-kill")
 EARNED: Final = 0.4
 """Share of the log-odds of a rally that a forecast keeps: the lower end of the 95 % interval of their slope on cross fits, .43,
@@ -75,35 +59,12 @@ class Known:
     imitated: bool
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Realised:
-    """Results of an advised shot type in annotated matches of the discipline.
-
-    Attributes:
-        strokes, won: how often it was played in its situation, and how many of these rallies its striker won.
-        low, high: 90 % interval of the share.
-        others, others_won: the same of all other strokes in the situation.
-    """
-
-    strokes: int
-    won: int
-    low: float
-    high: float
-    others: int
-    others_won: int
-
-    @property
-    def confirms(self) -> bool:
-        """Whether it won at least as often as the others."""
-        return self.won * self.others >= self.others_won * self.strokes
-
-
 class Form(NamedTuple):
-    """Figures of a player in one dated match: shares of rallies won, and of strokes that were faults, winners and attacks."""
+    """Figures of a player in one dated match: shares of points won, and of strokes that were faults, winners and attacks."""
 
     day: datetime.date
     against: str
-    rallies: int
+    points: int
     won: Estimate
     strokes: int
     fault: Estimate
@@ -120,9 +81,8 @@ class ScoutingReport:
         opponent: who is described.
         discipline: ``men`` or ``women``.
         model: name or folder of the model, and hash of the game.
-        refits: number of refits behind the intervals.
-        factor: share of predicted advantages that real matches realise; None: not known for this model.
-        brief: page 1.
+        page1: page 1, on the player (0) and the opponent (1).
+        options: shot types that were played to the opponent, each beside the others in its situation; None without matches.
         rally: share of rallies that the player wins by the skill of both, no larger than such forecasts have earned.
         met: results of the two in the annotated matches; None without.
         season: figures of the opponent over dated matches.
@@ -134,19 +94,15 @@ class ScoutingReport:
             positions.
         recent: the opponent's last match in the data beside the earlier ones; empty without two matches.
         beside: name of another opponent, and the habits of this one beside that one; None: not asked for.
-        advice: strokes to play against the opponent, largest gain first.
-        realised: their results in annotated matches, in the same order; empty without data.
-        pair: the game, for staging examples.
-        home: both players imitated in it.
+        pair: the game of both, for staging examples.
     """
 
     player: Known | None
     opponent: Known
     discipline: str
     model: tuple[str, str]
-    refits: int
-    factor: Estimate | None
-    brief: Brief
+    page1: Page1
+    options: Sequence[Option] | None
     rally: float | None
     met: Met | None
     season: Sequence[Form]
@@ -159,10 +115,7 @@ class ScoutingReport:
     waits: Sequence[Wait]
     recent: Sequence[Habit]
     beside: tuple[str, Sequence[Habit]] | None
-    advice: Sequence[Advice]
-    realised: Sequence[Realised]
     pair: Game | None
-    home: Meeting | None
 
     def renamed(self, name_of: Callable[[str], str]) -> "ScoutingReport":
         """The report with other names of player and opponents."""
@@ -173,22 +126,9 @@ class ScoutingReport:
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
-        skipped = ("pair", "home", "advice")
-        names = () if self.pair is None else self.pair.catalogue.names
-        figures = {
-            field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self) if field.name not in skipped
-        }
-        listed = []
-        for advice in self.advice:
-            shot, area, contact = advice.situation
-            incoming = {
-                "shot": SHOTS[shot] if shot >= 0 else None,
-                "area": AREAS[area] if area >= 0 else None,
-                "above": bool(contact),
-            }
-            own = {"stroke": names[advice.stroke], "usual": names[advice.usual], "situation": incoming}
-            listed.append({**plain(dataclasses.replace(advice, states=np.zeros(0, np.int64))), **own})
-        return {**figures, "advice": listed}
+        figures = {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self) if field.name != "pair"}
+        names = "" if self.player is None else words().player(self.player.name), words().player(self.opponent.name)
+        return figures | {"page1": self.page1.as_json(lambda each: words().statement(each, names, match=False))}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -275,7 +215,7 @@ def scout(
 
     people = known(opponent), None if player is None else known(player)
     strokes = strokes.filter(pa.compute.equal(strokes["discipline"], DISCIPLINES[PROFILES.index(discipline)]))
-    plays, won = plays_of_strokes(strokes), won_or_lost(strokes)
+    plays, won = plays_of(marked_rows(strokes, hurry_of(resolve_game(model)))), won_or_lost(strokes)
     striker, receiver = (strokes[name].to_numpy(zero_copy_only=False) for name in ("player", "opponent"))
     mine, against = striker == opponent, receiver == opponent
 
@@ -285,73 +225,46 @@ def scout(
         return (tally(plays.take(which)), tally(plays.take(~which))) if which.any() else load_habits(folder)[name]
 
     own, others = tallies(opponent)
-    page = brief(own, None if player is None else tallies(player)[0], plays, won, against, mine, ~against)
-    found = None if player is None else refitted(pair(player, opponent))
-    # A player whom the model does not know is an average one there, whom no advice would concern.
-    advised, evidence = list[Advice](), list[Realised]()
-    if found is not None and {opponent, player} <= set(skill.players):
-        advised, evidence = _advised(found, plays, won, page.donts, counted=data is not None)
+    told, ends, waiting = habits(own, others), endings(own, others), waits(strokes, (player or "", opponent))
+    tested = Results(plays, won, rally_numbers(strokes), against).options() if against.any() else None
+    said = (*sure(1, told, ends, differences(waiting, match=False)), *answers(1, own), *options(0, tested or ()))
+    counted = serves(strokes, opponent) if mine.any() else None
+    found = None if player is None else pair(player, opponent)
     return ScoutingReport(
         player=people[1],
         opponent=people[0],
         discipline=discipline,
-        model=(model, pair(opponent, AVERAGE).hash if found is None else found.pair.hash),
-        refits=0 if found is None else len(found.refits),
-        factor=factor_of(resolve_game(model)),
-        brief=page,
-        rally=None if found is None else float(earned(np.array(found.home.value.odds().rally))),
+        model=(model, (pair(opponent, AVERAGE) if found is None else found).hash),
+        page1=Page1(said, None if tested is None else len(tested), (None, counted)),
+        options=tested,
+        rally=None if found is None else float(earned(np.array(odds_of(found)))),
         met=None if data is None or player is None else met(strokes, player, opponent),
         season=season(strokes, plays, opponent),
-        habits=habits(own, others),
-        endings=endings(own, others),
+        habits=told,
+        endings=ends,
         targets=own.targets / max(1.0, own.targets.sum()),
         targets_usual=others.targets / max(1.0, others.targets.sum()),
         target_strokes=float(own.targets.sum()),
         seen=(int(mine.sum()), len(strokes.filter(mine)["match"].unique())) if mine.any() else None,
-        waits=waits(strokes, (player or "", opponent)),
+        waits=waiting,
         recent=_recent(plays.take(mine), strokes.filter(mine)),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
-        advice=advised,
-        realised=evidence,
-        pair=None if found is None else found.pair,
-        home=None if found is None else found.home,
+        pair=found,
     )
 
 
-def _advised(
-    found: Refitted, plays: Plays, won: F64, donts: Sequence[Option], *, counted: bool
-) -> tuple[list[Advice], list[Realised]]:
-    """Pieces of advice that gain enough; where strokes are counted only those that these confirm, with what they brought."""
-    catalogue = found.pair.catalogue
-    kinds = np.stack([catalogue.shot, catalogue.area], axis=1).tolist()
-    advised: list[Advice] = []
-    evidence: list[Realised] = []
-    for advice in advise(found, most=2 * PIECES):
-        kind = kinds[advice.stroke]
-        if len(advised) == PIECES or advice.expected.value < LEAST_EACH * advice.often or is_short(*kind):
-            continue
-        if counted:
-            real = _realised(plays, won, advice, kind[0])
-            if real is None or not real.confirms or any(each.covers(*kind) for each in donts):
-                continue
-            evidence.append(real)
-        advised.append(advice)
-    return advised, evidence
+def imitated(pair: Game) -> tuple[TabulatedPolicy, TabulatedPolicy]:
+    """Both players of a pair as they are imitated: by their own choices where the model has them, else as the average player."""
+    first, second = (
+        baselines.load(player if player in baselines.players(game) else None, game)
+        for player, game in zip(people_of(pair).players, pair.seats, strict=True)
+    )
+    return first, second
 
 
-def _realised(plays: Plays, won: F64, advice: Advice, kind: int) -> Realised | None:
-    """Result of an advised shot type in annotated matches; None with too few strokes."""
-    shot, area, contact = advice.situation
-    there = plays.incoming == NONE if shot < 0 else (plays.incoming == shot) & (plays.met == area) & (plays.contact == contact)
-    there &= np.isfinite(won)
-    # By shot type, because where a fault was aimed at is not recorded.
-    played = there & (plays.shot == kind)
-    n, others = int(played.sum()), there & ~played
-    if n < RELIABLE:
-        return None
-    wins = int(won[played].sum())
-    low, high = interval(wins / n, n)
-    return Realised(strokes=n, won=wins, low=low, high=high, others=int(others.sum()), others_won=int(won[others].sum()))
+def odds_of(pair: Game) -> float:
+    """Probability that the first player of a pair wins a rally, both imitated."""
+    return float(evaluate(*imitated(pair), tolerance=TOLERANCE).odds().rally)
 
 
 def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:
@@ -416,5 +329,5 @@ def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:
 
         n = int(mine.sum())
         ends = (share(float(each[mine].sum()), n) for each in (plays.fault, plays.winner, attack))
-        found.append(Form(day, against, result.rallies, share(result.rallies_won, result.rallies), n, *ends))
+        found.append(Form(day, against, result.points, share(result.points_won, result.points), n, *ends))
     return sorted(found)

@@ -13,11 +13,12 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import ShuttleError, whole_number
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import receiver_hands
-from shuttle_marl.data.matches import real_rallies, winner_of
+from shuttle_marl.data.matches import game_end, real_rallies, winner_of
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
 from shuttle_marl.game.pairs import Skill
+from shuttle_marl.game.scoring import wins_game
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.reader import is_log
@@ -116,23 +117,36 @@ def won_or_lost(strokes: pa.Table) -> F64:
 
 
 class Met(NamedTuple):
-    """Real results of a player against another: rallies and matches of both, and those that the first one won."""
+    """Real results of a player against another: points, games and matches of both, and those that the first one won."""
 
-    rallies: int
-    rallies_won: int
+    points: int
+    points_won: int
+    games: int
+    games_won: int
     matches: int
     matches_won: int
 
 
 def met(strokes: pa.Table, first: str, second: str) -> Met:
-    """Results of two players in a table of strokes; matches that were not finished count for neither."""
+    """Results of two players in a table of strokes, by its points, or by the winners of rallies where it has none.
+
+    The last rally of a game that the rules tell counts. Games and matches that were not finished count for neither.
+    """
     both = pa.array([first, second])
     rows = pc.and_(*(pc.is_in(strokes[name], value_set=both) for name in ("player", "opponent")))
     rallies = [*real_rallies(strokes.filter(rows))]
-    won = [rally.players[rally.winner] == first for rally in rallies if rally.winner is not None]
-    matches = [[*part] for _, part in itertools.groupby(rallies, key=lambda rally: rally.match)]
-    winners = [part[0].players[winner] == first for part in matches if (winner := winner_of(part)) is not None]
-    return Met(len(won), sum(won), len(winners), sum(winners))
+    points, games, winners = list[tuple[int, int]](), list[bool](), list[bool]()
+    for _, part in itertools.groupby(rallies, key=lambda rally: rally.match):
+        played = [*part]
+        last, mine = played[-1], played[0].players.index(first)
+        for game in (*last.score.finished, game_end(last.after, None, last.score.rules)[0]):
+            points.append((game[mine], game[1 - mine]))
+            if wins_game(max(game), min(game), last.score.rules):
+                games.append(game[mine] > game[1 - mine])
+        if (winner := winner_of(played)) is not None:
+            winners.append(winner == mine)
+    won, lost = np.sum(points, axis=0, dtype=int).tolist() if points else (0, 0)
+    return Met(won + lost, won, len(games), sum(games), len(winners), sum(winners))
 
 
 def with_hands_of_model(strokes: pa.Table, skill: Skill) -> pa.Table:

@@ -36,6 +36,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports.summary import AnalysisError
 
 NORMAL: Final = 1.6448536  # 95 % quantile of the normal distribution: intervals of the reports contain the truth in 90 % of cases
+TOLERANCE: Final = 1e-6  # largest error of exact values
 LEAST_REFITS: Final = 5  # number of refits below which nothing is advised and no refits agree
 
 

@@ -6,7 +6,7 @@ same matches.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from shuttle_marl.game.recovery import N_POSITIONS, position_of
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
-from shuttle_marl.reports.habits import discoveries
+from shuttle_marl.reports.habits import FALSE_DISCOVERIES, adjusted
 from shuttle_marl.reports.summary import rally_numbers
 
 MOST: Final = 3
@@ -38,12 +38,14 @@ class Place:
     Attributes:
         difference: from the opponents in the same matches; NaN where they played no such strokes at both ends.
         p: p-value of the difference; NaN where one of them played it less than 20 times.
-        clear: whether the difference is more than chance, with a correction for the number of differences, and large enough.
+        q: the same with a correction for the number of differences.
+        clear: whether the difference is more than chance, with this correction, and large enough.
     """
 
     mean: Estimate
     difference: Estimate
     p: float
+    q: float = float("nan")
     clear: bool = False
 
 
@@ -87,14 +89,42 @@ def waits(strokes: pa.Table, players: Sequence[str], *, seed: int = 0) -> list[W
             if mine.any():
                 found.append(_wait(rows, player, kind, mine, others, np.random.default_rng([seed, player, kind])))
     tested = [place.p for wait in found for place in (wait.depth, wait.side) if place.p == place.p]
-    marks = iter(discoveries(tested).tolist())
+    corrected = iter(adjusted(tested).tolist())
 
     def marked(place: Place) -> Place:
         _, low, high = place.difference
-        named = place.p == place.p and next(marks) and not low <= 0 <= high
-        return dataclasses.replace(place, clear=named and abs(place.difference.value) >= LEAST_METRES)
+        q = next(corrected) if place.p == place.p else place.p
+        named = q <= FALSE_DISCOVERIES and not low <= 0 <= high and abs(place.difference.value) >= LEAST_METRES
+        return dataclasses.replace(place, q=q, clear=named)
 
     return [dataclasses.replace(wait, depth=marked(wait.depth), side=marked(wait.side)) for wait in found]
+
+
+class Difference(NamedTuple):
+    """A difference of a player from others that the data support: where they wait, and its size and interval [m];
+    ``q`` as in :class:`Place`."""
+
+    wait: Wait
+    kind: str
+    value: float
+    low: float
+    high: float
+    q: float
+
+
+def differences(found: Sequence[Wait], *, match: bool) -> list[Difference]:
+    """The largest first. ``match``: the players are each other's only opponents, so a difference is named for one of them."""
+    first = {wait.shot for wait in found if wait.player == 0}
+    told = [each for wait in found if not (match and wait.player and wait.shot in first) for each in named(wait)]
+    return sorted(told, key=lambda each: -each.value)
+
+
+def named(wait: Wait) -> Iterator[Difference]:
+    """The differences of one row."""
+    for place, kinds in ((wait.depth, ("closer", "farther")), (wait.side, ("backhand", "forehand"))):
+        if place.clear:
+            value, *interval = place.difference
+            yield Difference(wait, kinds[value > 0], abs(value), *sorted(map(abs, interval)), place.q)
 
 
 class _Rows(NamedTuple):

@@ -2,8 +2,8 @@
 
 import functools
 import re
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -11,10 +11,14 @@ from shuttle_marl.data.words import bare
 from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
-from shuttle_marl.game.stroke import SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.reports.habits import Expected, Habit, is_short
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
+from shuttle_marl.reports.habits import Ending, Expected, Habit, Option, Situation, is_short
 from shuttle_marl.reports.languages import Language, Texts, current
-from shuttle_marl.reports.match import RallyRow
+from shuttle_marl.reports.waits import Difference
+
+if TYPE_CHECKING:
+    from shuttle_marl.reports.match import RallyRow
+    from shuttle_marl.reports.page1 import Statement
 
 _CENTRE: Final = 1
 AT_BODY: Final = ("smash", "half-smash", "drive", "push", "net-kill")
@@ -110,7 +114,7 @@ class Words(Texts):
         """Players with their hands, such as ``Kento Momota, left-handed``; None: unknown."""
         return " · ".join(self(f"hands.{hand or 'unknown'}", name=name) for name, hand in zip(players, hands, strict=True))
 
-    def ending(self, row: RallyRow) -> str:
+    def ending(self, row: "RallyRow") -> str:
         """How a rally ended, and with which stroke."""
         return self(f"endings.{row.ending}", shot=self.shot(row.last_shot, 0))
 
@@ -128,6 +132,51 @@ class Words(Texts):
         if len(habit.about) > 1:
             fields["height"] = self(f"heights.{habit.about[1]}")
         return self(f"habit.{habit.kind}", **fields)
+
+    def strokes_with(self, shot: str, technique: str | None) -> str:
+        """Strokes of a shot type, such as ``clears with the backhand``; None: with any technique."""
+        return (
+            self.shots(shot)
+            if technique is None
+            else self("stroke.with", shots=self.shots(shot), technique=self.technique(technique))
+        )
+
+    def situation(self, place: Situation, whose: str) -> str:
+        """A situation, such as ``against a lift to your rear forehand corner, met above the net``."""
+        if place.shot < 0:
+            return self("brief.when_serving")
+        said = {
+            "shot": self.shot(SHOTS[place.shot]),
+            "area": self.area(place.area, whose),
+            "height": self(f"heights.{HEIGHTS[place.contact]}"),
+        }
+        return self("brief.when_hurried" if place.hurried else "brief.when", **said)
+
+    def statement(self, said: "Statement", players: Sequence[str], *, match: bool) -> str:
+        """A statement of page 1 as a sentence; ``match``: of a match, whose players are compared with each other."""
+        figure, others = said.figure, players[1 - said.player] if match else self("brief.others")
+        shares = {"share": of_100(said.value), "usual": of_100(said.usual), "strokes": said.count, "others": others}
+        if isinstance(figure, Habit):
+            text = self("brief.habit", habit=self.habit(figure), **shares)
+        elif isinstance(figure, Ending):
+            text = self(f"brief.{said.kind}", shots=self.strokes_with(figure.shot, figure.technique), **shares)
+        elif isinstance(figure, Difference):
+            ends = {name: metres(getattr(figure, name)) for name in ("low", "high")}
+            fields = {
+                "metres": metres(figure.value),
+                "strokes": said.count,
+                "others": others if match else self("waits.others"),
+                **ends,
+            }
+            text = self(f"brief.{figure.kind}", shots=self.shots(figure.wait.shot), **fields)
+        elif isinstance(figure, Option):
+            counts = {"won": figure.won, "rallies": figure.rallies, "others_won": figure.others_won, "others": figure.others}
+            when = self.situation(figure.situation, "your")
+            text = self("brief.option", when=when, shots=self.shots(SHOTS[figure.shot]), **counts)
+        else:
+            about = self.shots(figure.about) if figure.about else ""
+            text = self(f"brief.{figure.kind}", shots=about, most=self.most(figure), strokes=said.count)
+        return self.capital(text)
 
 
 @functools.cache

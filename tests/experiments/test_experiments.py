@@ -72,6 +72,15 @@ def test_stroke_value_ranks_the_players_of_the_sample() -> None:
     assert found["left_out"] == len(set(strokes_of(SAMPLE)["player"].to_pylist())) - len(players)
 
 
+def test_no_report_of_the_sample_contradicts_its_matches() -> None:
+    found = result_of("experiments.reports", "--data", SAMPLE, "--pairs", 1)
+    assert (found["matches"], found["pairs"], found["languages"]) == (8, 1, 3)
+    assert (found["contradictions"], found["insignificant_dos"], found["raw_names"]) == (0, 0, 0), found["found"]
+    assert found["statements"]["habit"] > 0
+    assert all(0 < share <= 1 for part in found["sections"].values() for share in part.values())
+    assert min(found["seconds"].values()) > 0
+
+
 def test_pairs_refuses_a_single_part(tmp_path: Path) -> None:
     assert "expected 2 or more parts" in run("experiments.pairs", "--data", SAMPLE, "--cross", 1, status=1)
 

@@ -1,4 +1,4 @@
-"""A small model with all refits, two imitated players in it, the sample and the report of a match of it, and a tournament."""
+"""A small model with all refits, the sample and the report of a match of it, and a tournament."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,12 +12,10 @@ from shuttle_marl.court import clips
 from shuttle_marl.court.building import BuildError
 from shuttle_marl.data import read_matches
 from shuttle_marl.game import default_game
-from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import REFITS, resolve_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import add_values, strokes_of
-from shuttle_marl.reports.advice import Refitted, refitted
 from shuttle_marl.reports.languages import Language
 from shuttle_marl.reports.match import MatchReport, match_report, matches_in
 from shuttle_marl.reports.words import Words
@@ -41,11 +39,6 @@ def with_hand(strokes: pa.Table, hand_of: Mapping[str, int | None]) -> pa.Table:
 @pytest.fixture(scope="session")
 def model() -> str:
     return reduced_model(tuple(str(k + 1) for k in range(REFITS)))
-
-
-@pytest.fixture(scope="session")
-def found(model: str) -> Refitted:
-    return refitted(pair_game(A, B, game=model, discipline="men"))
 
 
 @pytest.fixture(scope="session")

@@ -1,20 +1,19 @@
 """Figures of reports, each counted again in a plain way: options, habits, endings, rallies, values, places and forms."""
 
 import datetime
-import itertools
 import math
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
-from scipy import special, stats
+from scipy import stats
 
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.dynamics.habits import NONE, Plays, Tally, questions, tally
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
-from shuttle_marl.reports.habits import brief, discoveries, endings, expected_of, habits, interval, options
+from shuttle_marl.reports.habits import SERVING, Results, Situation, discoveries, endings, expected_of, habits, interval
 from shuttle_marl.reports.scouting import season
 from shuttle_marl.reports.summary import AnalysisError, rally_table, summarise, won_or_lost
 from tests.reports.played import strokes_of
@@ -27,7 +26,7 @@ def plays_of(n: int, **columns: Any) -> Plays:
     usual: dict[str, Any] = {
         **{name: np.full(n, LIFT) for name in ("own", "incoming", "shot")},
         **{name: np.full(n, -1) for name in ("met", "area")},
-        **{name: np.zeros(n, np.int64) for name in ("contact", "technique", "group")},
+        **{name: np.zeros(n, np.int64) for name in ("contact", "technique", "group", "hurried")},
         **{name: np.zeros(n, np.bool_) for name in ("fault", "winner", "opposite")},
     }
     return Plays(**{**usual, **columns})
@@ -44,91 +43,40 @@ def some_plays(n: int, seed: int, smashes: float = 0.3) -> tuple[Plays, np.ndarr
     found = plays_of(
         n, shot=shot, area=area, technique=rng.integers(0, 4, n),
         incoming=np.where(shot == SERVE, NONE, rng.choice([SERVE, DROP], n)),
-        contact=rng.integers(0, 2, n), met=rng.integers(-1, 9, n), fault=end < 0.3 + 0.3 * (shot == SMASH),
+        contact=rng.integers(0, 2, n), met=rng.integers(-1, 2, n), fault=end < 0.3 + 0.3 * (shot == SMASH),
         winner=end > 0.9, own=rng.choice([SERVE, LIFT], n),
     )  # fmt: skip
     return found, won
 
 
-@pytest.mark.parametrize("against", [False, True])
-def test_options_are_those_that_a_plain_count_finds(against: bool) -> None:
-    plays, won = some_plays(900, 1)
-    mine = np.arange(900) < 500
-    other = ~mine if against else None
-    expected: dict[tuple[int, int], tuple[int, ...]] = {}
-    known = np.isfinite(won) & (plays.shot >= 2)
-
-    def counted(which: Any, shot: int, area: int) -> tuple[int, int]:
-        rows = which & known & ((plays.shot == shot) | (shot < 0)) & ((plays.area == area) | (area < 0))
-        return int(rows.sum()), int(won[rows].sum())
-
-    for shot, area in itertools.product([-1, *range(len(SHOTS))], [-1, *range(9)]):
-        own = counted(mine, shot, area)
-        if against:
-            rest = counted(~mine, shot, area)
-        else:
-            among = counted(mine & (plays.area >= 0) if area >= 0 else mine, -1, -1)
-            rest = among[0] - own[0], among[1] - own[1]
-        if (shot, area) != (-1, -1):
-            expected[shot, area] = (*own, *rest)
-    levels = [counted(which & (plays.area >= 0), -1, -1) for which in (mine, ~mine)]
-    shift = special.logit(levels[0][1] / levels[0][0]) - special.logit(levels[1][1] / levels[1][0]) if against else 0.0
-    z, usual = {}, {}
-    for kind, (n, w, m, v) in expected.items():
-        if min(n, m) < RELIABLE or not 0 < v < m:
-            continue
-        usual[kind] = special.expit(special.logit(v / m) + shift)
-        pooled = (w + usual[kind] * m) / (n + m)
-        score = (w / n - usual[kind]) / math.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))
-        if score * (w / n - v / m) >= 0:
-            z[kind] = score
-    found = options(plays, won, mine, other)
-    assert [(each.shot, each.area) for each in found] == sorted(z, key=lambda kind: -z[kind])
-    assert len(found) > 5
-    clear = dict(
-        zip(z, stats.false_discovery_control([2 * stats.norm.sf(abs(score)) for score in z.values()]) <= 0.05, strict=True)
-    )
+def test_options_are_those_that_a_plain_count_finds() -> None:
+    plays, won = some_plays(1800, 1)
+    mine, rally = np.arange(1800) < 1500, np.arange(1800) // 2
+    last: dict[tuple[Any, ...], tuple[int, float]] = {}
+    for i in np.flatnonzero(mine & np.isfinite(won)).tolist():
+        came, met, contact, hurried = (int(getattr(plays, name)[i]) for name in ("incoming", "met", "contact", "hurried"))
+        if came == NONE and plays.shot[i] < 2:
+            last[rally[i], SERVING] = plays.shot[i], won[i]
+        elif came < NONE and met >= 0 and hurried >= 0:
+            last[rally[i], Situation(came, met, contact, hurried == 1)] = plays.shot[i], won[i]
+    expected = {}
+    for place, shot in {(place, shot) for (_, place), (shot, _) in last.items()}:
+        one, rest = ([w for (_, at), (s, w) in last.items() if at == place and (s == shot) == same] for same in (True, False))
+        if min(len(one), len(rest)) >= RELIABLE:
+            counts = len(one), int(sum(one)), len(rest), int(sum(rest))
+            table = [[counts[1], counts[0] - counts[1]], [counts[3], counts[2] - counts[3]]]
+            expected[place, shot] = counts, stats.fisher_exact(table).pvalue
+    found = Results(plays, won, rally, mine).options()
+    corrected = dict(zip(expected, stats.false_discovery_control([p for _, p in expected.values()]), strict=True))
+    assert {(each.situation, each.shot) for each in found} == expected.keys()
     for each in found:
-        kind = each.shot, each.area
-        assert (each.strokes, each.won, each.others, each.others_won) == expected[kind]
-        assert each.usual == pytest.approx(usual[kind])
-        assert each.clear == clear[kind]
-        assert each.gain == pytest.approx(each.won / each.strokes - each.others_won / each.others)
+        counts, p = expected[each.situation, each.shot]
+        assert (each.rallies, each.won, each.others, each.others_won) == counts
+        assert (each.p, each.q) == pytest.approx((p, corrected[each.situation, each.shot]))
+        assert (each.low, each.high) == pytest.approx(interval(each.won / each.rallies, each.rallies))
+        assert each.clear == (each.q <= 0.05 and abs(each.gain) >= 0.03)
+    assert [each.q for each in found] == sorted(each.q for each in found)
     assert {each.clear for each in found} == {False, True}
-
-
-def test_a_page_names_what_won_and_lost_and_how_the_opponent_answers() -> None:
-    # The player strikes 60 clears of which 48 are won, and 60 smashes of which 12; 30 lifts after serves (20 won), 30 drops (5).
-    shot = np.repeat([CLEAR, SMASH, LIFT, DROP], [60, 60, 30, 30])
-    won = np.concatenate([np.arange(n) < w for n, w in ((60, 48), (60, 12), (30, 20), (30, 5))]).astype(float)
-    incoming = np.where(np.arange(180) < 120, DROP, SERVE)
-    answers = np.repeat([LIFT, DROP, CLEAR], [12, 8, 4])
-    both = plays_of(
-        204, shot=np.r_[shot, answers], incoming=np.r_[incoming, np.full(24, CLEAR)],
-        contact=np.r_[np.zeros(180, int), np.ones(24, int)],
-        area=np.r_[np.full(180, -1), np.repeat([8, 8, 2, -1], [6, 6, 6, 6])],
-    )  # fmt: skip
-    towards = np.arange(204) < 180
-    own = tally(both.take(~towards))
-    page = brief(own, None, both, np.r_[won, np.full(24, np.nan)], towards, ~towards)
-    assert [(each.shot, each.area, each.strokes, each.won) for each in page.dos] == [(CLEAR, -1, 60, 48), (LIFT, -1, 30, 20)]
-    assert [(each.shot, each.strokes, each.won, each.others, each.others_won) for each in page.donts] == [
-        (SMASH, 60, 12, 120, 73), (DROP, 30, 5, 150, 80)
-    ]  # fmt: skip
-    assert page.returns is not None
-    assert page.returns[:6] == (LIFT, -1, 30, 20, 30, 5)
-    assert [each.expected.about for each in page.answers] == ["clear", "smash", "lift"], "the main strokes of the player"
-    first = page.answers[0]
-    assert (first.expected.kind, first.expected.strokes) == ("reply", 24)
-    assert first.expected.most == (("lift", 0.5), ("drop", 8 / 24), ("clear", 4 / 24))
-    assert first.areas == (0, 0, 6 / 18, 0, 0, 0, 0, 0, 12 / 18)
-    assert page.answers[1].areas == (0,) * 9
-    assert page.expected == ()
-    few = tally(both.take(np.arange(204) >= 203))
-    without = brief(own, few, plays_of(0), np.zeros(0), np.zeros(0, bool), np.zeros(0, bool))
-    assert without.answers[0].expected.about == "clear", "a single stroke is an answer"
-    assert without.answers[0].areas == ()
-    assert without.dos == ()
 
 
 def test_expected_answers_are_the_three_most_frequent() -> None:
@@ -220,7 +168,9 @@ def test_endings_are_those_that_a_plain_count_finds() -> None:
             assert part == pytest.approx((a / n, *interval(a / n, n), b / m))
             pooled = (a + b) / (n + m)
             tests.append(2 * stats.norm.sf(abs(a / n - b / m) / math.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))))
-    assert [mark for each in found for mark in each.clear] == discoveries(tests).tolist()
+    least = [abs(part[0] - part[3]) >= 0.03 for each in found for part in (each.fault, each.winner)]
+    assert [mark for each in found for mark in each.clear] == (discoveries(tests) & least).tolist()
+    assert [q for each in found for q in each.q] == pytest.approx(stats.false_discovery_control(tests))
     assert {mark for each in found for mark in each.clear} == {False, True}
     assert endings(tally(mine.take(np.arange(500) < 19)), tally(others)) == []
     same = tally(plays_of(30))
@@ -272,7 +222,7 @@ def test_the_form_of_a_player_in_dated_matches() -> None:
     shot = np.array([SERVE, SMASH, SERVE, LIFT, SERVE, SERVE])
     plays = plays_of(6, shot=shot, fault=np.arange(6) == 3, winner=np.isin(np.arange(6), (1, 4, 5)))
     [form] = season(strokes, plays, "A")
-    assert (form.day, form.against, form.rallies, form.strokes) == (datetime.date(2025, 3, 1), "B", 3, 3)
+    assert (form.day, form.against, form.points, form.strokes) == (datetime.date(2025, 3, 1), "B", 3, 3)
     assert form.won == pytest.approx((1 / 3, *interval(1 / 3, 3)))
     assert (form.fault.value, form.winner.value, form.attack.value) == pytest.approx((1 / 3, 1 / 3, 0))
     [other] = season(strokes, plays, "B")

@@ -11,17 +11,18 @@ from typing import TYPE_CHECKING, TypeVar
 import pyarrow as pa
 import pytest
 
+from experiments.reports import points_of
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.court.clips import match_clips
 from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.reports import coach
-from shuttle_marl.reports.habits import DONTS, DOS, Brief, is_short
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 from shuttle_marl.reports.match import MatchReport, matches_in
 from shuttle_marl.reports.pages import match_page, scouting_page
 from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
+from shuttle_marl.reports.summary import met
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -88,18 +89,6 @@ def wrong_pages(pages: dict[Language, bytes], paper: "Page", private: Path) -> I
             yield language, "sides", sides
 
 
-def check_brief(found: Brief) -> None:
-    """Advice with enough strokes that the observed difference does not contradict, and none beside its opposite."""
-    assert len(found.dos) <= DOS
-    assert len(found.donts) <= DONTS
-    for better, options in ((True, found.dos), (False, found.donts)):
-        for each in options:
-            assert min(each.strokes, each.others) >= RELIABLE
-            assert (each.gain > 0) == (each.won / each.strokes > each.usual) == better
-            assert not (better and is_short(each.shot, each.area))
-    assert not {each[:2] for each in found.dos} & {each[:2] for each in found.donts}
-
-
 def check_match(report: MatchReport, numbers: Mapping[int, int], recorded: RealRallies) -> None:
     """One number for one thing: rallies won by length, by server and in the course."""
     decided = [row.winner for row in report.rallies if row.winner is not None]
@@ -120,7 +109,7 @@ def check_match(report: MatchReport, numbers: Mapping[int, int], recorded: RealR
 def check_scout(report: ScoutingReport) -> None:
     """One number for one thing: answers on page 1 and in the tables, strokes and rallies in all and match by match."""
     told = {(each.kind, "".join(each.about[:1]), each.answer): each for each in report.habits}
-    for each in report.brief.expected:
+    for each in (statement.figure for statement in report.page1.of(1, "answer")):
         for answer, share in each.most:
             habit = told.get((each.kind, each.about, answer))
             assert habit is None or (habit.strokes, habit.share) == (each.strokes, share)
@@ -129,7 +118,7 @@ def check_scout(report: ScoutingReport) -> None:
     assert report.seen == (sum(form.strokes for form in report.season), len(report.season))
     assert report.player is not None
     together = [form for form in report.season if form.against == report.player.name]
-    assert (len(together), sum(form.rallies for form in together)) == (report.met.matches, report.met.rallies)
+    assert (len(together), sum(form.points for form in together)) == (report.met.matches, report.met.points)
 
 
 T = TypeVar("T")
@@ -145,7 +134,6 @@ def test_the_report_of_every_match(file: Path, strokes: pa.Table, paper: "Page",
     coach.of_strokes(file, game, matches_in(strokes)[0])  # what is computed once in a process
     recorded = RealRallies(file, game, strokes)
     wrong: list[tuple[object, ...]] = []
-    short = 0
     matches = some(matches_in(strokes))
     for name in matches:
         report, source = coach.of_strokes(file, game, name)
@@ -153,21 +141,16 @@ def test_the_report_of_every_match(file: Path, strokes: pa.Table, paper: "Page",
         wrong += [(name, *each) for each in wrong_pages(pages, paper, file)]
         numbers = match_clips(report, source).numbers
         check_match(report, numbers, recorded)
-        for each in report.briefs:
-            check_brief(each)
-            short += (len(each.dos), len(each.donts)) != (DOS, DONTS)
-        # Rallies have the numbers of the live court.
+        # Rallies have their numbers in the match.
         shown = re.findall(r"Rally (\d+), game", pages["en"].decode())
         assert shown
-        assert set(map(int, shown)) <= {number + 1 for number in numbers.values()}
+        assert set(map(int, shown)) <= {row.number for row in report.rallies}
         technique = report.game.catalogue.technique
         for choice in report.choices:
             assert report.rallies[choice.rally].winner == 1 - choice.player
             assert technique[choice.played] == technique[choice.better]
             assert min(choice.played_behind, choice.better_behind) >= RELIABLE
     assert not wrong
-    # Few matches are too short or too even for all of them.
-    assert short <= len(matches) / 10
 
 
 def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: "Page", file: Path) -> None:
@@ -175,21 +158,20 @@ def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: "Page", file: Pat
     count = {each.name: each.strokes for each in listed}
     alike = ((a.name, b.name) for a, b in itertools.combinations(listed, 2) if a.discipline == b.discipline)
     wrong: list[tuple[object, ...]] = []
-    short = 0
     pairs = some(sorted(alike, key=lambda pair: -count[pair[0]] - count[pair[1]])[:PAIRS])
     for player, opponent in pairs:
         report = scout(opponent, player, data=strokes)
         pages = contents(lambda report=report: scouting_page(report))  # type: ignore[misc]
         wrong += [(player, opponent, *each) for each in wrong_pages(pages, paper, file)]
-        check_brief(report.brief)
         check_scout(report)
-        short += (len(report.brief.dos), len(report.brief.donts)) != (DOS, DONTS)
-        for advice, real in zip(report.advice, report.realised, strict=True):
-            assert real is not None
-            assert min(real.strokes, advice.behind) >= RELIABLE
-            assert real.won / real.strokes >= real.others_won / real.others
-            kind = int(report.pair.catalogue.shot[advice.stroke]), int(report.pair.catalogue.area[advice.stroke])
-            assert not any(each.covers(*kind) for each in report.brief.donts)
-            assert not is_short(*kind)
     assert not wrong
-    assert short <= max(1, len(pairs) / 10)
+
+
+def test_results_of_every_pair_are_those_of_a_plain_count(strokes: pa.Table) -> None:
+    met_in_data = {
+        tuple(sorted(pair)) for pair in zip(strokes["player"].to_pylist(), strokes["opponent"].to_pylist(), strict=True)
+    }
+    assert met_in_data
+    for first, second in sorted(met_in_data):
+        for one, other in ((first, second), (second, first)):
+            assert met(strokes, one, other)[:2] == points_of(strokes, one, other)

@@ -15,8 +15,8 @@ from shuttle_marl.game.court import AREA_WORDS, AREAS
 from shuttle_marl.game.shipped import Estimate, default_game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.reports.languages import FOLDER, LANGUAGES, Language, speaking
-from shuttle_marl.reports.pages import Drill, differences, drills
-from shuttle_marl.reports.waits import Place, Wait
+from shuttle_marl.reports.pages import Drill, drills
+from shuttle_marl.reports.waits import Place, Wait, differences
 from shuttle_marl.reports.words import Words, of_100, signed
 
 PACKAGE = Path(shuttle_marl.__file__).parent

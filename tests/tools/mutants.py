@@ -63,7 +63,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         "training/test_training_runs.py",
     ),
     "data": ("data", "reports", "dynamics"),
-    "dynamics": ("dynamics", "data", "policy", "reports/test_advice.py"),
+    "dynamics": ("dynamics", "data", "policy", "reports/test_habits.py"),
     "env": ("env", "suite", "policy"),
     "kernel": ("kernel", "env", "suite"),
     "reports": ("reports", "exact/test_exact_commands.py", "league", "package", "watch/test_matches.py"),
