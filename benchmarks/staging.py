@@ -20,7 +20,6 @@ import tyro
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.motion_life import Life, measure_life, summary_of_life
 from docs.tools.results import Json, show, this_machine
 from shuttle_marl.court.staging import Motion, continue_motion, stage
 from shuttle_marl.court.staging.skeleton import ATHLETES
@@ -44,7 +43,6 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
     stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are cached
     cpu, size, error, found = 0.0, 0, 0.0, []
     extensions: list[float] = []
-    lives: list[Life] = []
     for i, right in enumerate(track(played, "staging", console=console)):
         rally = dataclasses.replace(right, hands=(_HANDS[i % 3], _HANDS[i // 3 % 3]))
         athletes = (ATHLETES[i % 2], ATHLETES[i // 2 % 2])
@@ -52,13 +50,12 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
         motion = stage(rally, seed=i, athletes=athletes)
         cpu += time.process_time() - begun
         found.append(measure(motion))
-        lives.append(measure_life(motion))
         packed = motion.pack()
         size += len(packed)
         error = max(error, pack_error(motion, read(packed)))
         if i % _CONTINUED == 0:
             extensions += continued(rally, i, athletes)
-    figures = summary(found, lives)
+    figures = summary(found)
     return {
         **this_machine(),
         **figures,
@@ -69,24 +66,18 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
     }
 
 
-def summary(found: Sequence[Metrics], lives: Sequence[Life]) -> dict[str, Any]:
+def summary(found: Sequence[Metrics]) -> dict[str, Any]:
     """Figures over several motions.
 
     Args:
         found: the measures of each, at least one.
-        lives: how alive each is.
 
     Returns:
         ``rallies``, ``strokes``, ``plants`` (of a foot) and ``seconds`` that were measured; ``contact_max``, ``slide_max``,
         ``sunk_max``, ``net_clearance_min``, ``landing_error_max`` [m]; ``speed_max`` [m/s], ``acceleration_max`` [m/s²],
         ``joint_excess_deg``; shares ``contact_within_1cm``, ``ends_as_it_must`` and ``flight_times_in_quartiles``.
 
-        Of impact: ``impact_ratio`` (median by shot type), ``impact_peak_ms``, ``impact_cosine`` (medians) and
-        ``impact_cosine_by_shot``. Of jumps: ``vertical_acceleration`` (99 % of the strokes stay below) [m/s²], ``landing_sink``
-        (median of jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m]. Shares:
-        ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond 2,000°/s,
-        ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
-        :mod:`benchmarks.motion_life`. Figures without data (no stroke crosses the net, none is returned) are left out.
+        Figures without data (no stroke crosses the net, none is returned) are left out.
     """
 
     def every(name: str) -> npt.NDArray[Any]:
@@ -111,7 +102,7 @@ def summary(found: Sequence[Metrics], lives: Sequence[Life]) -> dict[str, Any]:
         figures["net_clearance_min"] = float(clearance.min())
     if len(timely := every("timely")):
         figures["flight_times_in_quartiles"] = float(timely.mean())
-    return figures | summary_of_life(lives)
+    return figures
 
 
 def match_rallies(seed: int) -> Iterator[Rally]:

@@ -13,7 +13,6 @@ from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.policy import baselines
-from shuttle_marl.reports import strokes_of
 from tests.experiments.commands import result_of, run
 from tests.reduced import reduced_game, reduced_model
 
@@ -62,14 +61,6 @@ def test_same_results_names_what_differs(tmp_path: Path) -> None:
     found["items"]["game"]["default safe"] = "another table"
     saved.write_text(json.dumps(found))
     assert "game/default safe" in run("experiments.same_results", saved, ROOT, "--only", "game", status=1)
-
-
-def test_stroke_value_ranks_the_players_of_the_sample() -> None:
-    found = result_of("experiments.stroke_value", "--data", SAMPLE, "--model", reduced_model())
-    assert 0 < found["valued"] <= found["strokes"]
-    players = found["players"]
-    assert [p["value"] for p in players] == sorted((p["value"] for p in players), reverse=True)
-    assert found["left_out"] == len(set(strokes_of(SAMPLE)["player"].to_pylist())) - len(players)
 
 
 def test_no_report_of_the_sample_contradicts_its_matches() -> None:
