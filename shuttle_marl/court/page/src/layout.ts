@@ -109,7 +109,7 @@ export class Layout {
     this.court.append(canvas, h("div", { class: "hud" }, ...parts.overlays), parts.cameras, this.busy);
     const facts = parts.facts.filter((part) => part !== null);
     this.page = h(
-      "main",
+      "div",
       { class: "page", role: "tabpanel", id: "page" },
       h(
         "div",
@@ -132,7 +132,7 @@ export class Layout {
     );
     document.body.append(
       h("header", { class: "top" }, h("h1", {}, "shuttle_marl"), this.tabs.element, title, more),
-      this.page,
+      h("main", {}, this.page),
       this.notice,
       this.help,
       this.summary,
