@@ -37,10 +37,8 @@ def note_calls() -> Callable[[str], None]:
     compile_, builtins_ = importlib.machinery.SourceFileLoader.source_to_code, cast(Any, builtins)
 
     def write_line(line: str) -> None:
-        sizes = resource.getrlimit(resource.RLIMIT_FSIZE)  # which tests lower
-        resource.setrlimit(resource.RLIMIT_FSIZE, (sizes[1], sizes[1]))
-        write(file, f"{line}\n".encode())
-        resource.setrlimit(resource.RLIMIT_FSIZE, sizes)
+        if len(set(resource.getrlimit(resource.RLIMIT_FSIZE))) == 1:  # else a test lowers it
+            write(file, f"{line}\n".encode())
 
     def note(name: str) -> None:
         if name not in called:
