@@ -172,7 +172,14 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
     cli.show(points, json_output, cli.named(f"Restricted responses to {opponent}, in points", rows))
 
 
-def figure(task: Task, *, out: Path, results: Path = Path("experiments/results/suite.json"), split: Split = "test") -> None:
+def figure(
+    task: Task,
+    *,
+    out: Path,
+    results: Path = Path("experiments/results/suite.json"),
+    split: Split = "test",
+    game: str = "default",
+) -> None:
     """Draw exploitability against score: the exact frontier, and every row at each budget, as means over the opponents.
 
     Args:
@@ -180,15 +187,16 @@ def figure(task: Task, *, out: Path, results: Path = Path("experiments/results/s
         out: PNG, SVG or PDF.
         results: a file of `python -m experiments.suite`.
         split: part of the task.
+        game: model of the game.
     """
     from shuttle_marl.reports import charts  # noqa: PLC0415  numba
 
     charts.check_format(out)
-    charts.save(charts.tradeoff(*_tradeoff(task, results, split)), out)
+    charts.save(charts.tradeoff(*_tradeoff(task, results, split, game)), out)
 
 
 def _tradeoff(
-    task: str, results: Path, split: Split
+    task: str, results: Path, split: Split, game: str
 ) -> tuple[list[tuple[float, float, float]], dict[str, list[tuple[int, float, float]]]]:
     """The frontier of a task, as a mean over its opponents, and every row, for :func:`shuttle_marl.reports.charts.tradeoff`.
 
@@ -202,7 +210,7 @@ def _tradeoff(
 
     if not isinstance(found := suite.find_task(task), Exploit):
         raise SuiteError(f"{task} has no frontier; exploit-v1 has")
-    arena, kept = arena_of(found, "default", split), read(results, Results)
+    arena, kept = arena_of(found, game, split), read(results, Results)
     opponents = {case.options["opponent"]: opponent_of(arena, case) for case in found.cases(arena)}
     rows = [row for row in kept.rows if (row["task"], row["split"], row["game"]) == (task, split, arena.base)]
     if not rows:
