@@ -169,15 +169,15 @@ def _film() -> None:
 
     from benchmarks.viewer import serving  # noqa: PLC0415
 
-    with serving("--players", *_PLAYERS) as (address, _), browser_page((640, 360), reduced_motion="reduce") as page:
+    with serving("--players", *_PLAYERS) as (address, _), browser_page((800, 540), reduced_motion="reduce") as page:
         page.set_default_timeout(_LIMIT)
         page.goto(f"{address}{_PLAYED.partition('&stroke')[0]}")
         page.locator("body[data-ready]").wait_for()
-        page.evaluate("window.viewer.film()")
-        pictures = []
+        page.keyboard.press(" ")
+        pictures, court = [], page.locator(".court")
         for frame in range(int(page.evaluate("window.viewer.state().duration") * _FPS) + 1):
             page.evaluate("(time) => window.viewer.seek(time)", frame / _FPS)
-            pictures.append(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+            pictures.append(Image.open(io.BytesIO(court.screenshot())).convert("RGB"))
         first, *others = pictures
         duration = 1000 // _FPS
         first.save(IMAGES / "film.webp", save_all=True, append_images=others, duration=duration, loop=0, quality=55, method=4)

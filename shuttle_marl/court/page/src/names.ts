@@ -62,7 +62,7 @@ function plainName(name: string): string {
 
 /** Name of a seat; two of one name are told apart by their sides. */
 export function nameAt(names: readonly [string, string], seat: number): string {
-  const name = isolated(displayName(names[seat as 0 | 1]));
+  const name = displayName(names[seat as 0 | 1]);
   return names[0] === names[1] ? `${name} (${"AB"[seat]})` : name;
 }
 
@@ -72,11 +72,6 @@ export function handTag(hand: string): HTMLElement | null {
   return hand === "left"
     ? h("span", { class: "tag", role: "img", "aria-label": label, title: label }, say("page.left_short"))
     : null;
-}
-
-/** A name within a sentence of plain text, isolated from the direction of the sentence. */
-function isolated(name: string): string {
-  return /[\u0590-\u08ff\ufb1d-\ufefc]/.test(name) ? `\u2068${name}\u2069` : name;
 }
 
 /** A seat with a verb, at the start of a sentence: "Average pro wins", "You win". */
