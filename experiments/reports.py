@@ -28,7 +28,8 @@ from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.features import hurry_of, marked_rows
 from shuttle_marl.dynamics.habits import NONE, Plays, plays_of, questions
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.pairs import load_skill
+from shuttle_marl.game.shipped import model_folder, resolve_game
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 from shuttle_marl.reports.coach import Source
 from shuttle_marl.reports.languages import LANGUAGES, speaking
@@ -36,7 +37,8 @@ from shuttle_marl.reports.match import MatchReport, match_report, matches_in
 from shuttle_marl.reports.page1 import RULES
 from shuttle_marl.reports.pages import match_page, scouting_page
 from shuttle_marl.reports.scouting import players_of, scout
-from shuttle_marl.reports.summary import rally_numbers, won_or_lost
+from shuttle_marl.reports.summary import rally_numbers, with_hands_of_model, won_or_lost
+from shuttle_marl.reports.words import words
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
 CHANCE: Final = 0.05
@@ -52,9 +54,9 @@ class Counted:
         self.player, self.opponent = (strokes[name].to_pylist() for name in ("player", "opponent"))
         self.won, self.rally = won_or_lost(strokes).tolist(), rally_numbers(strokes).tolist()
 
-    def results(self, players: Iterable[str]) -> dict[Place, dict[str, list[int]]]:
-        """By situation and shot type, rallies won and lost by its last stroke there."""
-        plays, last, some = self.plays, dict[tuple[Any, ...], tuple[str, int]](), set(players)
+    def results(self, player: str | None, opponent: str | None) -> dict[Place, dict[str, list[int]]]:
+        """By situation and shot type, rallies won and lost by its last stroke there, of a player to an opponent (None: any)."""
+        plays, last = self.plays, dict[tuple[Any, ...], tuple[str, int]]()
         columns = (plays.incoming, plays.met, plays.contact, plays.hurried, plays.shot)
         for i, (came, met, contact, hurried, shot) in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
             place: Place | None = None
@@ -62,7 +64,8 @@ class Counted:
                 place = (None, None, "below", False)
             elif came < NONE and min(met, contact, hurried) >= 0:
                 place = (SHOTS[came], AREAS[met], ("below", "above")[contact], hurried == 1)
-            if place is not None and self.player[i] in some and self.won[i] == self.won[i]:
+            mine = player in (None, self.player[i]) and opponent in (None, self.opponent[i])
+            if place is not None and mine and self.won[i] == self.won[i]:
                 last[place, self.rally[i]] = (SHOTS[shot], int(self.won[i]))
         found: dict[Place, dict[str, list[int]]] = collections.defaultdict(lambda: collections.defaultdict(lambda: [0, 0]))
         for (place, _), (shot, won) in last.items():
@@ -120,8 +123,7 @@ def _said(figures: Mapping[str, Any]) -> Iterator[tuple[Place, int, Stroke, Stro
 def contradictions(figures: Mapping[str, Any], counted: Counted, players: tuple[str, str], *, match: bool) -> Iterator[str]:
     """What breaks the first, second and fourth of the rules in a report."""
     said = [*_said(figures)]
-    against = [name for name, other in zip(counted.player, counted.opponent, strict=True) if other == players[1]]
-    results = [counted.results([name] if match else against) for name in players]
+    results = [counted.results(player, None) if match else counted.results(None, players[1]) for player in players]
     for (place, player, better, worse, play), each in zip(said, itertools.count()):
         here = results[player].get(place, {})
         one = here.get(better[0], [0, 0])
@@ -184,7 +186,7 @@ def reports(*, data: Path | None = None, pairs: int = 20, json: bool = False) ->
         json: print JSON.
     """
     path = data or Path(os.environ.get("SHUTTLESET") or SAMPLE)
-    strokes = read_matches(path)
+    strokes = with_hands_of_model(read_matches(path), load_skill(model_folder()))
     names = strokes["player"].unique().to_pylist()
     found, raw, chance = list[str](), list[str](), list[str]()
     seconds: dict[str, list[float]] = {"match": [], "scouting": []}
@@ -198,17 +200,12 @@ def reports(*, data: Path | None = None, pairs: int = 20, json: bool = False) ->
             raw.extend(f"{title}, {language}: {name}" for name in raw_names(words_of(page), names))
             if language == LANGUAGES[0]:
                 headings = re.findall(r"<h2>(.*?)</h2>", page.decode())
-                told = [each for each in (re.escape(html.escape(name)) for name in shown(figures)) if each]
+                people = figures.get("players") or [each["name"] for each in (figures["player"], figures["opponent"])]
+                told = [re.escape(html.escape(words().player(name))) for name in people]
                 sections[kind].update({re.sub("|".join(told), "…", heading) for heading in headings})
         statements.update(each["kind"] for each in figures["page1"])
         dos = [each for each in figures["page1"] if each["kind"] in ("do", "dont")]
         chance.extend(f"{title}: {each['text']}" for each in dos if not each["q"] <= CHANCE or "situation" not in each["figure"])
-
-    def shown(figures: Mapping[str, Any]) -> list[str]:
-        from shuttle_marl.reports.words import words  # noqa: PLC0415
-
-        people = figures.get("players") or [each["name"] for each in (figures["player"], figures["opponent"]) if each]
-        return [words().player(name) for name in people]
 
     for name in matches_in(strokes):
         begun = time.process_time()

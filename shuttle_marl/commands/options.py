@@ -192,7 +192,7 @@ class ReportOptions(PlayerOptions):
 
 
 def write_figures(figures: Mapping[str, Any], path: Path) -> None:
-    """Write all figures of a report as a table: the name of each, such as ``briefs.0.dos.1.won``, and its number or text.
+    """Write all figures of a report as a table: the name of each, such as ``page1.0.count``, and its number or text.
 
     Raises:
         OptionError: the name of the file does not end in ``.csv`` or ``.parquet``.

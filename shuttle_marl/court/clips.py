@@ -7,9 +7,10 @@ from typing import Final
 import pyarrow as pa
 
 from shuttle_marl.base.cache import Cache, key_of
-from shuttle_marl.base.files import content_hash
 from shuttle_marl.court.building import BuildError, build
+from shuttle_marl.data.table import strokes_hash
 from shuttle_marl.reports.coach import Source, hidden
+from shuttle_marl.reports.habits import Habit
 from shuttle_marl.reports.html import Viewer
 from shuttle_marl.reports.match import MatchReport
 from shuttle_marl.reports.pages import Clips, Example
@@ -34,16 +35,10 @@ def scout_clips(report: ScoutingReport, strokes: pa.Table | None = None) -> Clip
         program = viewer()
     except BuildError as error:
         return Clips(reason=str(error))
-    data = "" if strokes is None else content_hash(*(column.to_pylist().__repr__().encode() for column in strokes.columns))
-    names = report.player.name, report.opponent.name
-    key = key_of(
-        "clips",
-        report.pair.hash,
-        *names,
-        json.dumps([each.figure.about for each in said]),
-        data,
-        rooms=("court", "reports", "dynamics", "data"),
-    )
+    told = repr([(each.figure.kind, each.figure.about, each.figure.answer) for each in said if isinstance(each.figure, Habit)])
+    data = "" if strokes is None else strokes_hash(strokes)
+    parts = "clips", report.pair.hash, report.player.name, report.opponent.name, told, data
+    key = key_of(*parts, rooms=("court", "reports", "dynamics", "data"))
     kept = _CACHE.read([key]).get(key)
     if kept is None:
         from shuttle_marl.court.staged import habits_shown  # noqa: PLC0415  slow to import
@@ -76,5 +71,5 @@ def match_clips(report: MatchReport, source: Source) -> Clips:
     game = report.game if source.policies is None else hidden(source.game, source.people, report.players)
     if source.anonymous:
         staged = [dataclasses.replace(rally, names=report.players) for rally in staged]
-    content, count = shared(staged, game, source.policies)
+    content, count = shared([(rally, game) for rally in staged], source.policies)
     return Clips(content=content, viewer=program, shown=moments[:count], numbers=listed)

@@ -21,9 +21,10 @@ from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.court.staging import stage
 from shuttle_marl.court.staging.skeleton import model_file
 from shuttle_marl.court.values import ELITE, StrokeValues, hall_facts, rally_facts
+from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import plays_of_strokes, questions
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import looks_of
+from shuttle_marl.game.pairs import game_of_people, looks_of
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS
 from shuttle_marl.game.tables import Game
@@ -43,15 +44,18 @@ def _packed(content: bytes) -> str:
     return base64.b64encode(gzip.compress(content, mtime=0)).decode()
 
 
-def shared(rallies: Sequence[CourtRally], game: Game, players: Players | None) -> tuple[str, int]:
-    """Rallies, in the order of their numbers, as the content of a saved page of the live court; None: imitated players.
+def shared(rallies: Sequence[tuple[CourtRally, Game]], players: Players | None) -> tuple[str, int]:
+    """Rallies, in the order of their numbers, each with its game, as the content of a saved page of the live court.
+
+    Args:
+        players: of all of them; None: imitated players.
 
     Returns:
         JSON without characters that end a script element, and the number of rallies that it contains.
     """
-    values, replies, size, count = StrokeValues(PolicyTables(game)), {}, 0, 0
+    values, replies, size, count = dict[str, StrokeValues](), {}, 0, 0
     shown: dict[str, None] = {}
-    for number, rally in enumerate(rallies):
+    for number, (rally, game) in enumerate(rallies):
         motion = stage(rally, seed=rally.key, athletes=rally.athletes, fps=_FPS)
         reply = messages.RallyReply(rally_facts(game, rally, motion))
         packed = _packed(messages.encode_reply(0, reply, [motion.pack(0)]))
@@ -59,13 +63,14 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players | None) -
         if size > _MOST_BYTES:
             break
         replies[f"rally {number}"] = packed
-        analysis = values.analysis(rally, players or values.imitated())
+        valued = values.setdefault(game.hash, StrokeValues(PolicyTables(game)))
+        analysis = valued.analysis(rally, players or valued.imitated())
         replies[f"analysis {number}"] = _packed(messages.encode_reply(0, analysis))
         shown |= dict.fromkeys(rally.athletes)
         count += 1
     hello = messages.Hello(
         version=__version__,
-        game=game.hash[:12],
+        game=rallies[0][1].hash[:12] if rallies else "",
         hall=hall_facts(),
         policies=[ELITE.policy],
         plan=Plan(seed=0, sides=(ELITE, ELITE)),
@@ -97,7 +102,7 @@ def _imitated(pair: Game, names: tuple[str, str], habit: Habit) -> CourtRally | 
     return None
 
 
-def _recorded(strokes: pa.Table, game: Game, habit: Habit, opponent: str) -> tuple[CourtRally, Example] | None:
+def _recorded(strokes: pa.Table, game: Game, habit: Habit, opponent: str) -> tuple[CourtRally, Game, Example] | None:
     """The last whole rally of a player that shows a habit, and where it stands; None: there is none."""
     ((asked, answer),) = (
         each for each in questions(plays_of_strokes(strokes)) if (each[0].kind, each[0].about) == (habit.kind, habit.about)
@@ -110,7 +115,8 @@ def _recorded(strokes: pa.Table, game: Game, habit: Habit, opponent: str) -> tup
         if number is not None and len(rally := found.rally(number)) <= _LONG:
             people = found.people(number).names
             points = rally.score.points if people[0] == opponent else rally.score.points[::-1]
-            return rally, Example(match=match, people=people, game=game_number, points=points)
+            pair = game_of_people(game, people, date_of(match))
+            return rally, game if pair is None else pair, Example(match=match, people=people, game=game_number, points=points)
     return None
 
 
@@ -124,18 +130,17 @@ def habits_shown(report: ScoutingReport, strokes: pa.Table | None) -> tuple[str,
     assert report.player is not None
     assert report.pair is not None
     names = printable(report.player.name), printable(report.opponent.name)
-    rallies, examples = list[CourtRally](), list[Example]()
+    rallies, examples = list[tuple[CourtRally, Game]](), list[Example]()
     for number, each in enumerate(report.page1.of(1, "habit")):
         habit, found = each.figure, None
         assert isinstance(habit, Habit)
         if strokes is not None:
             found = _recorded(strokes, report.pair.average, habit, report.opponent.name)
         elif habit.answer in SHOTS and (rally := _imitated(report.pair, names, habit)) is not None:
-            found = rally, Example()
-        if found is not None and len(rallies) < _EXAMPLES:
-            rallies.append(found[0])
-            examples.append(found[1]._replace(statement=number))
-    if not rallies:
-        return "", []
-    game = report.pair if strokes is None else report.pair.average
-    return shared(rallies, game, None)[0], examples
+            found = rally, report.pair, Example()
+        if found is not None:
+            rallies.append(found[:2])
+            examples.append(found[2]._replace(statement=number))
+        if len(rallies) == _EXAMPLES:
+            break
+    return (shared(rallies, None)[0], examples) if rallies else ("", [])

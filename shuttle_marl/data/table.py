@@ -296,3 +296,12 @@ def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int
             of_split = "" if split is None else f" ({split} split)"
             problems.append(Problem(folder, f"missing {', '.join(names)}{of_split}; {advice}"))
     return {split: (whole[split], listed[split]) for split in SPLITS}, problems
+
+
+def strokes_hash(strokes: pa.Table) -> str:
+    """SHA-256 of the columns of a stroke table without metadata, equal for the raw files and for Parquet."""
+    sink = pa.BufferOutputStream()
+    table = strokes.cast(pa.schema([field.remove_metadata() for field in strokes.schema])).combine_chunks()
+    with pa.ipc.new_stream(sink, table.schema) as writer:
+        writer.write_table(table)
+    return content_hash(sink.getvalue())

@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from scipy.stats import rankdata
 
 from shuttle_marl.base.arrays import F64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import content_hash, replace_sealed, with_hashes
+from shuttle_marl.base.files import replace_sealed, with_hashes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.boosting import PARAMETERS, lightgbm
 from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, is_serve_pair
@@ -385,15 +384,6 @@ def play_of_people(rows: Rows) -> dict[str, Any]:
 
 _SCORED: Final = ("success", "return", "contact", "hurried")
 _TEMPLATES: Final = Path(__file__).with_name("templates")
-
-
-def strokes_hash(strokes: pa.Table) -> str:
-    """SHA-256 of the columns of a stroke table without metadata, equal for the raw files and for Parquet."""
-    sink = pa.BufferOutputStream()
-    table = strokes.cast(pa.schema([field.remove_metadata() for field in strokes.schema])).combine_chunks()
-    with pa.ipc.new_stream(sink, table.schema) as writer:
-        writer.write_table(table)
-    return content_hash(sink.getvalue())
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:

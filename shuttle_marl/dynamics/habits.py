@@ -27,6 +27,7 @@ from shuttle_marl.data.schema import DISCIPLINES, Outcome
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.game.court import AREAS, N_AREAS, N_SIDES
 from shuttle_marl.game.layout import GameError
+from shuttle_marl.game.recovery import N_POSITIONS, position_of
 from shuttle_marl.game.shipped import HABITS, readable
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS
 
@@ -46,6 +47,7 @@ class Plays:
         met: ``[N]`` area in which the striker strikes; -1 if unknown or serving.
         contact, shot, technique, area: ``[N]`` of the stroke; area -1 if unknown.
         hurried: ``[N]`` whether the striker is hurried, 1 or 0; -1: not known.
+        waits: ``[N]`` position (:data:`~shuttle_marl.game.recovery.POSITIONS`) of the striker at the next stroke; -1: not known.
         opposite: ``[N]`` whether the receiver has the other hand.
         fault, winner: ``[N]`` whether they ended the rally so.
         group: ``[N]`` cluster of alike strokes: number of the match.
@@ -59,6 +61,7 @@ class Plays:
     technique: I64
     area: I64
     hurried: I64
+    waits: I64
     opposite: Bools
     fault: Bools
     winner: Bools
@@ -80,6 +83,9 @@ def plays_of_strokes(strokes: pa.Table) -> Plays:
 def plays_of(rows: Rows) -> Plays:
     """Strokes in context as answers to the questions."""
     code = {name: code.astype(np.int64) for name, code in rows.codes.items()}
+    # The receiver of the next stroke is who struck this one.
+    waiting = np.concatenate([rows.waiting[1:], np.full((min(1, len(rows)), 2), np.nan)])
+    known = (rows.next_contact >= 0) & np.isfinite(waiting).all(axis=1)
     fault = rows.outcome == Outcome.FAULT
     return Plays(
         own=code["own_shot"],
@@ -91,6 +97,7 @@ def plays_of(rows: Rows) -> Plays:
         # Where the shuttle came down, not the target as the models estimate it: what a coach sees.
         area=np.where(fault, -1, rows.landed).astype(np.int64),
         hurried=rows.hurried.astype(np.int64),
+        waits=np.where(known, position_of(*waiting.T.astype(np.float64)), -1),
         opposite=code["hands"] == 1,
         fault=fault,
         winner=rows.outcome == Outcome.WINNER,
@@ -166,11 +173,13 @@ class Tally:
         counts: ``[A]`` number of strokes with each answer, of all :data:`QUESTIONS` in turn.
         dispersion: ``[Q]`` dispersion of the counts of each question, 1 or more.
         ends: ``[13, 4, 3]`` number of strokes, faults and winners by shot type and technique; unknown techniques last.
+        positions: ``[13, 9]`` how often the player waited at each position after each shot type.
     """
 
     counts: F32
     dispersion: F32
     ends: F32
+    positions: F32
 
     def answers(self, number: int) -> F64:
         """Counts of the answers to a question."""
@@ -196,7 +205,14 @@ def tally(plays: Plays) -> Tally:
         counts=np.concatenate(counts).astype(np.float32),
         dispersion=np.array(dispersion, np.float32),
         ends=np.stack(ends, axis=1).reshape(*shape, 3).astype(np.float32),
+        positions=_positions(plays),
     )
+
+
+def _positions(plays: Plays) -> F32:
+    placed, shape = plays.waits >= 0, (N_SHOTS, N_POSITIONS)
+    kind = np.ravel_multi_index((plays.shot[placed], plays.waits[placed]), shape)
+    return np.bincount(kind, minlength=math.prod(shape)).reshape(shape).astype(np.float32)
 
 
 def _dispersion(answer: I64, plays: Plays, size: int) -> float:
@@ -227,6 +243,7 @@ def save_habits(folder: Path, strokes: pa.Table, players: Sequence[str]) -> None
         "discipline": np.array(disciplines, np.int8),
         "counts": np.stack([each.counts for each in own]).astype(np.uint16),
         "ends": np.stack([each.ends for each in own]).astype(np.uint16),
+        "positions": np.stack([each.positions for each in own]).astype(np.uint16),
         "dispersion": np.stack([each.dispersion for each in own]).astype(np.float16),
         "dispersion_of_others": np.stack([each.dispersion for each in others]).astype(np.float16),
     }
@@ -253,6 +270,7 @@ def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
             "discipline": (np.int8, ()),
             "counts": (np.uint16, (int(_STARTS[-1]),)),
             "ends": (np.uint16, (N_SHOTS, N_TECHNIQUES + 1, 3)),
+            "positions": (np.uint16, (N_SHOTS, N_POSITIONS)),
             "dispersion": (np.float16, (len(QUESTIONS),)),
             "dispersion_of_others": (np.float16, (len(QUESTIONS),)),
         }
@@ -260,16 +278,17 @@ def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
             name: checked(tensors.arrays[name], dtype, (len(names), *shape)).astype(np.float32)
             for name, (dtype, shape) in wanted.items()
         }
-    counts, ends, dispersion = arrays["counts"], arrays["ends"], arrays["dispersion"]
+    counts, ends, places, dispersion = (arrays[name] for name in ("counts", "ends", "positions", "dispersion"))
     found = {}
     for i, name in enumerate(names):
         alike = arrays["discipline"] == arrays["discipline"][i]
         found[name] = (
-            Tally(counts=counts[i], dispersion=dispersion[i], ends=ends[i]),
+            Tally(counts=counts[i], dispersion=dispersion[i], ends=ends[i], positions=places[i]),
             Tally(
                 counts=counts[alike].sum(axis=0) - counts[i],
                 dispersion=arrays["dispersion_of_others"][i],
                 ends=ends[alike].sum(axis=0) - ends[i],
+                positions=places[alike].sum(axis=0) - places[i],
             ),
         )
     return found

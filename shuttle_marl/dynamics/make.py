@@ -21,6 +21,7 @@ from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.matches import copies
+from shuttle_marl.data.table import strokes_hash
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.boosting import fit_hurry
 from shuttle_marl.dynamics.choices import fit_history, load_history
@@ -37,7 +38,6 @@ from shuttle_marl.dynamics.evaluate import (
     extremes,
     health,
     play_of_people,
-    strokes_hash,
     variety_of,
     write_card,
 )

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from shuttle_marl.exact import Solution
     from shuttle_marl.reports.rally import Aim
     from shuttle_marl.reports.summary import Summary
-    from shuttle_marl.reports.waits import Wait
+    from shuttle_marl.reports.waits import Stand, Wait
     from shuttle_marl.reports.words import Words
 
 _COLOURS: Final = ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b", "#8a56c9", "#1d9aa8", "#c2478f", "#6b7d2c", "#8c6a55", "#5c6b7a")
@@ -420,7 +420,7 @@ def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequ
 
 
 @_styled()
-def waits(rows: Sequence["Wait"], title: str, hand: str | None) -> Markup:
+def waits(rows: Sequence["Wait | Stand"], title: str, hand: str | None) -> Markup:
     """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them.
 
     Args:

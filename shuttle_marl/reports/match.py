@@ -384,10 +384,8 @@ def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> lis
     own, other = tallies[player], tallies[1 - player]
     more = [each for each in habits(own, other, dispersed=False) if each.share > each.usual]
     ends = [
-        dataclasses.replace(
-            each, clear=tuple(c and f[0] > f[3] for c, f in zip(each.clear, (each.fault, each.winner), strict=True))
-        )
-        for each in endings(own, other)
+        dataclasses.replace(e, clear=(e.clear[0] and e.fault[0] > e.fault[3], e.clear[1] and e.winner[0] > e.winner[3]))
+        for e in endings(own, other)
     ]
     return [*sure(player, more, ends, differences(waiting, match=True)), *answers(player, own)]
 
@@ -495,10 +493,11 @@ def _costly(
         what = (int(who[k]), int(rated.shot[place]), int(rated.shot[best]))
         if what in seen or len(out) == _MOST_CHOICES:
             continue
-        r, kinds = found.rows, np.stack([catalogue.shot, catalogue.area], axis=1)[[rated.stroke[best], stroke[k]]].tolist()
-        at = (r.codes["incoming_shot"], r.codes["incoming_area"], r.codes["contact"], r.hurried == 1)
-        here = SERVING if incoming[k] == len(catalogue) else Situation(*(part[row[k]].item() for part in at))
-        advice = Advised(what[0], here, *map(tuple, kinds))
+        good, worse = ((int(catalogue.shot[one]), int(catalogue.area[one])) for one in (rated.stroke[best], stroke[k]))
+        here, late = SERVING, bool(found.rows.hurried[row[k]] == 1)
+        if incoming[k] < len(catalogue):  # as the page names it
+            here = Situation(int(catalogue.shot[incoming[k]]), int(catalogue.area[incoming[k]]), int(contact[k]), late)
+        advice = Advised(what[0], here, good, worse)
         if not advice.agrees(results[what[0]], told):
             continue
         told.append(advice)

@@ -268,7 +268,9 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips
 
 def _example(report: ScoutingReport, each: Example) -> str:
     say = words()
-    habit = say.capital(say.habit(report.page1.of(1, "habit")[each.statement].figure))
+    figure = report.page1.of(1, "habit")[each.statement].figure
+    assert isinstance(figure, Habit)
+    habit = say.capital(say.habit(figure))
     points = "\N{EN DASH}".join(map(str, each.points))
     event = say.event(each.match, each.people)
     return say("scout.examples_at", habit=habit, game=each.game, points=points, event=event) if each.match else habit

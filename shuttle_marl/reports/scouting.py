@@ -31,7 +31,7 @@ from shuttle_marl.reports.habits import Ending, Habit, Option, Results, endings,
 from shuttle_marl.reports.page1 import Page1, answers, options, serves, sure
 from shuttle_marl.reports.summary import AnalysisError, Met, hand_of, met, rally_numbers, with_hands_of_model, won_or_lost
 from shuttle_marl.reports.value import TOLERANCE
-from shuttle_marl.reports.waits import Wait, differences, waits
+from shuttle_marl.reports.waits import Stand, Wait, differences, stands, waits
 from shuttle_marl.reports.words import words
 
 ATTACKS: Final = ("smash", "half-smash", "net-kill")
@@ -92,6 +92,7 @@ class ScoutingReport:
         seen: strokes and matches of the opponent in the annotated matches; None: habits are those of the model's matches.
         waits: where both wait after their most frequent strokes, the player (0) and the opponent (1); empty without known
             positions.
+        stands: where the opponent stands after the three most frequent strokes, in the matches or else in those of the model.
         recent: the opponent's last match in the data beside the earlier ones; empty without two matches.
         beside: name of another opponent, and the habits of this one beside that one; None: not asked for.
         pair: the game of both, for staging examples.
@@ -113,6 +114,7 @@ class ScoutingReport:
     target_strokes: float
     seen: tuple[int, int] | None
     waits: Sequence[Wait]
+    stands: Sequence[Stand]
     recent: Sequence[Habit]
     beside: tuple[str, Sequence[Habit]] | None
     pair: Game | None
@@ -247,6 +249,7 @@ def scout(
         target_strokes=float(own.targets.sum()),
         seen=(int(mine.sum()), len(strokes.filter(mine)["match"].unique())) if mine.any() else None,
         waits=waiting,
+        stands=stands(own, [each for each in waiting if each.player == 1]),
         recent=_recent(plays.take(mine), strokes.filter(mine)),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
         pair=found,

@@ -16,6 +16,7 @@ from scipy import stats
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.hands import receiver_hands
+from shuttle_marl.dynamics.habits import Tally
 from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.recovery import N_POSITIONS, position_of
 from shuttle_marl.game.scoring import RULES
@@ -125,6 +126,24 @@ def named(wait: Wait) -> Iterator[Difference]:
         if place.clear:
             value, *interval = place.difference
             yield Difference(wait, kinds[value > 0], abs(value), *sorted(map(abs, interval)), place.q)
+
+
+class Stand(NamedTuple):
+    """Where a player stands after strokes of one shot type: ``[9]`` shares of the positions."""
+
+    shot: str
+    strokes: int
+    positions: tuple[float, ...]
+
+
+def stands(own: Tally, found: Sequence[Wait]) -> list[Stand]:
+    """After the three most frequent shot types of a player: of some rows, or else as a model counted them."""
+    if found:
+        return [Stand(each.shot, each.strokes, each.positions) for each in found]
+    total = own.positions.sum(axis=1)
+    total[:N_SERVES] = 0
+    kinds = [kind for kind in np.argsort(-total, kind="stable")[:MOST].tolist() if total[kind] >= RELIABLE]
+    return [Stand(SHOTS[kind], int(total[kind]), tuple((own.positions[kind] / total[kind]).tolist())) for kind in kinds]
 
 
 class _Rows(NamedTuple):

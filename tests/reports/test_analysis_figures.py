@@ -25,7 +25,7 @@ def plays_of(n: int, **columns: Any) -> Plays:
     """Lifts answered by lifts, of which nothing else is known, with some other columns."""
     usual: dict[str, Any] = {
         **{name: np.full(n, LIFT) for name in ("own", "incoming", "shot")},
-        **{name: np.full(n, -1) for name in ("met", "area")},
+        **{name: np.full(n, -1) for name in ("met", "area", "waits")},
         **{name: np.zeros(n, np.int64) for name in ("contact", "technique", "group", "hurried")},
         **{name: np.zeros(n, np.bool_) for name in ("fault", "winner", "opposite")},
     }

@@ -121,7 +121,7 @@ def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1, *, o
     none = np.zeros(len(own), bool)
     return Plays(
         own=own, incoming=incoming, met=met, contact=contact, shot=shot, technique=contact, area=area,
-        hurried=none.astype(np.int64), opposite=np.full(len(own), opposite), fault=none, winner=none,
+        hurried=none.astype(np.int64), waits=none - 1, opposite=np.full(len(own), opposite), fault=none, winner=none,
         group=np.zeros(len(own), np.int64),
     )  # fmt: skip
 

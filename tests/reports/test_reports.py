@@ -19,15 +19,17 @@ from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.court import WatchError, clips
 from shuttle_marl.court.recorded import LogRallies, RealRallies
+from shuttle_marl.court.staged import habits_shown
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
-from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts, coach
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 from shuttle_marl.reports.match import Chances, MatchReport, RallyRow, match_report, matches_in, score_of
+from shuttle_marl.reports.page1 import Page1, Statement
 from shuttle_marl.reports.pages import Clips, gaps, match_page, scouting_page
 from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.reports.summary import AnalysisError, rally_table
@@ -92,6 +94,24 @@ def test_page_1_has_statements_with_counts_and_nothing_of_luck(scouted: Scouting
             assert (each["q"] is None) == (each["kind"] == "answer")
             assert each["q"] is None or each["q"] <= 0.05
     assert scouted.page1.of(1, "habit", "fault", "winner")
+
+
+def test_examples_show_habits_of_the_opponent(scouted: ScoutingReport, sample: pa.Table, model: str) -> None:
+    said = scouted.page1.of(1, "habit")
+    content, examples = habits_shown(scouted, None)
+    assert 1 <= len(examples) == sum(key.startswith("rally ") for key in json.loads(content)["replies"]) <= 2
+    assert all(said[each.statement].figure.answer in SHOTS and not each.match for each in examples)
+    told = scout("chou-tien-chen", A, model=model, data=sample)
+    habit = next(each for each in told.habits if each.kind == "shots" and each.share > 0.1)
+    one = Statement("habit", 1, habit, 10, 0.5, 0.4, 0.6)
+    report = dataclasses.replace(told, page1=Page1((one,), 0, (None, None)))
+    _, [example] = habits_shown(report, sample)
+    rows = sample.filter(pc.and_(pc.equal(sample["match"], example.match), pc.equal(sample["game"], example.game)))
+    played = rows.filter(pc.equal(rows["player"], "chou-tien-chen"))["shot"].to_pylist()
+    assert SHOTS.index(habit.answer) in played
+    _, text = read(scouting_page(report, clips=Clips(content="{}", examples=[example])))
+    points = "\N{EN DASH}".join(map(str, example.points))
+    assert f"game {example.game} at {points}" in text
 
 
 def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, reported: MatchReport) -> None:
