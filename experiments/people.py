@@ -33,7 +33,7 @@ from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.policy.baselines import clones
 from shuttle_marl.suite.methods.adapters import TOLERANCE, respond
 from shuttle_marl.suite.results import aggregate, arena_of, find_task
-from shuttle_marl.suite.task import POINTS, WEIGHT, Arena, gains
+from shuttle_marl.suite.task import POINTS, WEIGHT, Arena
 
 _MATCHES: Final = 2  # matches of a player in each half, at least
 _STROKES: Final = 1100  # the same of strokes
@@ -45,7 +45,7 @@ class People(RunFolder):
 
     data: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """Stroke tables."""
-    players: int = 10
+    players: int = 8
     """Players, those with the most strokes."""
     refits: int = 5
     """Refits of the later half in which methods are judged."""
@@ -104,7 +104,6 @@ def methods_of(arena: Arena, person: TabulatedPolicy, other: TabulatedPolicy) ->
         "best-response": best_response(person, tolerance=TOLERANCE).policy,
         "restricted": respond(person, WEIGHT),
         "best-response-bc": respond(bc, 1.0),
-        "restricted-bc": respond(bc, WEIGHT),
         "restricted-other": respond(other, WEIGHT),
     }
 
@@ -130,29 +129,23 @@ def people(config: tyro.conf.OmitArgPrefixes[People], json: Path | None = None) 
         for i, person in enumerate(those):
             console.print(f"{person.name}: {len(person.earlier):,} strokes, then {len(person.later):,}")
             met = {"earlier": [earlier[i]], "later": [refit[i] for refit in later]}
-            perfect = {kind: pair_odds([(arena.policy("minimax"), each) for each in each_of]) for kind, each_of in met.items()}
-            best = {kind: best_odds(each_of) for kind, each_of in met.items()}
             players = methods_of(arena, earlier[i], earlier[(i + 1) % len(those)])
             for kind, opponents in met.items():
-                won = {name: pair_odds([(player, each) for each in opponents]) for name, player in players.items()}
-                won["best"] = best[kind]
+                won = {
+                    name: pair_odds([(player, each) for each in opponents], tolerance=TOLERANCE)
+                    for name, player in players.items()
+                }
+                won["best"] = best_odds(opponents, tolerance=TOLERANCE)
                 for name, odds in won.items():
-                    score = [POINTS * (a.rally - b.rally) for a, b in zip(odds, perfect[kind], strict=True)]
-                    add(figures, name, f"score, {kind}", person.name, score)
-                for name, player in players.items():
-                    gain = [gains(arena, [(player, each)], tolerance=TOLERANCE)[0] for each in opponents]
-                    add(figures, name, f"gain, {kind}", person.name, gain)
+                    score = [POINTS * (a.rally - b.rally) for a, b in zip(odds, won["minimax"], strict=True)]
+                    values = [round(float(value), 4) for value in score]
+                    figures.setdefault(name, {}).setdefault(f"score, {kind}", {})[person.name] = values
         summary = {
             name: {what: aggregate({"people": by_person}) for what, by_person in each.items()} for name, each in figures.items()
         }
         sizes = {person.name: [len(person.earlier), len(person.later)] for person in those}
         found = {"game": arena.game.hash, "refits": config.refits, "strokes": sizes, "summary": summary, "figures": figures}
         save_results(folder, found, json)
-
-
-def add(figures: dict[str, Any], name: str, what: str, person: str, values: list[float]) -> None:
-    """Keep rounded figures of a method against a player, one for each fit of the player."""
-    figures.setdefault(name, {}).setdefault(what, {})[person] = [round(float(value), 4) for value in values]
 
 
 main = entry_point(people, "python -m experiments.people", __doc__ or "")

@@ -102,7 +102,7 @@ def search() -> str:
 def people() -> str:
     """Methods against individuals, earlier and later."""
     found = saved("experiments", "people")["summary"]
-    columns = ("score, earlier", "score, later", "gain, earlier", "gain, later")
+    columns = ("score, earlier", "score, later")
     rows = [
         (f"`{name}`", *(with_interval(scores.get(column)) for column in columns))
         for name, scores in sorted(found.items(), key=lambda item: -item[1]["score, later"]["value"])

@@ -542,12 +542,11 @@ def tradeoff(frontier: Sequence[tuple[float, float, float]], methods: Mapping[st
         low = [f"{y:.1f}" for _, _, y in points if y < least]
         places = [(x, max(y, least)) for _, x, y in points]
         axes.plot(*zip(*places, strict=True), linewidth=0.8, label=label(name) + (f" ({', '.join(low)})" if low else ""), **style)
-        sizes = [6 + 4 * budgets.index(budget) if budget else 6 for budget, _, _ in points]
-        for place, size in zip(places, sizes, strict=True):
-            axes.plot(*place, markersize=size, clip_on=False, **style)
+        for place, (budget, _, _) in zip(places, points, strict=True):
+            axes.plot(*place, markersize=6 + (4 * budgets.index(budget) if budget else 0), clip_on=False, **style)
     axes.set(xlabel="exploitability [points]", ylabel="score: rallies won above perfect play [points]", ylim=(least, None))
-    title = f"larger symbols: {', '.join(f'{budget:,}' for budget in budgets)} strokes" if len(budgets) > 1 else None
-    drawn.legend(loc="outside right upper", fontsize=9, title=title)
+    sizes = "\n".join(["strokes, by size:", *(f"{budget:,}" for budget in budgets)]) if len(budgets) > 1 else None
+    drawn.legend(loc="outside right upper", fontsize=9, title=sizes, title_fontsize=9, alignment="left")
     return drawn
 
 
