@@ -201,23 +201,24 @@ def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) ->
     """The table with the rules of its matches, and sentences on what is not certain of them.
 
     Args:
-        rules: of all matches; None: those that the table carries or else the scores tell.
+        rules: of all matches; None: those that the table carries, in any row of a match, or else the scores tell.
 
     Raises:
-        DataError: a score is impossible by the rules that are given.
+        DataError: a score is impossible by the rules that are given, or a match has several.
     """
-    if rules is not None:
-        for rally in real_rallies(strokes, dict.fromkeys(strokes["match"].unique().to_pylist(), RULES[rules])):
-            own, (game, number) = rally.score, rally.number
-            if own.over or (rally.exact and _fit({game: (rally.after, True)}, own.rules)[0]):
-                where = f"match {rally.match!r}, game {game}, rally {number}"
-                told = f"score {rally.after[0]}-{rally.after[1]}: by the rules {rules} game or match were over before it"
-                raise DataError(path, f"{where}, {told}; give other --rules, one of {', '.join(RULES)}")
-        return changed(strokes, "rules", pa.array([rules] * len(strokes), pa.string())), []
-    carried = strokes["rules"].to_pylist()
-    found, doubts = ({}, []) if all(carried) else told_rules(strokes)
-    names = [name or found[match] for match, name in zip(strokes["match"].to_pylist(), carried, strict=True)]
-    return changed(strokes, "rules", pa.array(names, pa.string())), doubts
+    matches, given = strokes["match"].to_pylist(), dict[str, RulesName]()
+    for match, name in zip(matches, [rules] * len(strokes) if rules else strokes["rules"].to_pylist(), strict=True):
+        if name and given.setdefault(match, name) != name:
+            raise DataError(path, f"match {match!r} has the rules {given[match]} and {name}; expected one of them")
+    told, doubts = told_rules(strokes.filter(pa.array([match not in given for match in matches], pa.bool_())))
+    found = {**told, **given}
+    for rally in real_rallies(strokes, {match: RULES[name] for match, name in found.items()}) if given else ():
+        own, (game, number), name = rally.score, rally.number, given.get(rally.match)
+        if name and (own.over or (rally.exact and _fit({game: (rally.after, True)}, own.rules)[0])):
+            where = f"match {rally.match!r}, game {game}, rally {number}"
+            score = f"score {rally.after[0]}-{rally.after[1]}: by the rules {name} game or match were over before it"
+            raise DataError(path, f"{where}, {score}; give other --rules, one of {', '.join(RULES)}")
+    return changed(strokes, "rules", pa.array([found[match] for match in matches], pa.string())), doubts
 
 
 def event(match: str, players: tuple[str, str]) -> str:

@@ -167,6 +167,7 @@ def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
         winner = np.where(winner < 0, by_score, winner)
     elif "points" in sheet:
         winner = np.where(winner < 0, _by_points(rallies, known, np.stack([*points.values()], axis=1)), winner)
+    winner[rallies.stopped[rallies.first]] = -1  # nobody won it, whatever the points are
     won, by_server = _of_row(rallies, winner), _of_row(rallies, serves)
     fault, landed = np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)
     undecided, unsaid = last & ~fault & ~landed, ending != _ENDINGS.index("unknown")
@@ -344,9 +345,9 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
     path, total, rules = sheet.path, sheet.total, cast("RulesName", given.rules) or None
     sheet.map = _mapped(sheet, given)
     sheet.require(sheet.map.columns.values())
-    if rules is None and len(named := {*filter(None, _rules_of(sheet))}) == 1:
+    if rules is None and len(named := {*_rules_of(sheet)}) == 1:
         (rules,) = named
-        sheet.map = dataclasses.replace(sheet.map, rules=rules)
+        sheet.map = dataclasses.replace(sheet.map, rules=rules or "")
     told, sheet.warnings = sheet.warnings, []
     read = {"source": sheet.map.source, "format": sheet.format, "file": path.name, "sha256": content_hash(sheet.content)}
     unread = [name for name in sheet.header if name and name not in sheet.map.columns.values()]

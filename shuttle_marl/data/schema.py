@@ -377,7 +377,7 @@ def _endings(t: Mapping[str, Array], n: int) -> Iterator[_Rule]:
     yield "a fault is out, net, short, foul or unknown", both, fault & ~np.isin(reason, _FAULT_REASONS)
     yield "a winner landed, was misjudged or is unknown", both, winner & ~np.isin(reason, _WINNER_REASONS)
     unsaid = unknown | (reason == REASONS.index("stopped"))
-    yield "an unknown outcome has no reason but that the match was stopped", both, (outcome == Outcome.UNKNOWN) & ~unsaid
+    yield "an unknown outcome has no reason", both, (outcome == Outcome.UNKNOWN) & ~unsaid
     yield "the first stroke of a rally, and no other, is a serve", ("shot",), serve != first
     yield "serves are struck below the net", ("shot", "height"), serve & (t["height"] != 0)
     yield "no serve is hurried", ("shot", "hurried"), serve & (t["hurried"] == 1)
