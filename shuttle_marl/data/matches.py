@@ -164,11 +164,11 @@ def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], list[str]]:
         others = finishing if finishing or sure else [other for other in possible[match] if other != name]
         kinds.setdefault((name, () if least[match][0] else tuple(others)), []).append(match)
     told = []
-    for (name, others), same in kinds.items():
+    for (name, also), same in kinds.items():
         which = f"match {same[0]!r}" + (f" and {len(same) - 1} others" if len(same) > 1 else "")
         which = "the matches" if len(same) == len(found) else which
-        if others:
-            told.append(f"the rules of {which}, {name}, are not certain: {', '.join(others)} fit too; name them with --rules")
+        if also:
+            told.append(f"the rules of {which}, {name}, are not certain: {', '.join(also)} fit too; name them with --rules")
         elif name != usual:
             told.append(f"the rules of {which} are {name}, by the scores, and those of most matches {usual}")
     odd = [match for match in fits if least[match][0]]
