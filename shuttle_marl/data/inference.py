@@ -115,6 +115,7 @@ def winners_by_score(
     best = min(reading[:2] for reading in readings)
     equal = [reading for reading in readings if reading[:2] == best]
     *_, after, won, whose, before, tied = equal[0]
+    tied |= any(a != b and None not in (a, b) for _, _, other, *_ in equal for a, b in zip(after, other, strict=True))
     words = f"the score is that {'before' if before else 'after'} the rally; the first number is {whose}"
     return after, won, "" if tied or any((won != reading[3]).any() for reading in equal) else words
 

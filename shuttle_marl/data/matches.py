@@ -6,7 +6,7 @@ import csv
 import dataclasses
 import io
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -18,7 +18,7 @@ from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import check_replaceable, read_file, replace_file
 from shuttle_marl.base.runs import Journal, locked
-from shuttle_marl.data.schema import NAMES, DataError, Outcome, changed, rally_starts
+from shuttle_marl.data.schema import NAMES, REASONS, DataError, Outcome, changed, rally_starts
 from shuttle_marl.game.court import seen_by, steps_between
 from shuttle_marl.game.scoring import BWF, RULES, Rules, RulesName, Score, wins_game
 from shuttle_marl.game.stroke import N_SERVES
@@ -42,6 +42,7 @@ class RealRally:
         rows: of its strokes in the table.
         ended: outcome of its last stroke.
         whole: whether no stroke is missing, from the serve to a fault or a winner.
+        stopped: whether the match was stopped in it.
     """
 
     match: str
@@ -54,6 +55,7 @@ class RealRally:
     rows: I64
     ended: Outcome
     whole: bool
+    stopped: bool
 
 
 def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) -> Iterator[RealRally]:
@@ -67,6 +69,7 @@ def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) ->
     rules = rules_of(strokes) if rules is None else rules
     names = ("match", "game", "rally", "stroke", "player", "opponent", "shot", "outcome")
     match, game, rally, stroke, player, opponent, shot, outcome = (strokes[n].to_numpy(zero_copy_only=False) for n in names)
+    stopped = strokes["reason"].to_numpy() == REASONS.index("stopped")
     told = np.stack([strokes[name].to_numpy() for name in ("points", "points_opponent")], axis=1)
     last = -1
     for first, end in itertools.pairwise(rally_starts(strokes).tolist()):
@@ -102,12 +105,13 @@ def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) ->
             rows=rows,
             ended=ended,
             whole=whole,
+            stopped=bool(stopped[end - 1]),
         )
         score, last, number = dataclasses.replace(score, points=after), first, int(rally[first])
 
 
-def game_end(points: Points, served: int | None, rules: Rules) -> tuple[Points, int, bool]:
-    """Points at the end of a game, its winner, and whether its last rally is added because the rules leave one end.
+def game_end(points: Points, served: int | None, rules: Rules) -> tuple[Points, int | None, bool]:
+    """Points at the end of a game, its winner or None, and whether its last rally is added because the rules leave one end.
 
     The leader was one rally away from the game, and did win it, because the leader served first in the next game, or because
     that is not known.
@@ -121,15 +125,14 @@ def game_end(points: Points, served: int | None, rules: Rules) -> tuple[Points, 
     missing = not over and served in (leader, None) and bool(wins_game(high + 1, low, rules))
     if missing:
         points = (points[0] + (leader == 0), points[1] + (leader == 1))
-    return points, leader if over or missing or served is None else served, missing
+    return points, leader if over or missing else served, missing
 
 
 def winner_of(rallies: Sequence[RealRally]) -> int | None:
     """Seat that won a match; None: it was not finished."""
     last = rallies[-1]
-    points, won, _ = game_end(last.after, None, last.score.rules)
-    over = wins_game(max(points), min(points), last.score.rules)
-    games = [last.score.games[seat] + (over and won == seat) for seat in (0, 1)]
+    won = None if last.stopped else game_end(last.after, None, last.score.rules)[1]
+    games = [last.score.games[seat] + (won == seat) for seat in (0, 1)]
     return games.index(max(games)) if max(games) >= last.score.rules.games else None
 
 
@@ -140,70 +143,82 @@ def rules_of(strokes: pa.Table) -> dict[str, Rules]:
     return {match: RULES[cast("RulesName", name or told[match])] for match, name in carried.items()}
 
 
-def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], str]:
-    """Names of the rules by which the scores of each match are possible, and a sentence if they are not certain.
+def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], list[str]]:
+    """Names of the rules by which the scores of each match are possible, and sentences on what is not certain.
 
-    The matches of a table have the same rules if these allow all of them. Those of the sport hold unless others fit better.
+    Those that allow most matches hold for all that they allow, of equal ones those of the sport.
     """
-    games: dict[str, dict[int, RealRally]] = {match: {} for match in strokes["match"].unique().to_pylist()}
-    if not games:
-        return {}, ""
+    games: dict[str, dict[int, tuple[Points, bool]]] = {match: {} for match in strokes["match"].unique().to_pylist()}
     for rally in real_rallies(strokes, dict.fromkeys(games, BWF)):
-        games[rally.match][rally.number[0]] = rally
-    ends = {match: [(rally.after, rally.exact) for rally in of_match.values()] for match, of_match in games.items()}
-    fits = {match: {name: _fit(of_match, rules) for name, rules in RULES.items()} for match, of_match in ends.items()}
-    total = {name: tuple(map(sum, zip(*(fit[name] for fit in fits.values()), strict=True))) for name in RULES}
-    best = _best(total)
-    found = {match: _best(fit) if fit[best][0] else best for match, fit in fits.items()}
-    others = [name for name in RULES if name not in ("21", best) and total[name][:2] == total[best][:2]]
-    certain = best == "21" or not others or (best in ("15", "11") and not total[best][2])
-    doubt = f"the rules of the matches, {best}, are not certain: {', '.join(others)} fit too; name them with --rules"
-    return found, "" if certain else doubt
+        games[rally.match][rally.number[0]] = rally.after, rally.exact
+    fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in games.items()}
+    least = {match: min(fit[:2] for fit in of_match.values()) for match, of_match in fits.items()}
+    possible = {match: [name for name in RULES if fits[match][name][:2] == least[match]] for match in fits}
+    votes = collections.Counter(itertools.chain(*possible.values()))
+    usual = _usual([name for name in RULES if votes[name] == max(votes.values(), default=0)], fits.values())
+    found = {match: usual if usual in names else _usual(names, [fits[match]]) for match, names in possible.items()}
+    kinds: dict[tuple[RulesName, tuple[RulesName, ...]], list[str]] = {}
+    for match, name in found.items():
+        finishing = [other for other in possible[match] if fits[match][other][2] < fits[match][name][2]]
+        sure = name == "21" or (name in ("15", "11") and not fits[match][name][2])
+        others = finishing if finishing or sure else [other for other in possible[match] if other != name]
+        kinds.setdefault((name, () if least[match][0] else tuple(others)), []).append(match)
+    told = []
+    for (name, also), same in kinds.items():
+        which = f"match {same[0]!r}" + (f" and {len(same) - 1} others" if len(same) > 1 else "")
+        which = "the matches" if len(same) == len(found) else which
+        if also:
+            told.append(f"the rules of {which}, {name}, are not certain: {', '.join(also)} fit too; name them with --rules")
+        elif name != usual:
+            told.append(f"the rules of {which} are {name}, by the scores, and those of most matches {usual}")
+    odd = [match for match in fits if least[match][0]]
+    if odd:
+        told.append(f"the scores of match {odd[0]!r} are possible by no rules: are games without a number, or two matches one?")
+    return found, told
 
 
-def _best(fits: Mapping[RulesName, tuple[int, ...]]) -> RulesName:
-    """The rules that fit best, of equal ones those of the sport, and then those that finish most matches."""
-    least = min(fit[:2] for fit in fits.values())
-    equal = [name for name, fit in fits.items() if fit[:2] == least]
-    return "21" if "21" in equal else min(equal, key=lambda name: fits[name][2])
+def _usual(names: Sequence[RulesName], fits: Collection[Mapping[RulesName, tuple[int, ...]]]) -> RulesName:
+    """Of several rules those of the sport, and else those that finish most matches."""
+    return "21" if "21" in names else min(names, key=lambda name: sum(fit[name][2] for fit in fits))
 
 
-def _fit(ends: Sequence[tuple[Points, bool]], rules: Rules) -> tuple[int, int, int]:
+def _fit(ends: Mapping[int, tuple[Points, bool]], rules: Rules) -> tuple[int, int, int]:
     """Of a match by its points at the ends of games: impossible scores, games without their last rally, 1 if not finished."""
     impossible = missing = 0
-    games, over = [0, 0], False
-    for number, ((one, other), exact) in enumerate(ends, 1):
-        low, high = sorted((one, other))
-        over = bool(wins_game(high, low, rules))
-        impossible += max(games) >= rules.games
+    games = [0, 0]
+    for number, (points, exact) in ends.items():
+        low, high = sorted(points)
+        impossible += max(games) >= rules.games or number >= 2 * rules.games
+        won = game_end(points, None, rules)[1]
         if exact:
             impossible += bool(wins_game(high - 1, low, rules)) or (high == low > 0 and bool(wins_game(high, low - 1, rules)))
-            missing += number < len(ends) and not over
-        games[int(other > one)] += over or number < len(ends)
-    return impossible, missing, int(not over or max(games) < rules.games)
+            missing += number < max(ends) and not wins_game(high, low, rules)
+        games = [games[seat] + (won == seat) for seat in (0, 1)]
+    return impossible, missing, int(max(games) < rules.games)
 
 
-def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, str]:
-    """The table with the rules of its matches, and a sentence if they are not certain.
+def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, list[str]]:
+    """The table with the rules of its matches, and sentences on what is not certain of them.
 
     Args:
-        rules: of all matches; None: those that the table carries or else the scores tell.
+        rules: of all matches; None: those that the table carries, in any row of a match, or else the scores tell.
 
     Raises:
-        DataError: a score is impossible by the rules that are given.
+        DataError: a score is impossible by the rules that are given, or a match has several.
     """
-    if rules is not None:
-        for rally in real_rallies(strokes, dict.fromkeys(strokes["match"].unique().to_pylist(), RULES[rules])):
-            own, (game, number) = rally.score, rally.number
-            if own.over or (rally.exact and _fit([(rally.after, True)], own.rules)[0]):
-                where = f"match {rally.match!r}, game {game}, rally {number}"
-                told = f"score {rally.after[0]}-{rally.after[1]}: by the rules {rules} game or match were over before it"
-                raise DataError(path, f"{where}, {told}; give other --rules, one of {', '.join(RULES)}")
-        return changed(strokes, "rules", pa.array([rules] * len(strokes), pa.string())), ""
-    carried = strokes["rules"].to_pylist()
-    found, doubt = ({}, "") if all(carried) else told_rules(strokes)
-    names = [name or found[match] for match, name in zip(strokes["match"].to_pylist(), carried, strict=True)]
-    return changed(strokes, "rules", pa.array(names, pa.string())), doubt
+    matches, given = strokes["match"].to_pylist(), dict[str, RulesName]()
+    for match, name in zip(matches, [rules] * len(strokes) if rules else strokes["rules"].to_pylist(), strict=True):
+        if name and given.setdefault(match, name) != name:
+            raise DataError(path, f"match {match!r} has the rules {given[match]} and {name}; expected one of them")
+    told, doubts = told_rules(strokes.filter(pa.array([match not in given for match in matches], pa.bool_())))
+    found = {**told, **given}
+    for rally in real_rallies(strokes, {match: RULES[name] for match, name in found.items()}) if given else ():
+        own, (game, number), name = rally.score, rally.number, given.get(rally.match)
+        if name and (own.over or (rally.exact and _fit({game: (rally.after, True)}, own.rules)[0])):
+            where = f"match {rally.match!r}, game {game}, rally {number}"
+            score = f"score {rally.after[0]}-{rally.after[1]}: by the rules {name} game or match were over before it"
+            raise DataError(path, f"{where}, {score}; give other --rules, one of {', '.join(RULES)}")
+    return changed(strokes, "rules", pa.array([found[match] for match in matches], pa.string())), doubts
 
 
 def event(match: str, players: tuple[str, str]) -> str:

@@ -6,6 +6,7 @@ warning (:mod:`shuttle_marl.data.inference`). What the file lacks is inferred wh
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -25,7 +26,7 @@ from shuttle_marl.data.sheet import Sheet, listed
 from shuttle_marl.data.upstream import date_of, player_id
 from shuttle_marl.data.words import COLUMNS, FAULTS, STOPS, WINNERS, WORDS, ColumnMap, Words, whole
 from shuttle_marl.game import court
-from shuttle_marl.game.scoring import RULES, RulesName, Score
+from shuttle_marl.game.scoring import RULES, Rules, RulesName, Score
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
 _BARE_SERVE: Final = WORDS["shot"].index("serve")
@@ -35,7 +36,10 @@ _LET: Final = _ENDINGS.index("let")
 _UNFORCED, _FORCED = (_ENDINGS.index(word) for word in ("unforced-error", "forced-error"))
 _FAULTS, _WINNERS = ([_ENDINGS.index(word) for word in words] for words in (FAULTS, WINNERS))
 _REASON: Final = np.array([REASONS.index(word if word in REASONS else "unknown") for word in _ENDINGS])
+_UNSAID: Final = REASONS.index("unknown")
 _MOST_MATCHES: Final = 10_000
+_SHORTEST: Final = min(rules.points for rules in RULES.values())
+"""Rallies of the shortest game."""
 
 
 class Rallies:
@@ -44,6 +48,7 @@ class Rallies:
     Attributes:
         fresh, first, last: whether a row begins a game, and begins and ends a rally.
         start, group: first row of the game, and number of the rally in the file, from 0.
+        stopped: rows of rallies in which a match was stopped.
         reply: whether the next row is the next stroke.
         shot: shot types, -1 not known; ``inferred_serve``: whether the reply told that of a serve.
         ending: words for the ends of rallies, indices into those of the map.
@@ -57,7 +62,7 @@ class Rallies:
             raise DataError(sheet.path, f"{len(known):,} matches, more than {_MOST_MATCHES:,}; divide the file")
         self.fresh = inference.changes(match, self.game)
         self.start = np.flatnonzero(self.fresh)[np.cumsum(self.fresh) - 1]
-        self.rally = _numbers(sheet, "rally") if "rally" in sheet else self._numbered(shot)
+        self.rally = self._of_game(_numbers(sheet, "rally")) if "rally" in sheet else self._numbered(shot)
         self.first = self.fresh | inference.changes(self.rally)
         self.last = np.r_[self.first[1:], True]
         self.group = np.cumsum(self.first) - 1
@@ -69,7 +74,9 @@ class Rallies:
         self.inferred_serve = shot == _BARE_SERVE
         self.shot = np.where(self.inferred_serve, np.isin(self.following(shot), inference.LONG_REPLIES), shot)
         self.ending = sheet.words("ending", 0)
-        for row in np.flatnonzero(np.isin(self.ending, [_ENDINGS.index(word) for word in STOPS])).tolist():
+        stops = np.isin(self.ending, [_ENDINGS.index(word) for word in STOPS])
+        self.stopped = np.isin(self.group, self.group[stops])
+        for row in np.flatnonzero(stops).tolist():
             told = f"match {str(self.match[row])!r} was not finished: {_ENDINGS[self.ending[row]]}"
             sheet.notes += [told] if told not in sheet.notes else []
             self.ending[row] = _ENDINGS.index("unknown")
@@ -101,6 +108,15 @@ class Rallies:
         if "rally" in sheet:
             sheet.columns[sheet.named("rally")] = tuple(map(str, number[kept].tolist()))
         return sheet
+
+    def _of_game(self, number: I64) -> I64:
+        """Numbers of rallies in their games, of those in a file that may run on through the games of a match."""
+        later = np.flatnonzero(self.fresh & ~inference.changes(self.match))
+        before = number[later - 1]
+        if not len(later) or before.min() < _SHORTEST or (number[later] != before + 1).any():
+            return number
+        self.sheet.inferred = [*self.sheet.inferred, "rallies, from 1 in each game: in the file they run on through a match"]
+        return number - np.where(np.isin(self.start, later), number[self.start - 1], 0)
 
     def _numbered(self, shot: I64) -> I64:
         """Numbers of rallies in their games: each begins with a serve, or after a pause."""
@@ -145,37 +161,37 @@ def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
     """``[n]`` outcome, reason, forced and points by column of the schema, and whether who serves next told the outcome."""
     sheet, ending, last = rallies.sheet, rallies.ending, rallies.last
     points = {name: sheet.bounded(name, *RANGES[name]) for name in ("points", "points_opponent")}
-    told, inferred = _winners(rallies), np.zeros(len(sheet), dtype=bool)
-    won = told
+    winner, serves, known = _deciders(rallies)
     if "score" in sheet:
-        by_score, points = _by_score(rallies)
-        won = np.where(told < 0, by_score, told)
-    by_server = _of_row(rallies, _serves_next(rallies))
-    unsaid = last & ~np.isin(ending, [*_FAULTS, *_WINNERS]) & (ending != _ENDINGS.index("unknown")) & (won < 0)
-    asked = sheet.strict and ("ending" in sheet or "winner" in sheet) and "score" not in sheet
-    if asked:
-        rows = np.flatnonzero(unsaid & ~rallies.wrong())
+        by_score, points = _by_score(rallies, known)
+        winner = np.where(winner < 0, by_score, winner)
+    elif "points" in sheet:
+        winner = np.where(winner < 0, _by_points(rallies, known, np.stack([*points.values()], axis=1)), winner)
+    winner[rallies.stopped[rallies.first]] = -1  # nobody won it, whatever the points are
+    won, by_server = _of_row(rallies, winner), _of_row(rallies, serves)
+    fault, landed = np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)
+    undecided, unsaid = last & ~fault & ~landed, ending != _ENDINGS.index("unknown")
+    inferred = undecided & ~rallies.stopped & (won < 0)
+    if sheet.strict and ("ending" in sheet or "winner" in sheet) and "score" not in sheet:
+        rows = np.flatnonzero(inferred & unsaid & ~rallies.wrong())
         sheet.mark(rows, "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known")
-    else:
-        inferred = unsaid & (by_server >= 0)
-        won = np.where(inferred, by_server, won)
+        inferred &= ~unsaid
+    inferred &= by_server >= 0
+    won = np.where(inferred, by_server, won)
     for row in np.flatnonzero(~last & (ending > 0)):
         sheet.mark(row, f"ending {_ENDINGS[ending[row]]!r} of a stroke that is not the last of its rally")
-    fault, winner = np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)
-    for row in np.flatnonzero(last & ((fault & (won == 1)) | (winner & (won == 0)))):
+    for row in np.flatnonzero(last & ((fault & (won == 1)) | (landed & (won == 0)))):
         sheet.mark(row, f"ending {_ENDINGS[ending[row]]!r} contradicts who won the rally")
-    undecided = last & ~fault & ~winner
     by_winner = np.select([won == 1, won == 0], [Outcome.WINNER, Outcome.FAULT], Outcome.UNKNOWN)
-    outcome = np.select([undecided, fault, winner], [by_winner, Outcome.FAULT, Outcome.WINNER], Outcome.RETURNED)
-    unsaid = undecided & (ending != _ENDINGS.index("unknown"))
+    outcome = np.select([undecided, fault, landed], [by_winner, Outcome.FAULT, Outcome.WINNER], Outcome.RETURNED)
     if sheet.strict and "ending" in sheet:
-        sheet.warn(unsaid & (won >= 0), "the last stroke of its rally has no ending, only a winner")
-    if "score" in sheet and (n := int((last & (outcome == Outcome.UNKNOWN)).sum())):
+        sheet.warn(undecided & unsaid & (won >= 0), "the last stroke of its rally has no ending, only a winner")
+    if n := int((last & ~rallies.stopped & (outcome == Outcome.UNKNOWN)).sum()):
         sheet.doubt(f"who won is not known of {n} of {len(rallies)} rallies")
     forced = np.select([ending == _UNFORCED, ending == _FORCED], [0, 1], sheet.words("forced"))
     values: dict[str, Any] = {
         "outcome": outcome,
-        "reason": np.where(undecided, REASONS.index("unknown"), _REASON[ending]),
+        "reason": np.where(rallies.stopped & last, REASONS.index("stopped"), np.where(undecided, _UNSAID, _REASON[ending])),
         "forced": np.ma.masked_where(forced < 0, forced == 1),
         **points,
     }
@@ -183,46 +199,44 @@ def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
 
 
 def _winners(rallies: Rallies) -> I64:
-    """``[n]`` 1 if the striker won the rally by the column of winners, 0 if not, -1 unknown."""
+    """``[R]`` side that won each rally by the column of winners, -1 not known."""
     sheet, winner_of = rallies.sheet, dict[int, str]()
     names = spelled(sheet, "winner", rallies.game, rallies.match) if "winner" in sheet else ()
     for row, name in enumerate(names):
         both = (rallies.player[row], rallies.opponent[row])
-        if not name or both[0] == both[1]:  # reported already
+        if not name or rallies.stopped[row] or both[0] == both[1]:  # the last is reported already
             continue
         if player_id(name) not in both:
             sheet.mark(row, f"winner {shown(name)}; expected one of the players, {' or '.join(both)}")
         elif winner_of.setdefault(int(rallies.group[row]), player_id(name)) != player_id(name):
             sheet.mark(row, f"{shown(name)} contradicts another winner of this rally")
-    winners = [winner_of.get(number) for number in rallies.group.tolist()]
-    return np.array([-1 if name is None else int(name == who) for name, who in zip(winners, rallies.player, strict=True)])
+    starters = rallies.player[rallies.start[rallies.first]]
+    return np.array([int(winner_of[r] != name) if r in winner_of else -1 for r, name in enumerate(starters)])
 
 
-def _server(rallies: Rallies) -> I64:
-    """``[R]`` side of the server of each rally."""
-    first, side = np.flatnonzero(rallies.first), rallies.side
-    return np.where(rallies.stroke[first] % 2 == 1, side[first], 1 - side[first])
+def _servers(rallies: Rallies) -> Array:
+    """``[R]`` the server of each rally."""
+    return np.where(rallies.stroke % 2 == 1, rallies.player, rallies.opponent)[rallies.first]
 
 
 def _serves_next(rallies: Rallies) -> I64:
     """``[R]`` side that serves in the next rally, because it won, also in the next game; -1 not known."""
     first = np.flatnonzero(rallies.first)
-    odd, fresh, rally, game = rallies.stroke[first] % 2 == 1, rallies.fresh[first], rallies.rally[first], rallies.game[first]
-    server = np.where(odd, rallies.player[first], rallies.opponent[first])[1:]
+    fresh, rally, game = rallies.fresh[first], rallies.rally[first], rallies.game[first]
     same = rallies.match[first][1:] == rallies.match[first][:-1]
     if all(end_of(name) for name in np.unique(rallies.player)):  # another person in the next game
         same &= ~fresh[1:]
     followed = same & np.where(fresh[1:], (np.diff(game) == 1) & (rally[1:] == 1), np.diff(rally) == 1)
     starter = rallies.player[rallies.start[first]][:-1]
-    return np.r_[np.where(followed, server != starter, -1), -1].astype(np.int64)
+    return np.r_[np.where(followed, _servers(rallies)[1:] != starter, -1), -1].astype(np.int64)
 
 
-def _deciders(rallies: Rallies) -> I64:
-    """``[R]`` side that won each rally by the columns of winners and endings, or who serves next; -1 not known."""
-    last, side, told = np.flatnonzero(rallies.last), rallies.side, _winners(rallies)
-    ending, striker = rallies.ending[last], side[last]
-    conditions = [told[last] == 1, told[last] == 0, np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)]
-    return np.select(conditions, [striker, 1 - striker, 1 - striker, striker], _serves_next(rallies))
+def _deciders(rallies: Rallies) -> tuple[I64, I64, I64]:
+    """``[R]`` side that won each rally by the column of winners; that serves next; and by these and endings; -1 not known."""
+    last, told, serves = np.flatnonzero(rallies.last), _winners(rallies), _serves_next(rallies)
+    ending, striker = rallies.ending[last], rallies.side[last]
+    by_ending = np.select([np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)], [1 - striker, striker], serves)
+    return told, serves, np.where(told < 0, by_ending, told)
 
 
 def _of_row(rallies: Rallies, winner: I64) -> I64:
@@ -231,17 +245,17 @@ def _of_row(rallies: Rallies, winner: I64) -> I64:
     return np.where(of_row < 0, -1, of_row == rallies.side)
 
 
-def _by_score(rallies: Rallies) -> tuple[I64, dict[str, Array]]:
-    """``[n]`` 1 if the striker won the rally by the score, 0 if not, -1 unknown; and the points after the rally."""
+def _by_score(rallies: Rallies, told: I64) -> tuple[I64, dict[str, Array]]:
+    """``[R]`` side that won each rally by the score, -1 not known; and ``[n]`` points after it; ``told``: by other values."""
     sheet, side, first = rallies.sheet, rallies.side, np.flatnonzero(rallies.first)
-    new_match, told = inference.changes(rallies.match), _deciders(rallies)
+    new_match, starters = inference.changes(rallies.match), rallies.player[rallies.start[first]]
     of_match = np.flatnonzero(new_match)[np.cumsum(new_match) - 1]
-    began = (rallies.player[of_match] != rallies.player[rallies.start])[first].astype(np.int64)
+    began = (rallies.player[of_match[first]] != starters).astype(np.int64)
     if all(end_of(name) for name in np.unique(rallies.player)):  # another person in the next game
         began = (began + rallies.game[first] - rallies.game[of_match][first]) % 2
     match, scores = np.unique(rallies.match[first], return_inverse=True)[1], _scores(sheet, rallies)
-    fresh = rallies.fresh[first]
-    points, winner, reading = inference.winners_by_score(scores, fresh, _server(rallies), told, began, match)
+    fresh, server = rallies.fresh[first], (_servers(rallies) != starters).astype(np.int64)
+    points, winner, reading = inference.winners_by_score(scores, fresh, server, told, began, match)
     if reading:
         sheet.notes.append(reading)
     else:
@@ -249,18 +263,31 @@ def _by_score(rallies: Rallies) -> tuple[I64, dict[str, Array]]:
     totals = [(rallies.start[row], sum(score)) for row, score in zip(first, scores, strict=True) if score is not None]
     if "game" not in sheet and any(a == b and later < now for (a, now), (b, later) in itertools.pairwise(totals)):
         sheet.add("the score falls, so there are several games: number them in a column")
+    _fill(winner, points, rallies, told)
+    both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[rallies.group]
+    rows = np.arange(len(sheet))
+    return winner, {"points": both[rows, side], "points_opponent": both[rows, 1 - side]}
+
+
+def _by_points(rallies: Rallies, told: I64, points: F64) -> I64:
+    """``[R]`` side that won each rally by the points ``[n, 2]`` of striker and opponent after it, -1 not known."""
+    both = np.where(rallies.side[:, None] == 0, points, points[:, ::-1])[rallies.first].tolist()
+    winner = np.full(len(rallies), -1)
+    _fill(winner, [None if np.isnan(one + other) else (int(one), int(other)) for one, other in both], rallies, told)
+    return winner
+
+
+def _fill(winner: I64, points: Sequence[inference.Points | None], rallies: Rallies, told: I64) -> None:
+    """Fill in winners ``[R]`` that are not known: two known scores tell who won between them where one player did."""
     start, since = (0, 0), list[int]()
-    for r, after in enumerate(points):  # two known scores tell who won between them where one player did
-        start, since = ((0, 0), [r]) if fresh[r] else (start, [*since, r])
+    for r, (fresh, after) in enumerate(zip(rallies.fresh[rallies.first], points, strict=True)):
+        start, since = ((0, 0), [r]) if fresh else (start, [*since, r])
         if after is not None:
             known = np.where(winner[since] < 0, told[since], winner[since])
             gained = [after[who] - start[who] - int((known == who).sum()) for who in (0, 1)]
             if min(gained) == 0 and sum(gained) == (known < 0).sum():
                 winner[np.array(since)[known < 0]] = int(gained[1] > 0)
             start, since = after, []
-    both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[rallies.group]
-    rows = np.arange(len(sheet))
-    return _of_row(rallies, winner), {"points": both[rows, side], "points_opponent": both[rows, 1 - side]}
 
 
 def _scores(sheet: Sheet, rallies: Rallies) -> list[inference.Points | None]:
@@ -318,9 +345,9 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
     path, total, rules = sheet.path, sheet.total, cast("RulesName", given.rules) or None
     sheet.map = _mapped(sheet, given)
     sheet.require(sheet.map.columns.values())
-    if rules is None and len(named := {*filter(None, _rules_of(sheet))}) == 1:
+    if rules is None and len(named := {*_rules_of(sheet)}) == 1:
         (rules,) = named
-        sheet.map = dataclasses.replace(sheet.map, rules=rules)
+        sheet.map = dataclasses.replace(sheet.map, rules=rules or "")
     told, sheet.warnings = sheet.warnings, []
     read = {"source": sheet.map.source, "format": sheet.format, "file": path.name, "sha256": content_hash(sheet.content)}
     unread = [name for name in sheet.header if name and name not in sheet.map.columns.values()]
@@ -333,7 +360,8 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
             sheet = played
             continue
         if (divided := _numbered_games(rallies, rules)) is not None:
-            sheet, counted = divided
+            sheet, counted, doubts = divided
+            told += [Problem(path, words) for words in doubts]
             continue
         strokes = _strokes_of(sheet, rallies)
         most = max(most, len(rallies))
@@ -346,10 +374,9 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
             raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=advice)
         told += sheet.problems
         broken += int(wrong.sum())
-        if "rally" not in sheet:  # the others keep their numbers
-            sheet.columns[_COUNTED] = tuple(map(str, rallies.rally.tolist()))
-            sheet.map = dataclasses.replace(sheet.map, columns={**sheet.map.columns, "rally": _COUNTED})
-            notes = sheet.notes
+        sheet.columns[_COUNTED] = tuple(map(str, rallies.rally.tolist()))  # the others keep their numbers
+        sheet.map = dataclasses.replace(sheet.map, columns={**sheet.map.columns, "rally": _COUNTED})
+        notes = notes or sheet.notes
         sheet = sheet.take(~wrong)
     strokes, hands = with_hands(strokes, path)
     strokes = _seen_by_left_handers(strokes)
@@ -370,8 +397,8 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
         lost.append(f"a date in the names of {len(undated)} of {len(names)} matches, which count in the order of the table")
     if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
         lost.append("names of the players: those of the ends, which they change between games and within the last possible one")
-    strokes, doubt = with_rules(strokes, path, rules)
-    told += [Problem(path, words) for words in (*copies(strokes), doubt) if words]
+    strokes, doubts = with_rules(strokes, path, rules)
+    told += [Problem(path, words) for words in (*copies(strokes), *doubts)]
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)
     return Cleaned(
         strokes=strokes,
@@ -380,7 +407,7 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
         warnings=tuple(str(problem) for problem in schema.grouped(found)),
         provenance={
             **read,
-            "inferred": [*sheet.inferred, *notes, *counted, *sheet.notes, *_inferred(strokes), *hands],
+            "inferred": [*dict.fromkeys((*sheet.inferred, *notes, *counted, *sheet.notes, *_inferred(strokes), *hands))],
             "lost": [*lost, *unknown_hands(strokes)],
             "imported_by": f"shuttle_marl {__version__}",
         },
@@ -411,44 +438,49 @@ def _mapped(sheet: Sheet, given: ColumnMap) -> ColumnMap:
         raise DataError(sheet.path, f"{error}, or map your headers with --columns; the header is {header}") from error
 
 
-def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, list[str]] | None:
-    """The sheet with the games that the rules and the winners give, and a sentence on them; None: each match has one game."""
+def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, list[str], list[str]] | None:
+    """The sheet with the games that the rules and the winners give, sentences on them, and doubts; None: each match has one."""
     sheet = rallies.sheet
     if {"game", "score", "points"} & sheet.map.columns.keys():
         return None
-    first = np.flatnonzero(rallies.first)
-    winner, last = _deciders(rallies), np.r_[inference.changes(rallies.match[first])[1:], True]
-    scores: dict[RulesName, list[Score]] = {name: [] for name in (RULES if rules is None else (rules,))}
-    wrong, unsure, finished = dict.fromkeys(scores, 0), 0, dict.fromkeys(scores, 0)
-    for k, row in enumerate(first):
-        begins = bool(rallies.fresh[row])
-        unsure += not last[k] and (winner[k] < 0 or (not begins and rallies.rally[row] != rallies.rally[first[k - 1]] + 1))
-        for name, found in scores.items():
-            now = Score(rules=RULES[name]) if begins else found[-1]
-            wrong[name] += now.over
-            after = now.after(int(winner[k])) if winner[k] >= 0 else now
-            found.append(after)
-            finished[name] += bool(last[k]) and after.over
-    longest = max(len(part) for part in np.split(first, np.flatnonzero(rallies.fresh[first])[1:]))
-    several = {name: any(each.finished and not last[k] for k, each in enumerate(found)) for name, found in scores.items()}
+    first, winner = np.flatnonzero(rallies.first), _deciders(rallies)[2]
+    fresh, number = rallies.fresh[first], rallies.rally[first]
+    names: list[RulesName] = [*RULES] if rules is None else [rules]
+    scores = {name: _course(fresh, winner, RULES[name]) for name in names}
+    longest = int(np.diff([*np.flatnonzero(fresh), len(first)]).max())
+    unsure = bool(np.any(~fresh[1:] & ((winner[:-1] < 0) | (np.diff(number) != 1))))
     usual: RulesName = rules or "21"
-    if not several[usual] or (unsure and longest <= 2 * RULES[usual].cap - 1):
+    if not any(each.finished for each in scores[usual]) or (unsure and longest <= 2 * RULES[usual].cap - 1):
         return None
-    possible = [name for name in scores if not wrong[name]]
-    best = [name for name in possible if finished[name] == max(finished[other] for other in possible)]
+    ends = [(k, (0, 1) if winner[k] < 0 else (int(winner[k]),)) for k in np.flatnonzero(np.r_[fresh[1:], True])]
+    over = {name: [any(found[k].after(won).over for won in each) for k, each in ends] for name, found in scores.items()}
+    going = {name: np.add.reduceat([each.over for each in found], np.flatnonzero(fresh)) == 0 for name, found in scores.items()}
+    possible = [name for name in scores if going[name].all()]
+    finished = np.any([np.array(over[name]) & going[name] for name in scores], axis=0)  # by some rules
+    best = [name for name in possible if np.array(over[name])[finished].all()]
     usually = [name for name in ("21", "15", "11") if name in best] or best
     if unsure or len(usually) != 1:
         why = "who won some rallies is not known" if unsure else f"by {', '.join(usually) or 'all rules'} they differ"
+        why = "their numbers begin again" if np.any(~fresh[1:] & (np.diff(number) < 0)) else why
         sheet.add(f"{longest} rallies are more than one game, and {why}: number the games in a column game, or give --rules")
         return None
-    before = np.array([[0, 0]] + [[sum(each.games), sum(map(sum, each.finished))] for each in scores[usually[0]]])[:-1]
-    before[rallies.fresh[first]] = 0
-    games, played = before[rallies.group].T
+    games, played = np.array([[sum(each.games), sum(map(sum, each.finished))] for each in scores[usually[0]]])[rallies.group].T
     for column, values in ((_GAME, games + 1), (_COUNTED, rallies.rally - played)):
         sheet.columns[column] = tuple(map(str, values.tolist()))
     sheet.map = dataclasses.replace(sheet.map, columns={**sheet.map.columns, "game": _GAME, "rally": _COUNTED})
     told = f"games, numbered by the rules {usually[0]}: {int((games + 1)[rallies.first & (games > 0)].max(initial=1))} in a match"
-    return sheet.take(np.ones(len(sheet), dtype=bool)), [told]
+    others = [] if usually[0] == "21" else [name for name in possible if name != usually[0]]
+    doubts = [f"{told}; by {', '.join(others)} a match is not finished: name them with --rules"] if others else []
+    return sheet.take(np.ones(len(sheet), dtype=bool)), [told], doubts
+
+
+def _course(fresh: Bools, winner: I64, rules: Rules) -> list[Score]:
+    """Scores before the R rallies of matches: whether each begins a match, and which side won it, -1 not known."""
+    found, after = list[Score](), Score(rules=rules)
+    for begins, won in zip(fresh, winner.tolist(), strict=True):
+        found.append(Score(rules=rules) if begins else after)
+        after = found[-1].after(won) if won >= 0 else found[-1]
+    return found
 
 
 def _rules_of(sheet: Sheet) -> list[RulesName | None]:

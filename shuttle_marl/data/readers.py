@@ -139,13 +139,18 @@ class _Strokes:
         """The column of a key; the rate of the frames; empty for others."""
         return "fps" if bare(key) in _RATES else self._words.meaning(key) or ""
 
+    def _score(self, key: str, value: Any) -> str:
+        """A score such as ``[5, 3]``; empty for others."""
+        pair = isinstance(value, list) and len(value) == 2 and all(isinstance(each, int) for each in value)
+        return "-".join(map(str, value)) if pair and self._column(key) == "score" else ""
+
     def below(self, node: Any, around: Mapping[str, str] = MappingProxyType({}), key: str = "", depth: int = 0) -> list[_Entry]:
         """Strokes below a node, with the scalars around."""
         found: list[_Entry] = []
         if depth > _DEEPEST:
             return found
         if isinstance(node, list):
-            column, none = self._column(key), 0
+            column, none = self._column(key) or self._column(key.removesuffix("s")), 0
             for number, child in enumerate(node, 1):
                 numbered = {column: str(number)} if column in ("game", "rally") else {}
                 inside = self.below(child, {**around, **numbered}, "", depth + 1)
@@ -153,7 +158,7 @@ class _Strokes:
                 none += not inside
             self.others += none if found else 0
         elif isinstance(node, dict):
-            values = {name: told for name, child in node.items() if (told := scalar(child))}
+            values = {name: told for name, child in node.items() if (told := scalar(child) or self._score(name, child))}
             scalars: _Entry = {}
             for name, told in values.items():
                 if (column := self._column(name)) and scalars.setdefault(column, told) != told:
@@ -162,12 +167,15 @@ class _Strokes:
                 self.unread |= {name for name, child in node.items() if child and not (name in values and self._column(name))}
                 self.shifts |= {column for column in ("seconds", "frame") if column in scalars and column in around}
                 return [{**around, **scalars}]
-            ending = scalars.pop("ending", "")  # of the rally, so of its last stroke
+            ending, others = scalars.pop("ending", ""), set[str]()  # of the rally, so of its last stroke
             for name, child in node.items():
-                found += self.below(child, {**around, **scalars}, name, depth + 1)
+                inside = self.below(child, {**around, **scalars}, name, depth + 1)
+                found += inside
+                nested = isinstance(child, dict | list) and name not in values and not _PLAYERS.match(name)
+                others |= {name} if child and nested and not inside else set()
             if found:
                 self._name(node, found)
-                self.unread |= {name for name in values if not self._column(name) and not end_of(name)}
+                self.unread |= others | {name for name in values if not self._column(name) and not end_of(name)}
             if found and ending:
                 found[-1].setdefault("ending", ending)
         return found

@@ -34,8 +34,9 @@ class Outcome(enum.IntEnum):
 
 OUTCOMES: Final = tuple(outcome.name.lower() for outcome in Outcome)
 
-REASONS: Final = ("returned", "out", "net", "short", "foul", "landed", "misjudged", "unknown")
-"""Reasons of an outcome: out of court, into the net, short of the net, a foul; landed in court, left by a misjudging opponent."""
+REASONS: Final = ("returned", "out", "net", "short", "foul", "landed", "misjudged", "unknown", "stopped")
+"""Reasons of an outcome: out of court, into the net, short of the net, a foul; landed in court, left by a misjudging opponent; of
+an unknown one, that the match was stopped: nobody won the rally."""
 
 DISCIPLINES: Final = ("MS", "WS")  # men's singles, women's singles
 
@@ -375,7 +376,8 @@ def _endings(t: Mapping[str, Array], n: int) -> Iterator[_Rule]:
     yield "a returned stroke, and no other, has the reason returned", both, (outcome == Outcome.RETURNED) != returned
     yield "a fault is out, net, short, foul or unknown", both, fault & ~np.isin(reason, _FAULT_REASONS)
     yield "a winner landed, was misjudged or is unknown", both, winner & ~np.isin(reason, _WINNER_REASONS)
-    yield "an unknown outcome has no reason", both, (outcome == Outcome.UNKNOWN) & ~unknown
+    unsaid = unknown | (reason == REASONS.index("stopped"))
+    yield "an unknown outcome has no reason", both, (outcome == Outcome.UNKNOWN) & ~unsaid
     yield "the first stroke of a rally, and no other, is a serve", ("shot",), serve != first
     yield "serves are struck below the net", ("shot", "height"), serve & (t["height"] != 0)
     yield "no serve is hurried", ("shot", "hurried"), serve & (t["hurried"] == 1)

@@ -288,7 +288,7 @@ def broken(strokes: pa.Table, changes: dict[int, dict[str, Any]]) -> dict[str, l
     ("name", "low", "high"),
     [
         ("hand", 0, 1), ("shot", 0, 12), ("height", 0, 1), ("technique", 0, 2), ("area", 0, 8), ("label_area", 0, 8),
-        ("outcome", 0, 3), ("reason", 0, 7), ("game", 1, 9), ("rally", 1, 9999), ("stroke", 1, 9999), ("points", 0, 30),
+        ("outcome", 0, 3), ("reason", 0, 8), ("game", 1, 9), ("rally", 1, 9999), ("stroke", 1, 9999), ("points", 0, 30),
         ("points_opponent", 0, 30), ("clock", 0, 100_000), ("frame", 0, 10_000_000),
     ],
 )  # fmt: skip
