@@ -192,7 +192,7 @@ def learner(setting: PlayerSetting, argument: str, **options: Any) -> Trained:
     # Rallies are played to their end, so iterations are a little longer than their batches.
     share = next((share for most, share in _SHARES.items() if setting.budget <= most), _SHARE)
     while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
-        config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
+        config = dataclasses.replace(config, strokes=int((config.strokes or 0) * _LESS))
     done = train(config)
     points = [json.loads(line) for line in (done.folder / runs.METRICS).read_text(encoding="utf-8").splitlines()]
     figure = "normalised_score" if setting.opponent is not None else "exploitability"
