@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from shuttle_marl.kernel import play_matches
     from shuttle_marl.league import LeagueConfig, run_league
     from shuttle_marl.policy import register, resolve
-    from shuttle_marl.recording import RallyLog, RallyLogWriter, RecordRallies
+    from shuttle_marl.recording import RallyLog, RallyLogWriter
     from shuttle_marl.reports import analyse_rally, rank_players, report, scouting_report
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, agent_network, train
 
@@ -34,7 +34,6 @@ __all__ = [
     "RallyEnv",
     "RallyLog",
     "RallyLogWriter",
-    "RecordRallies",
     "Rules",
     "SACConfig",
     "Score",
@@ -79,7 +78,7 @@ _NAMES = {
     "kernel": ("play_matches",),
     "league": ("LeagueConfig", "run_league"),
     "policy": ("register", "resolve"),
-    "recording": ("RallyLog", "RallyLogWriter", "RecordRallies"),
+    "recording": ("RallyLog", "RallyLogWriter"),
     "training": ("A2CConfig", "PPOConfig", "SACConfig", "agent_network", "train"),
 }
 """Names by the package that they are imported from."""

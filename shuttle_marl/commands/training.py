@@ -11,20 +11,21 @@ from rich.console import Console
 
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.runs import PAGE, RALLIES, interrupts_held
-from shuttle_marl.commands.cli import by_name, entry_point, named, say, tell, watching, words
+from shuttle_marl.commands.cli import by_name, entry_point, named, print_json, say, tell, watching, words
+from shuttle_marl.commands.options import Json
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.config import CONFIGS, A2CConfig, PPOConfig, SACConfig, TrainingConfig
 
 
-def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
+def _train(config: TrainingConfig, seeds: int, jobs: int, json_output: bool) -> None:
     # Unknown names are reported before PyTorch is imported, which takes seconds.
     game = resolve_game(config.game, config.profile)
     for name in () if config.self_play else config.opponent:
         if ":" not in name:
             resolve(name, game)
     if seeds != 1:
-        _train_seeds(config, seeds, jobs)
+        _train_seeds(config, seeds, jobs, json_output)
         return
     with interrupts_held():
         from shuttle_marl.training.run import train  # noqa: PLC0415  torch
@@ -32,14 +33,20 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
     done = train(config, Console(stderr=True, highlight=False))
     figures = done.evaluation
     against = "bc" if config.self_play else " and ".join(config.opponent)
-    say(
+    report, log = _report(done.folder, [done.folder]), done.folder / RALLIES
+    told = [
         f"against {against}: wins {figures.rally_win:.2%} of rallies and {figures.match_win:.2%} of matches (exact), "
         f"{figures.text}",
         f"agent: {done.folder}/agent, played as agent:{done.folder}/agent",
-        f"report: {_report(done.folder, [done.folder])}",
-    )
-    if (log := done.folder / RALLIES).exists():
-        say(watching(log, config.game, config.profile))
+        f"report: {report}",
+        *([watching(log, config.game, config.profile)] if log.exists() else []),
+    ]
+    run = {"run": str(done.folder), "collector": config.collector, "seed": config.seed}
+    numbers = {"iterations": done.iterations, "strokes": done.strokes, "seconds": done.seconds}
+    if json_output:
+        print_json({**run, **numbers, **dataclasses.asdict(figures), "report": str(report)})
+    else:
+        say(*told)
 
 
 def _report(folder: Path, runs: Sequence[Path]) -> Path:
@@ -50,16 +57,22 @@ def _report(folder: Path, runs: Sequence[Path]) -> Path:
     return path
 
 
-def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
+def _train_seeds(config: TrainingConfig, seeds: int, jobs: int, json_output: bool) -> None:
     with interrupts_held():
         from shuttle_marl.training import train_seeds  # noqa: PLC0415  torch
 
     done = train_seeds(config, seeds, jobs, Console(stderr=True, highlight=False))
     figures = {words(name): of for name, of in done.figures.items()}
-    tell(named("Exact figures: interquartile mean, 95 % interval, lowest and highest seed", figures))
     folders = [done.folder / f"seed-{seed}" for seed in range(config.seed, config.seed + seeds)]
-    say(f"{seeds} agents are in {done.folder}; the first is played as agent:{folders[0] / 'agent'}")
-    say(f"report: {_report(done.folder, folders)}")
+    report = _report(done.folder, folders)
+    if json_output:
+        print_json({"run": str(done.folder), "figures": done.figures, "seeds": done.evaluations, "report": str(report)})
+        return
+    tell(
+        named("Exact figures: interquartile mean, 95 % interval, lowest and highest seed", figures),
+        f"{seeds} agents are in {done.folder}; the first is played as agent:{folders[0] / 'agent'}",
+        f"report: {report}",
+    )
 
 
 Seeds = Annotated[int, tyro.conf.arg(help="number of seeds to train, starting at --seed; prints the spread of their results.")]
@@ -67,19 +80,19 @@ Jobs = Annotated[int, tyro.conf.arg(help="number of parallel training runs; does
 _JOBS: Final = os.cpu_count() or 1
 
 
-def ppo(config: tyro.conf.OmitArgPrefixes[PPOConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS) -> None:
+def ppo(config: tyro.conf.OmitArgPrefixes[PPOConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS, json_output: Json = False) -> None:
     """Proximal policy optimisation."""
-    _train(config, seeds, jobs)
+    _train(config, seeds, jobs, json_output)
 
 
-def a2c(config: tyro.conf.OmitArgPrefixes[A2CConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS) -> None:
+def a2c(config: tyro.conf.OmitArgPrefixes[A2CConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS, json_output: Json = False) -> None:
     """Advantage actor-critic."""
-    _train(config, seeds, jobs)
+    _train(config, seeds, jobs, json_output)
 
 
-def sac(config: tyro.conf.OmitArgPrefixes[SACConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS) -> None:
+def sac(config: tyro.conf.OmitArgPrefixes[SACConfig], seeds: Seeds = 1, jobs: Jobs = _JOBS, json_output: Json = False) -> None:
     """Soft actor-critic for discrete actions."""
-    _train(config, seeds, jobs)
+    _train(config, seeds, jobs, json_output)
 
 
 COMMANDS: Final = by_name(ppo, a2c, sac)

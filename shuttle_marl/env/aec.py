@@ -4,8 +4,9 @@ import copy
 import operator
 import secrets
 import warnings
-from collections.abc import Collection
-from typing import Any, Final, Literal, NamedTuple, Protocol, Self, get_args
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any, Final, Literal, Self, get_args
 
 import gymnasium
 import numpy as np
@@ -17,12 +18,26 @@ from pettingzoo import AECEnv
 from shuttle_marl.base.arrays import F32, I8, U8
 from shuttle_marl.base.errors import ActionError, OptionError, seed_number, whole_number
 from shuttle_marl.base.extras import hinted
+from shuttle_marl.env.history import features_of
+from shuttle_marl.env.recorded import PlayedRally, Recording
 from shuttle_marl.env.render import CourtRenderer, Snapshot, as_text
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.layout import RALLY_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH, STROKE_WIDTH
 from shuttle_marl.game.policy import Policy, States, UniformPolicy
 from shuttle_marl.game.rally import RallyDraws, Stepper, Stroke, choose, stepper_of
-from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
+from shuttle_marl.game.rules import (
+    ABANDONED,
+    FAULT,
+    ILLEGAL,
+    ILLEGAL_POSITION,
+    NOBODY,
+    OUTCOMES,
+    REASONS,
+    RETURNED_BELOW,
+    TOO_LONG,
+    IllegalStrokeError,
+)
+from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
 
@@ -33,33 +48,8 @@ OutcomesFrom = Literal["tables", "models"]  # the tables, or the PyTorch modules
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
 Observation = dict[str, npt.NDArray[Any]]  # observation of an agent: ``observation`` and ``action_mask``
 
-ILLEGAL: Final = "illegal stroke"
-ILLEGAL_POSITION: Final = "illegal position"
-TOO_LONG: Final = "too many strokes"
-
 _INDEX: Final = {agent: i for i, agent in enumerate(AGENTS)}
 _LISTED: Final = 20
-
-
-class PlayedRally(NamedTuple):
-    """A rally that has ended."""
-
-    seed: int
-    episode: int
-    rally: int  # number of the rally in its episode
-    score: tuple[int, int, int, int] | None  # before the rally, as `ShuttleEnv.score_of` player 0
-    strokes: tuple[Stroke, ...]
-    positions: tuple[int | None, ...]  # where the receiver of each stroke waited; None where a fork does not know it
-
-
-class Recorder(Protocol):
-    """Receives the rallies of an environment, for example to write a log (:func:`shuttle_marl.recording.RecordRallies`)."""
-
-    def add(self, rally: PlayedRally) -> None:
-        """Record a rally that has ended."""
-
-    def close(self) -> None:
-        """Finish; the environment was closed."""
 
 
 class ShuttleEnv(AECEnv[str, Observation, int]):
@@ -76,7 +66,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     Attributes:
         game: the tables of the game, or the game of a pair.
         state_space: space of :meth:`state`.
-        recorder: receives every rally at its end; None: rallies are not recorded.
+        recorder: the log of its rallies, of which copies and forks have none; None: rallies are not recorded.
         last_seed: the last seed; an episode depends only on it and on its number.
         episode: number of the episode since the last seed, from 0.
     """
@@ -95,6 +85,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         max_strokes: int | None,
         render_mode: RenderMode | None,
         extra_width: int,
+        record: Path | str | None = None,
+        rules: Rules | None = None,
+        history: int = 0,
     ) -> None:
         super().__init__()
         if render_mode not in (None, *RENDER_MODES):
@@ -107,7 +100,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
         self._stepper = _stepper(self.game, outcomes)
-        n, width = self._stepper.n_actions, RALLY_WIDTH + extra_width + self.game.hides
+        self._history = whole_number("history", history, 0)
+        n, width = self._stepper.n_actions, RALLY_WIDTH + extra_width + 2 * STROKE_WIDTH * history + self.game.hides
         self.action_spaces = {agent: spaces.Discrete(n) for agent in AGENTS}
         self.observation_spaces = {
             agent: spaces.Dict(
@@ -133,7 +127,14 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._reason: str | None = None
         self._winner: int | None = None
         self._renderer: CourtRenderer | None = None
-        self.recorder: Recorder | None = None
+        self.recorder: Recording | None = None
+        if record is not None:
+            self.record(record, AGENTS, rules)
+
+    def record(self, path: Path | str, names: Sequence[str], rules: Rules | None) -> None:
+        """Record every rally from here on, see :class:`shuttle_marl.env.recorded.Recording`."""
+        self.recorder = Recording(path, self.game, names, rules)
+        self.recorder.finish_with(self)
 
     def __getstate__(self) -> dict[str, Any]:
         if self._live:
@@ -232,6 +233,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """
         if options != _OF_API_TEST:
             refuse_options(options)
+        self._abandon()
         if seed is not None or self.last_seed is None:
             self.last_seed = secrets.randbits(63) if seed is None else seed_number(seed)
             self.episode = -1
@@ -253,7 +255,17 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if acts and self._choosing:
             seen[-1] = 1.0
         mask = self._mask() if self._live and acts else np.zeros(self._stepper.n_actions, np.int8)
-        return {"observation": self._vector(seen, player), "action_mask": mask}
+        vector = self._vector(seen, player)
+        if self._history:
+            end = len(vector) - self.game.hides
+            vector = np.concatenate([vector[:end], self._last_strokes(player), vector[end:]])
+        return {"observation": vector, "action_mask": mask}
+
+    def _last_strokes(self, player: int) -> F32:
+        played = self._strokes[::-1] if self._state != ROOT else []
+        own, other = ([each.stroke for each in played if each.player == one][: self._history] for one in (player, 1 - player))
+        none, n = [self.game.n_strokes] * self._history, self._history
+        return features_of(self.game, np.array([[(own + none)[:n], (other + none)[:n]]]))[0]
 
     def state(self) -> F32:
         """Global state, for centralised critics: the observation of ``player_0``, and 1 if it is to strike, else 0.
@@ -300,15 +312,15 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             self.agent_selection = AGENTS[1 - striker]
             self._reason = OUTCOMES[outcome]
             self._winner = striker if outcome != FAULT else 1 - striker
-            if self.recorder is not None and self.last_seed is not None:
-                where, score = (self.last_seed, self.episode, self._number), self.score_of(0)
-                self.recorder.add(PlayedRally(*where, score, tuple(self._strokes), tuple(self._positions)))
+            self._record(self._winner, outcome)
             self._end_rally(self._winner)
         else:
             self._select()
         if self._length == self.max_strokes and not self.terminations[agent]:
             self.truncations = {"player_0": True, "player_1": True}
-            self._reason = self._reason or TOO_LONG
+            if self._reason is None:
+                self._reason = REASONS[TOO_LONG]
+                self._record(NOBODY, TOO_LONG)
         self._show(striker, stroke, hurried, played)
 
     def forfeit(self, stroke: int | None = None) -> None:
@@ -321,7 +333,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         loser = self._striker ^ self._choosing
         if self._state == ROOT:
             self._clear_rally()
-        self._reason, self._winner = ILLEGAL_POSITION if self._choosing else ILLEGAL, 1 - loser
+        reason = ILLEGAL_POSITION if self._choosing else ILLEGAL
+        self._record(1 - loser, reason)
+        self._reason, self._winner = REASONS[reason], 1 - loser
         self._live, self._choosing, self._position = False, False, None
         self._cumulative_rewards[AGENTS[loser]] = 0.0
         self._end_episode(1 - loser)
@@ -352,10 +366,24 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def close(self) -> None:
         """Close the window and finish the log of rallies, if there are any."""
         if self.recorder is not None:
+            self._abandon()
             self.recorder.close()
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    def _record(self, winner: int, reason: int) -> None:
+        """Record the rally, which ends here."""
+        if self.recorder is None:
+            return
+        assert self.last_seed is not None
+        server = self._strokes[0].player if self._strokes else self._striker
+        where, how = (self.last_seed, self.episode, self._number, self.score_of(0)), (server, winner, reason)
+        self.recorder.add_rally(PlayedRally(*where, *how, tuple(self._strokes), tuple(self._positions)))
+
+    def _abandon(self) -> None:
+        if self._live and self._state != ROOT and self.agents and not any(self.truncations.values()):
+            self._record(NOBODY, ABANDONED)
 
     def snapshot(self) -> Snapshot:
         """The rally so far, or the last rally until the next serve."""

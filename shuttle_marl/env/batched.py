@@ -4,13 +4,17 @@ Both use the compiled kernel and store their rallies in numpy arrays, so they ar
 The same seed and strokes give the rallies of ``rally_v0``: row b of B plays the episodes b, b + B, …
 """
 
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from shuttle_marl.base.arrays import I32
-from shuttle_marl.base.errors import seed_number, suggesting
+from shuttle_marl.base.errors import seed_number, suggesting, whole_number
 from shuttle_marl.base.extras import hinted
+from shuttle_marl.env.aec import AGENTS
+from shuttle_marl.env.history import BatchHistory
+from shuttle_marl.env.recorded import BatchRecorder, Recording, names_of, opened
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import resolve_game
@@ -62,6 +66,7 @@ class _BatchedEnv(EnvBase):
       height (1: above the net), consecutive net shots (3: three or more), own effort, the opponent's, and hurried (1: yes).
     - ``action_mask``: ``[B, n]`` bool legal strokes.
     - ``action``: ``[B]`` int64 catalogue index.
+    - ``history``, with that option: ``[B, 2, K]`` int32 last strokes, own ones, then the opponent's, latest first, n: none.
     - ``reward``: ``[B, 1]`` float32; ``done``, ``terminated``: ``[B, 1]`` bool.
 
     In the game with recovery observations have an eighth number, 1 if the learner is to choose a position, and position p is
@@ -74,13 +79,14 @@ class _BatchedEnv(EnvBase):
 
     batch_locked = True
 
-    def __init__(self, game: Game, batch: RallyBatch, seed: int) -> None:
+    def __init__(self, game: Game, batch: RallyBatch, seed: int, recording: Recording | None, history: int) -> None:
         size = len(batch)
         super().__init__(batch_size=torch.Size([size]))
         # EnvBase is an nn.Module, so attributes can only be set after the call above.
         self.game = game
         self._batch = batch
         self._next_seed: int | None = seed
+        self.recorder = None if recording is None else BatchRecorder(batch, recording)
         self._joint = game.hides and not batch.n_opponents
         n = game.n_strokes if self._joint else game.n_actions
         highest = torch.from_numpy(np.append(game.highest_observation, np.int32(1))[: 7 + game.hides])
@@ -93,6 +99,9 @@ class _BatchedEnv(EnvBase):
         if self._joint:
             self.observation_spec["position_mask"] = Binary(shape=(size, N_POSITIONS), dtype=torch.bool)
             self.full_action_spec["position"] = _Choices(N_POSITIONS, shape=(size,), dtype=torch.int64)
+        self._history = BatchHistory(batch, history) if whole_number("history", history, 0) else None
+        if self._history is not None:
+            self.observation_spec["history"] = Bounded(0, game.n_strokes, (size, 2, history), dtype=torch.int32)
         self._choices: list[_Choices] = list(self.full_action_spec.values())
         self.reward_spec = Unbounded((size, 1))
         over = Categorical(2, shape=(size, 1), dtype=torch.bool)
@@ -119,12 +128,16 @@ class _BatchedEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         which = None if tensordict is None else tensordict.get("_reset", None)
         if self._next_seed is not None:
+            if self.recorder is not None:
+                self.recorder.reseed(self._next_seed)
             self._batch.reset(self._next_seed)
             self._next_seed = None
         elif which is None:
             self._batch.reset()
         else:
             self._batch.reset(rows=which.view(-1).numpy())
+        if self._history is not None:
+            self._history.begin(np.ones(len(self._batch), np.bool_) if which is None else which.view(-1).numpy())
         none = torch.zeros(len(self._batch), 1, dtype=torch.bool)
         seen = self._batch.new_observations()
         self._batch.observe(seen)
@@ -147,15 +160,31 @@ class _BatchedEnv(EnvBase):
         seen = self._batch.new_observations()
         position = tensordict.get("position").numpy() if self._joint else None
         reward, over = self._batch.step(tensordict.get("action").numpy(), position, reset=reset, observed=seen)
+        if self.recorder is not None:
+            self.recorder.step()
+        if self._history is not None:
+            self._history.step()
         done = torch.from_numpy(over).unsqueeze(-1)
         return {**self._tensors(seen), "reward": torch.from_numpy(reward).unsqueeze(-1), "done": done}, done
+
+    def read_rallies(self) -> None:
+        """Record all rallies that have ended, which otherwise happens every few steps."""
+        if self.recorder is not None:
+            self.recorder.read()
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """Finish the log of rallies, if there is one."""
+        if self.recorder is not None:
+            self.recorder.close()
+        super().close(raise_if_closed=raise_if_closed)
 
     def _tensors(self, seen: Observations) -> dict[str, torch.Tensor]:
         mask, n = torch.from_numpy(seen.mask), self.game.n_strokes
         masks = {"action_mask": mask[:, :n], "position_mask": mask[:, n:]} if self._joint else {"action_mask": mask}
         for choices, legal in zip(self._choices, masks.values(), strict=True):
             choices.mask = legal
-        return {"observation": torch.from_numpy(seen.tokens), **masks}
+        strokes = {} if self._history is None else {"history": torch.from_numpy(self._history.strokes.copy())}
+        return {"observation": torch.from_numpy(seen.tokens), **masks, **strokes}
 
 
 def _unchecked(entries: dict[str, torch.Tensor], batch_size: torch.Size) -> TensorDict:
@@ -175,6 +204,8 @@ class RallyEnv(_BatchedEnv):
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
+        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.BatchRecorder`; None: no log.
+        history: number K of the last strokes of each player in the entry ``history``; 0: there is none.
 
     Raises:
         KernelError: an invalid option.
@@ -189,9 +220,13 @@ class RallyEnv(_BatchedEnv):
         seed: int = 0,
         server: Server = None,
         threads: int = 1,
+        record: Path | str | Recording | None = None,
+        history: int = 0,
     ) -> None:
         resolved = resolve_game(game)
-        super().__init__(resolved, RallyBatch(resolved, batch, seed=seed, server=server, threads=threads), seed)
+        log = opened(record, resolved, AGENTS)
+        rallies = RallyBatch(resolved, batch, seed=seed, server=server, threads=threads, record=log is not None)
+        super().__init__(resolved, rallies, seed, log, history)
 
 
 @suggesting
@@ -209,6 +244,8 @@ class VersusEnv(_BatchedEnv):
         seat: seat of the learner, 0 or 1.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
+        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.BatchRecorder`; None: no log.
+        history: number K of the last strokes of each player in the entry ``history``; 0: there is none.
 
     Raises:
         KernelError: an invalid option.
@@ -226,11 +263,14 @@ class VersusEnv(_BatchedEnv):
         seat: int = 0,
         server: Server = None,
         threads: int = 1,
+        record: Path | str | Recording | None = None,
+        history: int = 0,
     ) -> None:
         resolved = resolve_game(game)
         others = tabulated(opponents, opponent_tables(resolved, seat))
-        versus = RallyBatch(resolved, batch, opponents=others, seed=seed, seat=seat, server=server, threads=threads)
-        super().__init__(resolved, versus, seed)
+        log = opened(record, resolved, names_of(opponents))
+        options: Any = {"seed": seed, "seat": seat, "server": server, "threads": threads, "record": log is not None}
+        super().__init__(resolved, RallyBatch(resolved, batch, opponents=others, **options), seed, log, history)
 
     @property
     def versus(self) -> RallyBatch:

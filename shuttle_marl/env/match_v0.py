@@ -1,5 +1,6 @@
 """A match between two players, as a PettingZoo AEC environment."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -42,10 +43,14 @@ class raw_env(ShuttleEnv):
         outcomes: ``tables``; or ``models``: the PyTorch modules of the model decide, which is slower and the same game.
         max_strokes: maximum number of strokes, after which the match is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
+        record: file for a log of every rally (:class:`shuttle_marl.env.recorded.Recording`), such as rallies.mcap; None: no log.
+        history: number K of the last strokes of each player that observations have too, see
+            :func:`shuttle_marl.env.history.features_of`: 54 K numbers, in front of the last number of the game with recovery.
 
     Raises:
         OptionError: an invalid option.
         GameError: the model does not exist.
+        RecordingError: the log exists or cannot be created.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "match_v0", **METADATA}
@@ -60,8 +65,11 @@ class raw_env(ShuttleEnv):
         outcomes: OutcomesFrom = "tables",
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
+        record: Path | str | None = None,
+        history: int = 0,
     ) -> None:
-        super().__init__(game=game, outcomes=outcomes, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
+        options: Any = {"render_mode": render_mode, "record": record, "history": history, "rules": rules}
+        super().__init__(game=game, outcomes=outcomes, max_strokes=max_strokes, **options, extra_width=SCORE_WIDTH)
         if first_server not in (None, 0, 1):
             raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a random server")
         if reward not in ("match", "rally"):

@@ -6,6 +6,7 @@ and random numbers are those of the wrapped environment. ``RallyRecovery-v0`` an
 """
 
 import copy
+from pathlib import Path
 from typing import Any, Literal, Self, cast
 
 import gymnasium
@@ -17,6 +18,7 @@ from shuttle_marl.base.arrays import U8, Bools
 from shuttle_marl.base.errors import OptionError, suggesting
 from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Belief, Observation, RenderMode, ShuttleEnv
+from shuttle_marl.env.recorded import names_of
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.policy import Policy, called, reads_history, reads_score, tabulate
@@ -39,11 +41,11 @@ class Opponent:
     def __init__(self, opponent: str | Policy, game: Game) -> None:
         self.policy = resolve(opponent, game) if isinstance(opponent, str) else opponent
         self.reads_score, self.reads_history = reads_score(self.policy), reads_history(self.policy)
-        self._given, self.game = opponent, game
+        self.given, self.game = opponent, game
         self.chooser = self.policy if self.reads_score or self.reads_history else tabulate(self.policy, game)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Opponent, (self._given, self.game)  # by name if possible, because a table has megabytes
+        return Opponent, (self.given, self.game)  # by name if possible, because a table has megabytes
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Opponent":
         return self  # read-only, and a table takes longer than a rally
@@ -64,11 +66,22 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012  as in gymnasium.Env
 
-    def __init__(self, raw: ShuttleEnv, opponent: Opponent, seat: Seat, mask: MaskView, info: InfoView | None) -> None:
+    def __init__(
+        self,
+        raw: ShuttleEnv,
+        opponent: Opponent,
+        seat: Seat,
+        mask: MaskView,
+        info: InfoView | None,
+        record: Path | str | None,
+    ) -> None:
         self._mask, self._info_view = mask, checked_views(mask, info)
         if seat not in (0, 1):
             raise OptionError(f"seat {seat!r}: expected 0 or 1")
         self.raw, self.opponent, self.seat = raw, opponent, seat
+        if record is not None:
+            names = names_of(opponent.given)
+            raw.record(record, names if seat == 0 else names[::-1], getattr(raw, "rules", None))
         self.render_mode = raw.render_mode
         self._agent = AGENTS[seat]
         both = raw.observation_space(self._agent)
@@ -187,7 +200,7 @@ class SingleRallyEnv(SingleEnv):
         server: seat that serves, 0 or 1; None: random.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         mask, info: as of :func:`shuttle_marl.env.rally_v0.env`.
-        render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
+        render_mode, record, history: as of :class:`shuttle_marl.env.rally_v0.raw_env`.
 
     Raises:
         OptionError: an invalid option, or an opponent that reads the score, which a rally does not have.
@@ -205,12 +218,14 @@ class SingleRallyEnv(SingleEnv):
         mask: MaskView = "observation",
         info: InfoView | None = None,
         render_mode: RenderMode | None = None,
+        record: Path | str | None = None,
+        history: int = 0,
     ) -> None:
-        raw = rally_v0.raw_env(server=server, game=game, render_mode=render_mode)
+        raw = rally_v0.raw_env(server=server, game=game, render_mode=render_mode, history=history)
         other = Opponent(opponent, opponent_tables(raw.game, seat))
         if other.reads_score:
             raise OptionError(f"{called(other.policy)} reads the score, which a rally does not have; use shuttle_marl/Match-v0")
-        super().__init__(raw, other, seat, mask, info)
+        super().__init__(raw, other, seat, mask, info, record)
 
 
 @suggesting
@@ -223,7 +238,7 @@ class SingleMatchEnv(SingleEnv):
     Args:
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        opponent, seat, game, mask, info, render_mode: as of :class:`SingleRallyEnv`.
+        opponent, seat, game, mask, info, render_mode, record, history: as of :class:`SingleRallyEnv`.
 
     Raises:
         OptionError: an invalid option.
@@ -243,6 +258,9 @@ class SingleMatchEnv(SingleEnv):
         mask: MaskView = "observation",
         info: InfoView | None = None,
         render_mode: RenderMode | None = None,
+        record: Path | str | None = None,
+        history: int = 0,
     ) -> None:
-        raw = match_v0.raw_env(first_server=first_server, reward=reward, rules=rules, game=game, render_mode=render_mode)
-        super().__init__(raw, Opponent(opponent, opponent_tables(raw.game, seat)), seat, mask, info)
+        options: Any = {"rules": rules, "game": game, "render_mode": render_mode, "history": history}
+        raw = match_v0.raw_env(first_server=first_server, reward=reward, **options)
+        super().__init__(raw, Opponent(opponent, opponent_tables(raw.game, seat)), seat, mask, info, record)

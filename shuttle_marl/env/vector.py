@@ -4,8 +4,10 @@ In the game with recovery (``default:recovery``) the learner's steps are its str
 p, and the last number of an observation is 1 if the learner is to choose a position.
 """
 
+from pathlib import Path
 from typing import Any, Final, Literal
 
+import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
@@ -14,22 +16,23 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
-from shuttle_marl.base.errors import ActionError, OptionError, suggesting
-from shuttle_marl.env.aec import ILLEGAL, ILLEGAL_POSITION, refuse_options
+from shuttle_marl.base.errors import ActionError, OptionError, suggesting, whole_number
+from shuttle_marl.env.aec import refuse_options
+from shuttle_marl.env.history import BatchHistory, features_of
+from shuttle_marl.env.recorded import BatchRecorder, Recording, names_of, opened
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.game.layout import RALLY_WIDTH, SCORE_WIDTH, SWAP_TOKENS, with_efforts
+from shuttle_marl.game.layout import RALLY_WIDTH, SCORE_WIDTH, STROKE_WIDTH, SWAP_TOKENS, with_efforts
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.rally import stepper_of
-from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
+from shuttle_marl.game.rules import ILLEGAL, ILLEGAL_POSITION, REASONS
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import MatchBatch, RallyBatch
-from shuttle_marl.kernel.rows import ILLEGAL as LOST
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
-_REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL, ILLEGAL_POSITION], dtype=object)
+_REASONS: Final = np.array(REASONS, dtype=object)
 
 
 class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
@@ -46,7 +49,20 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
     _features: F32 | None
 
-    def __init__(self, game: Game, batch: RallyBatch, highest: npt.NDArray[Any], mask: MaskView, info: InfoView | None) -> None:
+    def __init__(
+        self,
+        game: Game,
+        batch: RallyBatch,
+        highest: npt.NDArray[Any],
+        mask: MaskView,
+        info: InfoView | None,
+        recording: Recording | None,
+        history: int,
+    ) -> None:
+        self._history = BatchHistory(batch, history) if whole_number("history", history, 0) else None
+        if history:
+            width = 2 * history * (STROKE_WIDTH if self._features is not None else 1)
+            highest = np.append(highest, np.full(width, 1 if self._features is not None else game.n_strokes, highest.dtype))
         self._mask, self._info = mask, checked_views(mask, info)
         self.game, self.versus, self.num_envs = game, batch, len(batch)
         n, highest = game.n_actions, np.append(highest, np.ones(int(game.hides), highest.dtype))
@@ -62,6 +78,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         self._illegal = np.zeros(self.num_envs, np.int64)
         self._waited = np.zeros(self.num_envs, np.bool_)
         self._begun = False
+        self._recorder = None if recording is None else BatchRecorder(batch, recording)
 
     @property
     def unseen(self) -> tuple[int, int]:
@@ -103,7 +120,11 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         self._begun = True
         if seed is not None:
             self._illegal[:] = 0
+            if self._recorder is not None:
+                self._recorder.reseed(seed)
         self.versus.reset(seed, mask)
+        if self._history is not None:
+            self._history.begin(np.ones(self.num_envs, np.bool_) if mask is None else mask)
         return self._seen()
 
     def step(self, actions: Ints) -> tuple[Any, F32, Bools, Bools, dict[str, Any]]:
@@ -124,16 +145,40 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         whole = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
         if not whole or not ((actions >= 0) & (actions < self.game.n_actions)).all():
             raise ActionError(f"actions {actions!r}: expected {self.num_envs} integers from 0 to {self.game.n_actions - 1}")
-        before, self._waited = self.versus.rows.state.copy(), self.versus.waits
+        before, self._waited, noted = self.versus.rows.state.copy(), self.versus.waits, self.versus.tape.used.copy()
         rewards, terminated, illegal = self._play(before, actions)
-        self._illegal += illegal
+        if illegal.any():
+            self._lose(illegal, noted)
+        if self._history is not None:
+            self._history.step(~illegal)
         final: dict[str, Any] = {}
         if terminated.any():
             if self._info == "full":
                 final = self._final(np.flatnonzero(terminated), terminated, before, illegal, rewards)
             self.versus.reset(rows=terminated)
+            if self._history is not None:
+                self._history.begin(terminated)
+        if self._recorder is not None:
+            self._recorder.step()
         seen, infos = self._seen()
         return seen, rewards, terminated, np.zeros_like(terminated), {**infos, **final}
+
+    def _lose(self, illegal: Bools, noted: I32) -> None:
+        if not self._illegal.any():
+            gymnasium.logger.warn(
+                "an action was illegal, which loses the episode: choose by the action_mask; infos['illegal'] counts them"
+            )
+        self._illegal += illegal
+        if self._recorder is not None:
+            # What the kernel has played instead is not part of the rally.
+            self.versus.tape.used[illegal] = noted[illegal]
+            for waited, reason in ((False, ILLEGAL), (True, ILLEGAL_POSITION)):
+                self.versus.cut(np.flatnonzero(illegal & (self._waited == waited)), reason)
+
+    def close_extras(self, **_: Any) -> None:
+        """Finish the log of rallies, if there is one."""
+        if self._recorder is not None:
+            self._recorder.close()
 
     def _require_begun(self) -> None:
         if not self._begun:
@@ -158,6 +203,13 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         seen[:, RALLY_WIDTH:] = waits[:, None]
         return seen
 
+    def _with_history(self, vectors: npt.NDArray[Any], rows: Intp) -> npt.NDArray[Any]:
+        if self._history is None:
+            return vectors
+        strokes, end = self._history.strokes[rows], vectors.shape[1] - self.game.hides
+        more = strokes.reshape(len(rows), -1) if self._features is None else features_of(self.game, strokes)
+        return np.concatenate([vectors[:, :end], more, vectors[:, end:]], axis=1)
+
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
         """``[D]`` whether the last stroke was a winner rather than a fault."""
         raise NotImplementedError
@@ -170,6 +222,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
             waits = self.versus.waits
             vectors = self._vectors(np.arange(self.num_envs), self.versus.rows.state, ~waits, waits)
         every = np.ones(self.num_envs, np.bool_)
+        vectors = self._with_history(vectors, np.arange(self.num_envs))
         infos: dict[str, Any] = {"unseen": self.versus.opponents.unseen.copy(), "_unseen": every}
         infos |= {"illegal": self._illegal.copy(), "_illegal": every.copy()}
         if self._mask == "info":
@@ -181,13 +234,13 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         # The learner is the receiver of the final state if the last stroke was theirs.
         own = np.where(lost, ~self._waited[rows], kernel.rows.striker[rows] == kernel.opponents.seat[rows])
         state = np.where(illegal, before, kernel.rows.state)[rows]
-        vectors = self._vectors(rows, state, own, np.zeros(len(rows), np.bool_))
+        vectors = self._with_history(self._vectors(rows, state, own, np.zeros(len(rows), np.bool_)), rows)
         nothing = np.zeros(self.game.n_actions, np.int8)
         seen = np.full(self.num_envs, None, dtype=object)
         reason = np.full(self.num_envs, None, dtype=object)
         for row, vector in zip(rows, vectors, strict=True):
             seen[row] = {"observation": vector, "action_mask": nothing} if self._mask == "observation" else vector
-        reason[rows] = _REASONS[np.where(lost, LOST + self._waited[rows], self._won_by_stroke(rows, own, rewards))]
+        reason[rows] = _REASONS[np.where(lost, ILLEGAL + self._waited[rows], self._won_by_stroke(rows, own, rewards))]
         return {
             "final_obs": seen,
             "_final_obs": over.copy(),
@@ -211,12 +264,16 @@ class RallyVectorEnv(VersusVectorEnv):
         mask: as of :func:`shuttle_marl.env.rally_v0.env`.
         info: ``full``; ``none``: no ``final_obs`` and ``final_info``. Default: full with ``mask="observation"``, else none.
         threads: number of threads; does not change results.
+        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.BatchRecorder`; None: no log.
+        history: number K of the last strokes of each player that observations have too, as of
+            :class:`shuttle_marl.env.rally_v0.raw_env`; of ``tokens`` 2 K catalogue indices.
 
     Raises:
         OptionError: an invalid option.
         KernelError: likewise.
         PolicyError: an opponent does not exist, reads the score, or does not return a distribution over the legal strokes.
         GameError: the model does not exist.
+        RecordingError: the log exists or cannot be created.
     """
 
     def __init__(
@@ -231,16 +288,20 @@ class RallyVectorEnv(VersusVectorEnv):
         mask: MaskView = "observation",
         info: InfoView | None = None,
         threads: int = 1,
+        record: Path | str | None = None,
+        history: int = 0,
     ) -> None:
         if observation not in ("features", "tokens"):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
         tables = resolve_game(game)
         opponents = tabulated(opponent, opponent_tables(tables, seat))
-        batch = RallyBatch(tables, num_envs, opponents=opponents, seat=seat, server=server, threads=threads)
+        log = opened(record, tables, names_of(opponent))
+        options: Any = {"seat": seat, "server": server, "threads": threads, "record": log is not None}
+        batch = RallyBatch(tables, num_envs, opponents=opponents, **options)
         features = observation == "features"
         self._features = stepper_of(tables).observations if features else None
         highest = np.ones(RALLY_WIDTH, np.float32) if features else tables.highest_observation
-        super().__init__(tables, batch, highest, mask, info)
+        super().__init__(tables, batch, highest, mask, info, log, history)
 
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:  # noqa: ARG002
         illegal = self.versus.ranks(actions) < 0
@@ -264,7 +325,7 @@ class MatchVectorEnv(VersusVectorEnv):
     Args:
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        num_envs, opponent, seat, game, mask, info, threads: as of :class:`RallyVectorEnv`.
+        num_envs, opponent, seat, game, mask, info, threads, record, history: as of :class:`RallyVectorEnv`.
 
     Raises:
         OptionError: an invalid option.
@@ -286,12 +347,15 @@ class MatchVectorEnv(VersusVectorEnv):
         mask: MaskView = "observation",
         info: InfoView | None = None,
         threads: int = 1,
+        record: Path | str | None = None,
+        history: int = 0,
     ) -> None:
         if reward not in ("match", "rally"):
             raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")
         tables = resolve_game(game)
         self.rules = rules
         self._features = stepper_of(tables).observations
+        log = opened(record, tables, names_of(opponent), rules)
         batch = MatchBatch(
             tables,
             num_envs,
@@ -301,13 +365,14 @@ class MatchVectorEnv(VersusVectorEnv):
             rules=rules,
             each_rally=reward == "rally",
             threads=threads,
+            record=log is not None,
         )
         self._matches = batch.matches
-        super().__init__(tables, batch, np.ones(RALLY_WIDTH + SCORE_WIDTH, np.float32), mask, info)
+        super().__init__(tables, batch, np.ones(RALLY_WIDTH + SCORE_WIDTH, np.float32), mask, info, log, history)
 
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:  # noqa: ARG002
         rewards, terminated = self.versus.step(actions, reset=False)
-        return rewards, terminated, self._matches.reason == LOST
+        return rewards, terminated, self._matches.reason == ILLEGAL
 
     def _vectors(self, rows: Intp, state: I32, own: Bools, waits: Bools) -> npt.NDArray[Any]:
         seen = super()._vectors(rows, state, own, waits)

@@ -31,16 +31,17 @@ def mix(x: U64) -> U64:
     return x ^ (x >> np.uint64(31))
 
 
-def stream(seed: int, *numbers: int | Ints) -> U64:
-    """Key of a stream of draws, from a seed and the numbers that name it (pair, match, rally, …); broadcasts.
+def stream(seed: int | U64, *numbers: int | Ints) -> U64:
+    """Key of a stream of draws, from a seed and the numbers that name it (pair, match, rally, …); broadcasts, also over seeds.
 
     Raises:
         OptionError: the seed is no whole number from 0 up to 2^64.
     """
     with np.errstate(over="ignore"):
-        key = mix(np.atleast_1d(np.array(seed_number(seed), dtype=np.uint64)) + GOLDEN)
-    for number in numbers:
-        key = extend(key, number)
+        number = seed if isinstance(seed, np.ndarray) else np.array(seed_number(seed), dtype=np.uint64)
+        key = mix(np.atleast_1d(number) + GOLDEN)
+    for each in numbers:
+        key = extend(key, each)
     return key
 
 

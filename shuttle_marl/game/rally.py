@@ -24,7 +24,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
+from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, U64, Bools, Ints, UInts
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.court import HANDS, Hands, area_box, seen_by, service_area, service_box
 from shuttle_marl.game.draws import ONE, choice_draw, draw, first_server, outcome_draw, position_draw, stream
@@ -46,7 +46,15 @@ from shuttle_marl.game.tables import Game
 
 PER_STROKE: Final = ("stroke", "hurried", "waited", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
-OPTIONAL: Final = ("update", "waited", "log_probability", "value")  # columns of `Rallies` that may be missing
+OPTIONAL: Final = (
+    "seed",
+    "episode",
+    "ending",
+    "update",
+    "waited",
+    "log_probability",
+    "value",
+)  # columns of `Rallies` that may be missing
 
 
 def columns_of(game: Game, *others: str) -> tuple[str, ...]:
@@ -251,14 +259,18 @@ class Rallies:
         rally: ``[R]`` uint16 number of the rally within its match.
         policy: ``[R, 2]`` uint16 policies at seats 0 and 1, indices into the policies of the tournament or log.
         server: ``[R]`` uint8 seat that served; strikers alternate.
-        winner: ``[R]`` uint8 seat that won the rally.
-        reason: ``[R]`` uint8 outcome of the last stroke: FAULT or WINNER of :mod:`shuttle_marl.game.rules`.
+        winner: ``[R]`` uint8 seat that won the rally; 2: nobody, it was cut off.
+        reason: ``[R]`` uint8 end of the rally, an index into :data:`shuttle_marl.game.rules.REASONS`; above 1 it was cut off.
         score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
-        length: ``[R]`` int32 number of strokes, at least 1.
+        length: ``[R]`` int32 number of strokes, at least 1 unless it was cut off.
         stroke: ``[N]`` uint8 or uint16 catalogue index of every stroke, rally after rally; empty if strokes were not recorded.
         hurried: ``[N]`` uint8 whether the striker of every stroke was hurried, 0 or 1, never at a serve; empty if strokes
             were not recorded.
         waited: ``[N]`` int8 position of the receiver of every stroke; None: in the game without recovery, or not recorded.
+        seed: ``[R]`` uint64 seed of the environment that played the rally; None: all have the seed of the log.
+        episode: ``[R]`` uint32 number of its episode since the seed, of which and of ``rally`` its draws follow; None: without
+            ``seed``.
+        ending: ``[R]`` uint8 outcome of the last stroke, 0 without strokes; None: no rally was cut off.
         update: ``[R]`` uint32 number of updates of the learner before the end of the rally; None: not recorded.
         log_probability: ``[N]`` float32 log-probability of the stroke under the striker's policy, NaN if unknown; None: not
             recorded.
@@ -276,6 +288,9 @@ class Rallies:
     length: I32
     stroke: UInts
     hurried: U8
+    seed: U64 | None = None
+    episode: U32 | None = None
+    ending: U8 | None = None
     waited: I8 | None = None
     update: U32 | None = None
     log_probability: F32 | None = None
@@ -314,8 +329,18 @@ class Rallies:
         """
         step = np.int8(HURRIED_BELOW - RETURNED_BELOW)
         following: I8 = np.roll(catalogue.height[self.stroke] + step * self.hurried.astype(np.int8) + np.int8(RETURNED_BELOW), -1)
-        following[self.first_stroke[1:] - 1] = self.reason
+        following[self.first_stroke[1:][self.length > 0] - 1] = self.endings[self.length > 0]
         return following.astype(np.int8)
+
+    @property
+    def endings(self) -> U8:
+        """``[R]`` outcome of the last stroke of each rally."""
+        return self.reason if self.ending is None else self.ending
+
+    @property
+    def finished(self) -> Bools:
+        """``[R]`` whether the last stroke ended the rally, which was not cut off."""
+        return np.asarray(self.reason <= WINNER)
 
     @property
     def optional_columns(self) -> tuple[str, ...]:
@@ -337,7 +362,7 @@ class Rallies:
             server=score.server,
             stroke=self.stroke[first:last].astype(np.int64),
             hurried=self.hurried[first:last].astype(np.bool_),
-            ending=int(self.reason[i]),
+            ending=int(self.endings[i]),
             points=score.points,
             games=score.games,
             match=int(self.match[i]),

@@ -27,6 +27,12 @@ OUTCOMES: Final = (
 """Ends of a stroke. That of a return names the receiver's contact and whether they are hurried."""
 FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE, HURRIED_BELOW, HURRIED_ABOVE = range(6)
 
+REASONS: Final = ("fault", "winner", "illegal stroke", "illegal position", "too many strokes", "abandoned")
+"""Ends of a rally: by the outcome of its last stroke, or cut off, the last two without a winner."""
+ILLEGAL, ILLEGAL_POSITION, TOO_LONG, ABANDONED = range(2, 6)
+NOBODY: Final = 2
+"""Winner of a rally that nobody won."""
+
 
 class IllegalStrokeError(ActionError):
     """A stroke of the catalogue that is not legal in the state, or in the kernel a stroke in a rally that is over.

@@ -9,28 +9,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
+from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Intp, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.base.errors import whole_number
 from shuttle_marl.game import draws
 from shuttle_marl.game.draws import POSITION_SHIFT
 from shuttle_marl.game.policy import TabulatedPolicy
-from shuttle_marl.game.rules import IllegalStrokeError
+from shuttle_marl.game.rules import ABANDONED, ILLEGAL, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import core
 from shuttle_marl.kernel.core import BLOCK, OPEN, Block, KernelError, Tables, checked_array, count_rally, int64
 from shuttle_marl.kernel.players import Players, empty_players, pack, place_choice, put_player, table_choice
 from shuttle_marl.kernel.rows import (
+    CUT,
     DRAWN,
-    ILLEGAL,
     NO_OBSERVATIONS,
+    NO_TAPE,
     TOKENS,
     Observations,
     Output,
     Rows,
     Server,
     Serving,
+    Tape,
     begin,
     choose_uniform,
     draw_strokes,
@@ -38,6 +40,9 @@ from shuttle_marl.kernel.rows import (
     find_ranks,
     in_slices,
     new_rows,
+    new_tape,
+    note,
+    note_more,
     observe,
     observe_rows,
     part_of,
@@ -122,7 +127,7 @@ def _end_stroke(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcom
 
 @inlined
 def _reply(
-    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, work: _Work, first: int, count: int
+    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, tape: Tape, work: _Work, first: int, count: int
 ) -> None:
     """Let opponents play in ``count`` rows of ``work`` until the learner is to decide or the episode is over."""
     block, state, replies = work.block, work.state, 0
@@ -140,6 +145,9 @@ def _reply(
             legal = core.legal_strokes(tables, s)
             k = table_choice(opponents.players, opponents.opponent[at], s, legal.pair, block.bits[r])
             core.put_stroke(tables, block, r, legal, k, rows.striker[at])
+            if tape.used.size:
+                note(tables, tape, int64(at), s, legal, k, 0, rows.striker[at])
+                note_more(tape, int64(at), 24, opponents.opponent[at])
         core.strike(tables, state, block, replies)
         again = 0
         for r in range(replies):
@@ -147,11 +155,23 @@ def _reply(
             rows.state[at] = state[r]
             rows.stroke[at] += 1
             rows.striker[at] ^= 1
+            if tape.used.size:
+                _note_outcome(matches, tape, int64(at), block.outcome[r])
             reward = _end_stroke(rows, matches, int64(opponents.seat[at]), int64(at), block.outcome[r])
             work.reward[at - np.uint64(first)] += reward
             block.listed[again] = at
             again += _replies(tables, rows, opponents, int64(at))
         replies = again
+
+
+@inlined
+def _note_outcome(matches: MatchRows | None, tape: Tape, i: int, outcome: int) -> None:
+    """Note the outcome of the last stroke of row i, and in a match the score before the rally that it ends."""
+    note_more(tape, i, 16, outcome)
+    if matches is not None and outcome < OPEN:
+        for seat in range(2):
+            note_more(tape, i, 32 + 8 * seat, matches.points[i, seat])
+            note_more(tape, i, 48 + 8 * seat, matches.games[i, seat])
 
 
 @inlined
@@ -167,6 +187,7 @@ def _begin(
     rows: Rows,
     matches: MatchRows | None,
     opponents: Opponents | None,
+    tape: Tape,
     work: _Work,
     first: int,
     count: int,
@@ -189,7 +210,7 @@ def _begin(
                 opponents.opponent[i] = opponents.following[i]
         if opponents is None:
             return
-        _reply(tables, rows, matches, opponents, work, first, count)
+        _reply(tables, rows, matches, opponents, tape, work, first, count)
         again = 0
         for r in range(count):
             j = work.row[r]
@@ -206,7 +227,13 @@ def _begin(
 
 @compiled
 def _reset(
-    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents | None, which: Bools, serving: Serving
+    tables: Tables,
+    rows: Rows,
+    matches: MatchRows | None,
+    opponents: Opponents | None,
+    tape: Tape,
+    which: Bools,
+    serving: Serving,
 ) -> None:
     work = _new_work(min(BLOCK, which.size))
     for first in range(0, which.size, BLOCK):
@@ -215,7 +242,7 @@ def _reset(
             if which[first + j]:
                 work.row[count] = j
                 count += 1
-        _begin(tables, rows, matches, opponents, work, first, count, serving)
+        _begin(tables, rows, matches, opponents, tape, work, first, count, serving)
 
 
 @inlined
@@ -232,7 +259,14 @@ def _decide(tables: Tables, opponents: Opponents, part: Rows, first: int, rank: 
 
 @inlined
 def _count(
-    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, work: _Work, first: int, output: Output
+    tables: Tables,
+    rows: Rows,
+    matches: MatchRows | None,
+    opponents: Opponents,
+    tape: Tape,
+    work: _Work,
+    first: int,
+    output: Output,
 ) -> None:
     """Count the strokes of a block for the learners, and let their opponents play up to the next decision."""
     size = output.done.size
@@ -246,7 +280,7 @@ def _count(
                 work.reward[j] -= 1
                 continue
         work.reward[j] += _end_stroke(rows, matches, int64(opponents.seat[i]), i, outcome)
-    _reply(tables, rows, matches, opponents, work, first, size)
+    _reply(tables, rows, matches, opponents, tape, work, first, size)
     for j in range(size):
         output.reward[j], output.done[j] = work.reward[j], not rows.live[first + j]
 
@@ -257,6 +291,7 @@ def _step(
     rows: Rows,
     matches: MatchRows | None,
     opponents: Opponents | None,
+    tape: Tape,
     other: I8,
     rank: I16,
     place: I16,
@@ -278,9 +313,18 @@ def _step(
         for j in range(size):
             core.put_stroke(tables, block, j, core.legal_strokes(tables, part.state[j]), ranks[j], part.striker[j])
             block.place[j] = places[j]
+        if tape.used.size:
+            for j in range(size):
+                legal = core.legal_strokes(tables, part.state[j])
+                note(tables, tape, first + j, part.state[j], legal, ranks[j], places[j], part.striker[j])
+                if opponents is not None:
+                    note_more(tape, first + j, 24, opponents.opponent[first + j])
         play(tables, part, block)
+        if tape.used.size:
+            for j in range(size):
+                _note_outcome(matches, tape, first + j, block.outcome[j])
         if opponents is not None:
-            _count(tables, rows, matches, opponents, work, first, results)
+            _count(tables, rows, matches, opponents, tape, work, first, results)
         else:
             for j in range(size):
                 over = block.outcome[j] < OPEN
@@ -290,7 +334,7 @@ def _step(
             for j in range(size):
                 work.row[count] = j
                 count += results.done[j]
-            _begin(tables, rows, matches, opponents, work, first, count, serving)
+            _begin(tables, rows, matches, opponents, tape, work, first, count, serving)
         if output.observed.mask.shape[0] > 0:
             observe(tables, rows, other, output.observed, first, last)
 
@@ -327,6 +371,10 @@ class RallyBatch:
         seat: seat of the learner, 0 or 1, for all rows or each ``[B]``.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
+        record: note every stroke on :attr:`tape`.
+
+    Attributes:
+        tape: strokes since they were read, see :class:`shuttle_marl.kernel.taped.TapeReader`.
 
     Raises:
         KernelError: no opponent, one of another game, or a seat that is neither 0 nor 1.
@@ -344,6 +392,7 @@ class RallyBatch:
         seat: int | Ints = 0,
         server: Server = None,
         threads: int = 1,
+        record: bool = False,
     ) -> None:
         if server not in (None, 0, 1):
             raise KernelError(f"server {server!r}: expected 0, 1, or None for a random server")
@@ -362,11 +411,16 @@ class RallyBatch:
             unseen=np.zeros((batch, 2), np.int64),
         )
         self._other = (1 - self.opponents.seat) if self.n_opponents else np.full(batch, -1, np.int8)
-        self._state = (self._tables, self.rows, self.matches, None if opponents is None else self.opponents)
+        self._learns = None if opponents is None else self.opponents
+        self.tape = new_tape(batch) if record else NO_TAPE
         self.reset(seed)
 
     def __len__(self) -> int:
         return len(self.rows.state)
+
+    @property
+    def _state(self) -> tuple[Tables, Rows, MatchRows | None, Opponents | None, Tape]:
+        return self._tables, self.rows, self.matches, self._learns, self.tape
 
     @property
     def n_opponents(self) -> int:
@@ -410,7 +464,24 @@ class RallyBatch:
             self.rows.rally[:] = np.arange(len(self)) - len(self)
             self.opponents.unseen[:] = 0
         which = np.ones(len(self), np.bool_) if rows is None else checked_array("rows", rows, np.bool_, (len(self),))
+        self.cut(np.flatnonzero(which & self.rows.live), ABANDONED)
         _reset(*self._state, which, self._serving())
+
+    def cut(self, rows: Intp, reason: int) -> None:
+        """Note that the rallies of some rows end here, for a reason of :data:`shuttle_marl.game.rules.REASONS`.
+
+        An illegal action of learners is theirs, so that a rally without strokes was to be served by them.
+        """
+        if not self.tape.used.size:
+            return
+        code = CUT | np.uint64(reason << 20) | self.opponents.seat[rows].astype(np.uint64) << np.uint64(19)
+        code |= self.opponents.opponent[rows].astype(np.uint64) << np.uint64(24)
+        if self.matches is not None:
+            score = np.hstack([self.matches.points[rows], self.matches.games[rows]]).astype(np.uint64)
+            code |= (score << np.array([32, 40, 48, 56], np.uint64)).sum(axis=1, dtype=np.uint64)
+        self.tape.code[rows, self.tape.used[rows]] = code
+        self.tape.used[rows] += 1
+        self.rows.live[rows] = False
 
     def step(
         self, stroke: Ints, position: Ints | None = None, *, reset: bool = True, observed: Observations | None = None
@@ -538,7 +609,7 @@ class MatchBatch(RallyBatch):
     Args:
         opponents: K opponents, tabulated for this game; row b plays against opponent b modulo K.
         each_rally: whether every rally is rewarded, or only the match.
-        **options: ``seed``, ``seat``, ``server`` of the first rally, and ``threads``, as of :class:`RallyBatch`.
+        **options: ``seed``, ``seat``, ``server`` of the first rally, ``threads`` and ``record``, as of :class:`RallyBatch`.
 
     Attributes:
         matches: score, server and draws of each row.

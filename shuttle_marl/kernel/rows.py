@@ -17,9 +17,6 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.kernel import core
 from shuttle_marl.kernel.core import BLOCK, Block, Tables
 
-ILLEGAL: Final = 2
-"""Reason of the end of a match that was lost by an illegal stroke; otherwise FAULT or WINNER, the outcome of the last stroke."""
-
 DRAWN: Final = -1  # the server is random
 _LEAST_ROWS: Final = 1024  # fewest rows for which a thread is worthwhile
 
@@ -40,6 +37,53 @@ class Rows(NamedTuple):
     rally: I64  # [B] number of the rally; its draws follow from the seed and this number
     key: U64  # [B] key of the rally's draws
     live: Bools  # [B] whether the rally continues
+
+
+class Tape(NamedTuple):
+    """Strokes that were played since it was read, of each of B rows, if they are recorded.
+
+    Attributes:
+        code: ``[B, n]`` uint64 each stroke: catalogue index in the bits 0 to 10, position of the receiver 11 to 14, whether the
+            striker was hurried 15, outcome 16 to 18, seat 19, opponent of the learner 24 to 31, and at the end of a
+            rally of a match the score before it, from bit 32 on, 8 bits each: points of both seats, games of both seats. Or the
+            end of a rally that was cut off: :data:`CUT`, its reason 20 to 22, seat and score. ``[0, 0]``: not recorded.
+        used: ``[B]`` number of strokes; beyond n they are lost.
+    """
+
+    code: U64
+    used: I32
+
+
+CUT: Final = np.uint64(1 << 23)
+"""Bit of a note that is no stroke, but the end of a rally."""
+_NOTES: Final = 61  # no power of two, so that rows do not compete for the same cache lines
+
+
+def new_tape(batch: int) -> Tape:
+    """An empty tape; it is to be read before half of it is full, because the rows may play several strokes in a step."""
+    return Tape(np.zeros((batch, _NOTES), np.uint64), np.zeros(batch, np.int32))
+
+
+NO_TAPE: Final = Tape(np.empty((0, 0), np.uint64), np.empty(0, np.int32))
+"""A tape that records nothing."""
+
+
+@inlined
+def note(tables: Tables, tape: Tape, i: int, s: int, legal: core.Legal, k: int, place: int, seat: int) -> None:
+    """Note the k-th legal stroke of a state in row i, before it is decided."""
+    code = np.uint64(core.stroke_of(tables, legal, k)) | np.uint64(core.position_at(tables, s, place)) << np.uint64(11)
+    code |= np.uint64(core.hurried_in(s)) << np.uint64(15) | np.uint64(seat) << np.uint64(19)
+    if tape.used[i] < tape.code.shape[1]:
+        tape.code[i, tape.used[i]] = code
+    tape.used[i] += 1
+
+
+@inlined
+def note_more(tape: Tape, i: int, shift: int, number: int) -> None:
+    """Add a number to the last stroke of row i, from a bit on."""
+    last = tape.used[i] - 1
+    if last < tape.code.shape[1]:
+        tape.code[i, last] |= np.uint64(number) << np.uint64(shift)
 
 
 class Serving(NamedTuple):

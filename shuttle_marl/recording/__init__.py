@@ -9,7 +9,7 @@ from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
 from shuttle_marl.recording.log_file import recover
 from shuttle_marl.recording.reader import RallyLog, Replay, export, replay
-from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder, RecordRallies
+from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
 
 __all__ = [
     "SINGLE_RALLY",
@@ -20,7 +20,6 @@ __all__ = [
     "RallyLog",
     "RallyLogWriter",
     "RallyRecorder",
-    "RecordRallies",
     "RecordingError",
     "Replay",
     "Sampling",

@@ -30,8 +30,8 @@ Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
 """Numbers from which the draws of a rally follow, with the seed.
 
 ``league``: key of the pairing, match // matches_per_draw, 2 x rally + server; ``rally_v0``: match; ``match_v0``: match, rally;
-``training``: match, with the key of the pairing as the seed, because a run is reseeded at each checkpoint; ``unknown``: the draws
-cannot be reproduced.
+both with the episode instead of the match where each rally has a seed and an episode; ``training``: match, with the key of the
+pairing as the seed, because a run is reseeded at each checkpoint; ``unknown``: the draws cannot be reproduced.
 """
 
 
@@ -190,10 +190,10 @@ class LogHeader:
         keys = np.array(self.pairings, dtype=np.uint64)[rallies.pairing]
         if self.draws == "league":
             return draw_stream(self.seed, keys, match // self.matches_per_draw, 2 * rally + rallies.server)
-        if self.draws == "rally_v0":
-            return draw_stream(self.seed, match)
-        if self.draws == "match_v0":
-            return draw_stream(self.seed, match, rally)
+        if self.draws in ("rally_v0", "match_v0"):
+            seeds = self.seed if rallies.seed is None else rallies.seed
+            episode = match if rallies.episode is None else rallies.episode.astype(np.int64)
+            return draw_stream(seeds, episode, *([rally] if self.draws == "match_v0" else []))
         if self.draws == "training":
             numbers, number = np.unique(rallies.pairing, return_inverse=True)
             seeded = np.concatenate([draw_stream(self.pairings[i]) for i in numbers])

@@ -33,6 +33,7 @@ from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import FileWriteError, open_file, problem, replacing
 from shuttle_marl.game.rally import PER_STROKE, Rallies, stroke_dtype
 from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.rules import OUTCOMES, REASONS
 from shuttle_marl.recording.header import VERSION, DamagedLogError, LogHeader, OtherFileError, RecordingError
 
 FRAME: Final = struct.Struct("<BQ")
@@ -60,6 +61,7 @@ _ROW: Final[dict[str, pa.DataType]] = {
     **dict.fromkeys(("rally", "policy_0", "policy_1"), pa.uint16()),
     **dict.fromkeys(("server", "winner", "reason", *_SCORE), pa.uint8()),
 }
+_FURTHER: Final = {"seed": pa.uint64(), "episode": pa.uint32(), "ending": pa.uint8(), "update": pa.uint32()}
 SUFFIX: Final = ".mcap"
 
 
@@ -70,7 +72,7 @@ def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
     Args:
         columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log.
     """
-    rows = _ROW | ({"update": pa.uint32()} if "update" in columns else {})
+    rows = _ROW | {name: kind for name, kind in _FURTHER.items() if name in columns}
     kinds = {"stroke": pa.from_numpy_dtype(stroke_dtype(n_strokes)), "hurried": pa.bool_(), "waited": pa.int8()}
     lists = [("strokes", "stroke"), *((name, name) for name in PER_STROKE if name == "hurried" or name in columns)]
     of_item = {name: pa.field(item, kinds.get(item, pa.float32()), nullable=False) for name, item in lists}
@@ -174,20 +176,27 @@ def _field(metadata: bytes, table: int, number: int) -> int:
 def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
     ranges: list[tuple[str, Array | None, int]] = [
         ("seat", rallies.server, 2),
-        ("seat", rallies.winner, 2),
-        ("reason", rallies.reason, 2),
+        ("seat", rallies.winner, 2 if rallies.ending is None else 3),
+        ("reason", rallies.reason, 2 if rallies.ending is None else len(REASONS)),
+        ("outcome", rallies.ending, len(OUTCOMES)),
         ("policy", rallies.policy, len(header.policies)),
         ("pairing", rallies.pairing, len(header.pairings)),
         ("stroke", rallies.stroke, len(header.strokes)),
         ("position", rallies.waited, N_POSITIONS),
     ]
     for what, numbers, limit in ranges:
-        most, least = (0, 0) if numbers is None else (int(np.max(numbers)), int(np.min(numbers)))
+        most, least = (0, 0) if numbers is None or not len(numbers) else (int(np.max(numbers)), int(np.min(numbers)))
         if least < 0 or most >= limit:
             raise DamagedLogError(f"{what} {most if most >= limit else least} in a batch, expected less than {limit}")
-    if int(rallies.length.min()) < 1 or int(rallies.length.sum(dtype=np.int64)) != len(rallies.stroke):
+    if (rallies.finished & ((rallies.winner > 1) | (rallies.endings != rallies.reason))).any():
+        raise DamagedLogError("a rally that ended and has no winner, or another end than its last stroke")
+    if (
+        int(rallies.length.min()) < 0
+        or (rallies.length[rallies.finished] < 1).any()
+        or int(rallies.length.sum(dtype=np.int64)) != len(rallies.stroke)
+    ):
         raise DamagedLogError("a rally without strokes")
-    if rallies.hurried[rallies.first_stroke[:-1]].any():
+    if rallies.hurried[rallies.first_stroke[:-1][rallies.length > 0]].any():
         raise DamagedLogError("a server who is hurried")
 
 

@@ -23,7 +23,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rally import PER_STROKE, Rallies
 from shuttle_marl.game.recovery import POSITIONS
-from shuttle_marl.game.rules import OUTCOMES, WINNER
+from shuttle_marl.game.rules import OUTCOMES, REASONS, WINNER
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import Game
@@ -245,18 +245,19 @@ def rally_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
 
     Returns:
         Columns ``number`` (uint64, the rally's number in the log), ``file`` (dictionary) and ``seed`` (uint64) of the file
-        it stands in, the columns of the log with the names of the policies (dictionary) in ``policy_0`` and ``policy_1``,
-        ``reason`` in words (dictionary), and ``length`` (int32) before ``strokes``.
+        it stands in, or its own, the columns of the log with the names of the policies (dictionary) in ``policy_0`` and
+        ``policy_1``, ``reason`` in words (dictionary), and ``length`` (int32) before ``strokes``.
     """
     table = pa.Table.from_batches([to_arrow(rallies, len(log.catalogue))])
     names = [player.name for player in log.policies]
     words = {f"policy_{seat}": _words(rallies.policy[:, seat], names) for seat in (0, 1)}
-    for name, column in {**words, "reason": _words(rallies.reason, OUTCOMES[:2])}.items():
+    for name, column in {**words, "reason": _words(rallies.reason, REASONS)}.items():
         table = table.set_column(table.schema.get_field_index(name), name, column)
     table = table.add_column(table.schema.get_field_index("strokes"), "length", pa.array(rallies.length))
     file = np.full(len(rallies), log.file_of(first))
     seeds = np.array([file.header.seed % 2**64 for file in log.files], dtype=np.uint64)
-    table = table.add_column(0, "seed", pa.array(seeds[file]))
+    if rallies.seed is None:
+        table = table.add_column(0, "seed", pa.array(seeds[file]))
     table = table.add_column(0, "file", _words(file, [file.path.name for file in log.files]))
     return table.add_column(0, "number", pa.array(np.arange(first, first + len(rallies), dtype=np.uint64)))
 
@@ -383,7 +384,7 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
             bad = _wrong_strokes(file.header, game, batch, chosen)
             # The last striker wins by a winner and loses by a fault.
             last = (batch.server + batch.length - 1) & 1
-            lost = np.flatnonzero(batch.winner != np.where(batch.reason == WINNER, last, 1 - last))
+            lost = np.flatnonzero(batch.finished & (batch.winner != np.where(batch.reason == WINNER, last, 1 - last)))
             wrong.extend((offset + first + np.unique(np.r_[batch.row_of_stroke[bad], lost])).tolist())
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
 
@@ -466,7 +467,7 @@ def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
             strange = np.flatnonzero(~sampling.keeps(header, rallies.pairing, rallies.match))
             if len(strange):
                 problems.append(f"rally {offset + first + int(strange[0])} does not belong to {header.record}")
-    if matches.in_order and len(matches.open_) > 1:
+    if matches.in_order and len(matches.open_) > 1 and "seed" not in header.columns:
         pairing, match = matches.open_[0, :2]
         problems.append(f"match {match} of pairing {pairing} breaks off")
     return problems
@@ -515,10 +516,11 @@ class _Matches:
         counted = count_rally(after[row, winner], after[row, winner ^ 1], after[row, 2 + winner], self._rules)
         after[row, winner], after[row, 2 + winner] = counted.points, counted.games
         after[counted.game_won, :2] = 0
-        return is_over(after[:, 2:], self._rules), after, winner
+        return is_over(after[:, 2:], self._rules) | (winner < 0), after, winner
 
 
 def _rows(rallies: Rallies) -> I64:
-    """``[R, 9]`` pairing, match, rally, server, winner, score before the rally."""
-    columns = (rallies.pairing, rallies.match, rallies.rally, rallies.server, rallies.winner)
+    """``[R, 9]`` pairing, match, rally, server, winner (-1: the match was cut off), score before the rally."""
+    winner = np.where(rallies.finished, rallies.winner.astype(np.int64), -1)
+    columns = (rallies.pairing, rallies.match, rallies.rally, rallies.server, winner)
     return np.concatenate([np.stack(columns, axis=1, dtype=np.int64), rallies.score.astype(np.int64)], axis=1)

@@ -29,8 +29,11 @@ from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
 SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet", "emagnet", "nash"]
+CollectorName = Literal["kernel", "torchrl"]
 
 Growth = Annotated[float, msgspec.Meta(ge=0, le=1000)]
+SEEDS: Final = 1 << 31
+"""Number of seeds of PyTorch's generators and of a sampler."""
 SELF: Final = "self"
 SHARP: Final = 0.1
 """Softmax temperature of an agent that is to play the best stroke it knows."""
@@ -81,11 +84,16 @@ class TrainingConfig(RunConfig):
     """Settings that all algorithms share."""
 
     algorithm: ClassVar[str]
+    usual_strokes: ClassVar[int]
 
     opponent: tuple[str, ...] = ("bc",)
     """Names of one or more opponents (see `docs/league.md`), or `self` for self-play."""
-    strokes: Count = 2_000_000
-    """Strokes of the learner in the whole run; in the game with recovery its positions count too."""
+    strokes: Count | None = None
+    """Strokes of the learner in the whole run; in the game with recovery its positions count too. Default: 60 million (ppo), 40
+    million (a2c) or 8 million (sac); with --collector torchrl 4 million."""
+    collector: CollectorName = "kernel"
+    """What collects strokes: compiled code, which plays whole rallies from a table of the policy (kernel), or TorchRL's own
+    collector over the environment (torchrl), which takes longer."""
     figures: str = AUTO
     """Rallies of the log whose strokes have the learner's log-probability and value, some 5 bytes a stroke: all, none, sample:N,
     or auto, the first 10,000 and one in a hundred."""
@@ -138,6 +146,10 @@ class TrainingConfig(RunConfig):
                 raise TrainingError(f"--opponent {name}: no such policy{hint}")
         if SELF in self.opponent and len(self.opponent) > 1:
             raise TrainingError(f"--opponent {' '.join(self.opponent)}: {SELF} cannot be combined with other opponents")
+        if self.strokes is None:
+            object.__setattr__(self, "strokes", 4_000_000 if self.collector == "torchrl" else self.usual_strokes)
+        if self.collector == "torchrl" and self.shapes_rewards:
+            raise TrainingError("--collector torchrl: has the rewards of the environment; --bonus and --fault-cost need kernel")
         self.bonuses()
         if self.self_play and (self.bonus or self.fault_cost):
             raise TrainingError("--bonus and --fault-cost: not available in self-play, which is a zero-sum game")
@@ -182,6 +194,7 @@ class TrainingConfig(RunConfig):
     @functools.cached_property
     def iterations(self) -> int:
         """Iterations of the whole run."""
+        assert self.strokes is not None  # set by the configuration
         # The strokes of n iterations are batch (n + growth n (n - 1) / 2).
         batches, half = self.strokes / self.batch, self.growth / 2
         return max(
@@ -246,8 +259,8 @@ class PPOConfig(ActorCriticConfig):
     """Proximal policy optimisation (Schulman et al. 2017), and variants of self-play (:mod:`shuttle_marl.training.self_play`)."""
 
     algorithm: ClassVar[str] = "ppo"
+    usual_strokes: ClassVar[int] = 60_000_000
 
-    strokes: Count = 60_000_000
     growth: Growth = 0.1
     gae_lambda: FractionOrZero = 0.6
     evaluate_every: Count = 25
@@ -283,6 +296,10 @@ class PPOConfig(ActorCriticConfig):
         super().__post_init__()
         if self.variant != "plain" and not self.self_play:
             raise TrainingError(f"--variant {self.variant}: requires self-play, with --opponent self")
+        if self.collector == "torchrl" and self.variant in ("best-response", "restarts", "pool"):
+            raise TrainingError(
+                f"--variant {self.variant}: chooses opponents or states of rallies, which needs --collector kernel"
+            )
         if self.anneal_after is None:
             object.__setattr__(self, "anneal_after", 0.2 if self.self_play else 1.0)
 
@@ -293,8 +310,8 @@ class A2CConfig(ActorCriticConfig):
     """Advantage actor-critic (Mnih et al. 2016), synchronous, with generalised advantages."""
 
     algorithm: ClassVar[str] = "a2c"
+    usual_strokes: ClassVar[int] = 40_000_000
 
-    strokes: Count = 40_000_000
     growth: Growth = 0.03
     evaluate_every: Count = 50
     checkpoint_every: Count = 100
@@ -306,8 +323,8 @@ class SACConfig(TrainingConfig):
     """Soft actor-critic (Haarnoja et al. 2018) for discrete actions (Christodoulou 2019)."""
 
     algorithm: ClassVar[str] = "sac"
+    usual_strokes: ClassVar[int] = 8_000_000
 
-    strokes: Count = 8_000_000
     batch: Count = 16_384
     evaluate_every: Count = 40
     checkpoint_every: Count = 80

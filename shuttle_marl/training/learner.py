@@ -44,8 +44,9 @@ from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallySampler
-from shuttle_marl.training.config import TrainingConfig
-from shuttle_marl.training.networks import DivergedError, decision_masks, decision_observations
+from shuttle_marl.training.config import SEEDS, TrainingConfig
+from shuttle_marl.training.environment import EnvironmentCollector
+from shuttle_marl.training.networks import DivergedError, Observer, Tensors
 
 
 def fault_penalty(cost: float, aversion: float) -> float:
@@ -66,12 +67,10 @@ def added_rewards(config: TrainingConfig, game: Game) -> F32:
     return added.astype(np.float32).ravel()
 
 
-Tensors = dict[str, torch.Tensor]
 Predict = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 """``[U, 7]`` observations to ``[U, n]`` logits, with recovery ``[U, 8]`` to ``[U, n + 9]``, and ``[U]`` values."""
 
 STATE: Final = "state.safetensors"
-SEEDS: Final = 1 << 31
 
 
 class Callback:
@@ -109,7 +108,8 @@ class Learner(abc.ABC):
 
     def __init__(self, config: TrainingConfig, game: Game, opponents: Sequence[TabulatedPolicy] = ()) -> None:
         self.config = config
-        self.collector = RallyCollector(config, game, opponents, self.predict, distinct=self.distinct)
+        kind: Any = RallyCollector if config.collector == "kernel" else EnvironmentCollector  # which has what learners use
+        self.collector: RallyCollector = kind(config, game, opponents, self.predict, distinct=self.distinct)
         self.iteration, self.strokes = 0, 0
 
     @property
@@ -216,33 +216,6 @@ class Mean:
         return {name: total / self._count for name, total in self._totals.items() if self._count}
 
 
-class Observer:
-    """Network inputs of states, or with recovery of decisions, as tensors on a device."""
-
-    def __init__(self, game: Game, device: str) -> None:
-        self.device, self._game = torch.device(device), game
-        seen = decision_observations(game, np.arange(game.n_decisions))
-        self._observation = torch.from_numpy(seen).to(self.device)
-        self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
-        self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
-
-    def observations(self, states: torch.Tensor) -> torch.Tensor:
-        """``[U, 7]`` observations of ``[U]`` states, with recovery ``[U, 8]`` of decisions."""
-        return self._observation[states.long().to(self.device)]
-
-    def inputs(self, states: torch.Tensor) -> Tensors:
-        """``[U, 7]`` observations and ``[U, n]`` masks of ``[U]`` states; with recovery ``[U, 8]``, ``[U, n + 9]``."""
-        masks = torch.from_numpy(decision_masks(self._game, states.numpy())).to(self.device)
-        return {"observation": self.observations(states), "action_mask": masks}
-
-    def strokes(self, pairs: torch.Tensor) -> torch.Tensor:
-        """``[R]`` catalogue indices of ``[R]`` legal pairs; n + p of positions, see :mod:`shuttle_marl.kernel.table_play`."""
-        pairs = pairs.long().to(self.device)
-        stroke = self._stroke[pairs % len(self._stroke)]
-        positions = self._position[(pairs - self._game.n_pairs) % len(self._position)]
-        return torch.where(pairs < self._game.n_pairs, stroke, self._game.n_strokes + positions)
-
-
 class RallyCollector(BaseCollector):
     """TorchRL collector of the strokes of one iteration after another.
 
@@ -330,6 +303,10 @@ class RallyCollector(BaseCollector):
         if not math.isfinite(logits.sum() + value.sum()):  # one pass: NaN and infinity propagate to the sum
             raise DivergedError("an output of the network is not finite")
         return logits.cpu().numpy(), value.cpu().numpy()
+
+    def minibatches(self, data: TensorDictBase, count: int) -> Iterator[TensorDictBase]:
+        """See :func:`minibatches`."""
+        return minibatches(normalised(data), count)
 
     def set_seed(self, seed: int, static_seed: bool = False) -> int:  # noqa: ARG002  TorchRL's
         """Reseed sampler and generator, and return the seed; later strokes depend on seed, weights and state alone."""

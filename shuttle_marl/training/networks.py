@@ -29,6 +29,8 @@ from shuttle_marl.training.config import TrainingError
 ILLEGAL: Final = -1e9  # logit of an illegal stroke; finite, because a loss multiplies it by its probability 0
 MIN_LOG: Final = -87.0  # approximate logarithm of the smallest normal float32; exponentials below it are ten times slower
 
+Tensors = dict[str, torch.Tensor]
+
 _LAST_LAYER: Final = ("1.weight", "1.bias")
 
 
@@ -52,6 +54,33 @@ def decision_masks(game: Game, decisions: Ints) -> Bools:
     return np.hstack([game.mask(states) & ~position, game.waiting.mask(game.base(states)) & position])[:, : game.n_actions]
 
 
+class Observer:
+    """Network inputs of states, or with recovery of decisions, as tensors on a device."""
+
+    def __init__(self, game: Game, device: str) -> None:
+        self.device, self._game = torch.device(device), game
+        seen = decision_observations(game, np.arange(game.n_decisions))
+        self._observation = torch.from_numpy(seen).to(self.device)
+        self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
+        self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
+
+    def observations(self, states: torch.Tensor) -> torch.Tensor:
+        """``[U, 7]`` observations of ``[U]`` states, with recovery ``[U, 8]`` of decisions."""
+        return self._observation[states.long().to(self.device)]
+
+    def inputs(self, states: torch.Tensor) -> Tensors:
+        """``[U, 7]`` observations and ``[U, n]`` masks of ``[U]`` states; with recovery ``[U, 8]``, ``[U, n + 9]``."""
+        masks = torch.from_numpy(decision_masks(self._game, states.numpy())).to(self.device)
+        return {"observation": self.observations(states), "action_mask": masks}
+
+    def strokes(self, pairs: torch.Tensor) -> torch.Tensor:
+        """``[R]`` catalogue indices of ``[R]`` legal pairs; n + p of positions, see :mod:`shuttle_marl.kernel.table_play`."""
+        pairs = pairs.long().to(self.device)
+        stroke = self._stroke[pairs % len(self._stroke)]
+        positions = self._position[(pairs - self._game.n_pairs) % len(self._position)]
+        return torch.where(pairs < self._game.n_pairs, stroke, self._game.n_strokes + positions)
+
+
 class LegalStrokes(Categorical):
     """Distribution over the legal strokes, for TorchRL's actors and losses.
 
@@ -62,10 +91,18 @@ class LegalStrokes(Categorical):
         logits: ``[..., n]`` logits of all strokes.
         mask: ``[..., n]`` bool, True for legal strokes.
         row: of distinct states, ``[R]`` index of the state of each stroke.
+        generator: of the random numbers of samples; None: PyTorch's own.
     """
 
-    def __init__(self, logits: torch.Tensor, *, mask: torch.Tensor, row: torch.Tensor | None = None) -> None:
-        self._row = row
+    def __init__(
+        self,
+        logits: torch.Tensor,
+        *,
+        mask: torch.Tensor,
+        row: torch.Tensor | None = None,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        self._row, self._generator = row, generator
         masked = torch.where(mask, logits, ILLEGAL)
         self.logits = functional.log_softmax(masked, dim=-1)
         if not self.logits.requires_grad:
@@ -80,7 +117,7 @@ class LegalStrokes(Categorical):
         """``[*sample_shape, *batch]`` legal strokes."""
         total = self.probs.expand(*sample_shape, *self.probs.shape).cumsum(-1)
         # A draw in (0, total]: the first entry that reaches it has a positive probability.
-        draw = (1 - torch.rand(*total.shape[:-1], 1, device=total.device)) * total[..., -1:]
+        draw = (1 - torch.rand(*total.shape[:-1], 1, device=total.device, generator=self._generator)) * total[..., -1:]
         return torch.searchsorted(total, draw).squeeze(-1).clamp_max_(total.shape[-1] - 1)
 
     @property

@@ -25,7 +25,7 @@ from torchrl.objectives import A2CLoss, ClipPPOLoss, LossModule
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.training.config import A2CConfig, PPOConfig
-from shuttle_marl.training.learner import IDLE, Callback, Learner, Mean, minibatches, normalised, set_learning_rate, weighted_sums
+from shuttle_marl.training.learner import IDLE, Callback, Learner, Mean, set_learning_rate, weighted_sums
 from shuttle_marl.training.networks import logit_network, make_actor, make_critic, set_temperature
 from shuttle_marl.training.self_play import ReferencePolicy
 
@@ -78,12 +78,10 @@ class ActorCritic(Learner):
         # Collect: strokes (s, a) of pi_old, with A and V_target.
         data = self.collect()
         run.collected(self)
-        # Advantages: A / (N std(A)), and weights w(s) = N(s) / N.
-        data = normalised(data)
-        # Update.
+        # Update, with advantages A / (N std(A)) and weights w(s) = N(s) / N.
         mean = Mean(*self.logged)
         for _ in range(self.epochs):
-            for part in minibatches(data, self.minibatches):
+            for part in self.collector.minibatches(data, self.minibatches):
                 mean.add(self.step(part))
         run.learned(self, mean.values())
 

@@ -167,6 +167,6 @@ def open_log(
         seeds,
         seed=config.seed,
         record=record or config.record,
-        figures=None if config.algorithm == "sac" else config.figures,
+        figures=None if config.algorithm == "sac" or config.collector == "torchrl" else config.figures,
         rallies=rallies,
     )

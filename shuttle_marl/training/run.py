@@ -35,8 +35,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.agents import read_card, save_agent
 from shuttle_marl.policy.registry import tabulated as tables_of
 from shuttle_marl.policy.scorecard import REFERENCE
-from shuttle_marl.training.config import PPOConfig, TrainingConfig, TrainingError
-from shuttle_marl.training.learner import SEEDS, STATE, Callback, Learner, stored
+from shuttle_marl.training.config import SEEDS, PPOConfig, TrainingConfig, TrainingError
+from shuttle_marl.training.learner import STATE, Callback, Learner, stored
 from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
 from shuttle_marl.training.ppo import A2C, PPO
 from shuttle_marl.training.rally_log import open_log
@@ -123,11 +123,13 @@ class TrainingRun:
 
     Attributes:
         folder: the run folder, with the agent in its folder ``agent``.
+        seconds: time of its iterations and evaluations, also before it was resumed.
     """
 
     folder: Path
     iterations: int
     strokes: int
+    seconds: float
     evaluation: Evaluation
     policy: TabulatedPolicy
 
@@ -253,7 +255,12 @@ class _Training(Callback):
         self._save_agent(AGENT, evaluation)
         run.finish(seconds=round(self.at.seconds, 1))
         return TrainingRun(
-            folder=self.folder, iterations=learner.iteration, strokes=learner.strokes, evaluation=evaluation, policy=policy
+            folder=self.folder,
+            iterations=learner.iteration,
+            strokes=learner.strokes,
+            seconds=round(self.at.seconds, 1),
+            evaluation=evaluation,
+            policy=policy,
         )
 
     def say(self, text: str) -> None:

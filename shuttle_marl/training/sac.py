@@ -23,8 +23,8 @@ from torchrl.objectives import DiscreteSACLoss, SoftUpdate, ValueEstimators
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.training.config import SACConfig
-from shuttle_marl.training.learner import IDLE, Callback, Learner, Mean, Tensors, set_learning_rate, with_prefix
-from shuttle_marl.training.networks import logit_network, make_actor, make_q_network
+from shuttle_marl.training.learner import IDLE, Callback, Learner, Mean, set_learning_rate, with_prefix
+from shuttle_marl.training.networks import Tensors, logit_network, make_actor, make_q_network
 
 _FINAL_ENTROPY: Final = 0.02  # target entropy at the end of the run, as a fraction of the mean entropy of uniform play
 _TRANSITION: Final = ("state", "pair", "following", "reward")

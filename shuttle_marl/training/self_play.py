@@ -29,8 +29,8 @@ from shuttle_marl.base.arrays import F32
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training.config import PPOConfig, TrainingConfig
-from shuttle_marl.training.learner import Learner, Tensors, with_prefix
-from shuttle_marl.training.networks import ILLEGAL, tabulated, weights_of
+from shuttle_marl.training.learner import Learner, with_prefix
+from shuttle_marl.training.networks import ILLEGAL, Tensors, tabulated, weights_of
 
 _HUNDRED: Final = 100
 _RESTARTS: Final = 1 << 15

@@ -4,7 +4,7 @@ import contextlib
 import copy
 import functools
 import pickle
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,11 +15,12 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import ActionError
-from shuttle_marl.env.aec import PlayedRally, ShuttleEnv
+from shuttle_marl.env.aec import ShuttleEnv
+from shuttle_marl.env.recorded import PlayedRally
 from shuttle_marl.game import rules
 from shuttle_marl.game.draws import draw, first_server, outcome_draw, stream
 from shuttle_marl.game.layout import RALLY_WIDTH, observations
-from shuttle_marl.game.rules import RETURNED_BELOW, WINNER, IllegalStrokeError
+from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import tiring_game
@@ -49,11 +50,12 @@ class Turns(RuleBasedStateMachine):
         options: dict[str, Any] = {"game": self.game, "max_strokes": cut}
         made = rally_v0.raw_env(**options) if reward is None else match_v0.raw_env(reward=reward, rules=RULES, **options)
         self.env: ShuttleEnv = made
-        self.env.recorder = self
+        self.env.recorder = cast(Any, self)
         self.reset(seed)
 
-    def add(self, rally: PlayedRally) -> None:
-        self.rallies.append(rally)
+    def add_rally(self, rally: PlayedRally) -> None:
+        if rally.reason in (FAULT, WINNER):
+            self.rallies.append(rally)
 
     def close(self) -> None:
         raise AssertionError
@@ -176,7 +178,7 @@ class Turns(RuleBasedStateMachine):
         """An exact copy has the luck of the original, and warns in an episode."""
         with pytest.warns(UserWarning, match="sees the future") if not self.over else contextlib.nullcontext():
             self.env = copied(self.env)
-        self.env.recorder = self
+        self.env.recorder = cast(Any, self)
 
     @precondition(lambda self: self.over and self.env.agents)
     @rule()

@@ -17,8 +17,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig
-from shuttle_marl.training.learner import Learner, Observer, RallyCollector
-from shuttle_marl.training.networks import decision_masks, decision_observations
+from shuttle_marl.training.learner import Learner, RallyCollector
+from shuttle_marl.training.networks import Observer, decision_masks, decision_observations
 from shuttle_marl.training.ppo import PPO
 
 SHAPE = re.compile(r"``\[([^`]*)\]``")

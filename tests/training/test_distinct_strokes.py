@@ -13,8 +13,8 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig
-from shuttle_marl.training.learner import Observer, RallyCollector, minibatches, normalised, weighted_sums
-from shuttle_marl.training.networks import logit_network, make_actor, make_critic, make_q_network
+from shuttle_marl.training.learner import RallyCollector, minibatches, normalised, weighted_sums
+from shuttle_marl.training.networks import Observer, logit_network, make_actor, make_critic, make_q_network
 from shuttle_marl.training.sac import SAC
 
 GAME = default_game()

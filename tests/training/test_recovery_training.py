@@ -13,8 +13,8 @@ from shuttle_marl.game.policy import States, TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.training.config import SHARP, A2CConfig, PPOConfig
-from shuttle_marl.training.learner import Callback, Learner, Observer
-from shuttle_marl.training.networks import LegalStrokes, decision_masks, logit_network, make_actor, weights_of
+from shuttle_marl.training.learner import Callback, Learner
+from shuttle_marl.training.networks import LegalStrokes, Observer, decision_masks, logit_network, make_actor, weights_of
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run import tempered
 from tests.kernel.recovery import GAME, TABLES

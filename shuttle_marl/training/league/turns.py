@@ -29,11 +29,11 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.computed import StoredPolicies, policy_file
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.recording import Player
-from shuttle_marl.training.config import CONFIGS, SELF, TrainingConfig
+from shuttle_marl.training.config import CONFIGS, SEEDS, SELF, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import TABLES, Turn, TurnResult
 from shuttle_marl.training.league.schedule import order
-from shuttle_marl.training.learner import SEEDS, Callback, Learner, stored
+from shuttle_marl.training.learner import Callback, Learner, stored
 from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
 from shuttle_marl.training.rally_log import RunLog
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
