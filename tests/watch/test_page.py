@@ -390,7 +390,8 @@ def test_a_real_match_is_shown(viewer: Any, page_folder: Any) -> None:
         assert viewer.state("rally") == 3
         assert sum(viewer.state("points")) == 3
         assert len(viewer.state("strokes")) >= 1
-        told = viewer.press("e").page.locator(".browser li").all_inner_texts()
+        viewer.press("e").page.locator(".browser li").first.wait_for()
+        told = viewer.page.locator(".browser li").all_inner_texts()
         assert [bool(re.search(r"\d\W\d", line)) for line in told[:6]] == [True] * 4 + [False] * 2, "the next ones are not told"
         assert [line[0] in "AB" for line in told[:6]] == [True] * 3 + [False] * 3
         viewer.page.locator(".browser [data-rally='5']").click()

@@ -82,7 +82,7 @@ def as_stored(viewer: Viewer, mode: str, seconds: float = 60) -> Image.Image:
 def test_states_of_the_page_look_as_before(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}{PLACE}").analysed().play(False)
     viewer.page.evaluate(_USE_FONT, base64.b64encode(_FONT.read_bytes()).decode())
-    viewer.until(lambda: viewer.page.inner_text("body").count("strength ") == 2, 240)  # a busy machine solves for minutes
+    viewer.until(lambda: viewer.page.locator(".bars .bar").count() > 10, 240)  # a busy machine solves for minutes
     found, earlier = {}, picture(viewer.seek(1.0))
     for mode in ("watch", "analyse", "learn", "play", "words"):
         if mode == "words":

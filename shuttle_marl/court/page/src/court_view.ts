@@ -75,7 +75,7 @@ export class Chip {
     return h(
       "p",
       { class: "banner" },
-      h("b", { class: rally.winner ? "b" : "a" }, shown(does(rally.names, rally.winner!, "win"))),
+      h("b", { class: rally.winner ? "b" : "a" }, does(rally.names, rally.winner!, "win")),
       `${won} · ${reason(rally)}${after.over ? hint : ""}`,
     );
   }

@@ -7,6 +7,7 @@ import { type Child, capitalised, h, percent, replaceChildren, s } from "./dom";
 import { Film } from "./film";
 import { keyOf } from "./keys";
 import { languageMenu } from "./layout";
+import { shown } from "./names";
 import {
   CORNER_NAMES,
   CORNERS,
@@ -513,7 +514,11 @@ export class Tagging {
     const [a, b] = state.setup!.players;
     replaceChildren(
       this.score,
-      `${server === 0 ? "• " : ""}${a} ${points[0]} : ${points[1]} ${b}${server === 1 ? " •" : ""}`,
+      server === 0 && "• ",
+      shown(a),
+      ` ${points[0]} : ${points[1]} `,
+      shown(b),
+      server === 1 && " •",
       h("small", {}, say("tag.place", { game, rally: after, name: state.setup!.players[state.near] })),
     );
     this.prompt.textContent = this.marking
