@@ -251,6 +251,7 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips
         "gaps": gaps,
         "clips": {each.statement: f"#example-{i}" for i, each in enumerate(clips.examples)},
         "examples": [_example(report, each) for each in clips.examples],
+        "recorded": any(each.match for each in clips.examples),
         "ENDS": ENDS,
         "framed": [AREAS.index(each.answer) for each in report.habits if each.kind == "targets" and each.clear],
         "habit_bars": lambda habits: [
