@@ -3,7 +3,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 # Matches per pair of policies in `make demo`.
-MATCHES ?= 200
+MATCHES ?= 20
 # Additional package index, for example one with CPU builds of PyTorch; see CONTRIBUTING.md.
 TORCH_INDEX ?=
 # Additional flags of pytest, for example '-k league'.
@@ -99,7 +99,7 @@ notebooks: $(TEST_STAMP)
 dist: $(RUN_STAMP)
 	rm -rf dist
 	@$(INSTALL) build twine check-wheel-contents
-	$(BIN)/python -m build --quiet
+	SHUTTLE_MARL_PAGE=1 $(BIN)/python -m build --quiet
 	$(BIN)/twine check --strict dist/*
 	$(BIN)/check-wheel-contents dist/*.whl
 

@@ -10,15 +10,22 @@ from typing import TYPE_CHECKING, Any
 from shuttle_marl.base.environment_ids import register_when_imported
 
 if TYPE_CHECKING:
+    from shuttle_marl.base.errors import ActionError
     from shuttle_marl.data import read_matches, to_df
     from shuttle_marl.dynamics import fit_model, load_models
     from shuttle_marl.env import match_v0, rally_v0
     from shuttle_marl.env.batched import RallyEnv, VersusEnv
+    from shuttle_marl.env.wrappers import component_masks
     from shuttle_marl.exact import best_response, crossplay, evaluate, nash_conv, solve
     from shuttle_marl.game import Game, Policy, Rules, Score, States, default_game, load_game, pair_game, tabulate
+    from shuttle_marl.game.recovery import POSITIONS
+    from shuttle_marl.game.rules import IllegalStrokeError
+    from shuttle_marl.game.scoring import match_win_probability
+    from shuttle_marl.game.stroke import SHOTS
     from shuttle_marl.kernel import play_matches
     from shuttle_marl.league import LeagueConfig, run_league
     from shuttle_marl.policy import register, resolve
+    from shuttle_marl.policy.plain_network import from_network, save_network
     from shuttle_marl.recording import RallyLog, RallyLogWriter
     from shuttle_marl.reports import analyse_rally, rank_players, report, scouting_report
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, agent_network, train
@@ -26,8 +33,12 @@ if TYPE_CHECKING:
 __version__ = "0.3.0"
 
 __all__ = [
+    "POSITIONS",
+    "SHOTS",
     "A2CConfig",
+    "ActionError",
     "Game",
+    "IllegalStrokeError",
     "LeagueConfig",
     "PPOConfig",
     "Policy",
@@ -43,13 +54,16 @@ __all__ = [
     "agent_network",
     "analyse_rally",
     "best_response",
+    "component_masks",
     "crossplay",
     "default_game",
     "evaluate",
     "fit_model",
+    "from_network",
     "load_game",
     "load_models",
     "match_v0",
+    "match_win_probability",
     "nash_conv",
     "pair_game",
     "play_matches",
@@ -60,6 +74,7 @@ __all__ = [
     "report",
     "resolve",
     "run_league",
+    "save_network",
     "scouting_report",
     "solve",
     "tabulate",
@@ -72,12 +87,19 @@ _NAMES = {
     "data": ("read_matches", "to_df"),
     "dynamics": ("fit_model", "load_models"),
     "env": ("match_v0", "rally_v0"),
+    "base.errors": ("ActionError",),
     "env.batched": ("RallyEnv", "VersusEnv"),
+    "env.wrappers": ("component_masks",),
     "exact": ("best_response", "crossplay", "evaluate", "nash_conv", "solve"),
     "game": ("Game", "Policy", "Rules", "Score", "States", "default_game", "load_game", "pair_game", "tabulate"),
+    "game.recovery": ("POSITIONS",),
+    "game.rules": ("IllegalStrokeError",),
+    "game.scoring": ("match_win_probability",),
+    "game.stroke": ("SHOTS",),
     "kernel": ("play_matches",),
     "league": ("LeagueConfig", "run_league"),
     "policy": ("register", "resolve"),
+    "policy.plain_network": ("from_network", "save_network"),
     "recording": ("RallyLog", "RallyLogWriter"),
     "training": ("A2CConfig", "PPOConfig", "SACConfig", "agent_network", "train"),
 }

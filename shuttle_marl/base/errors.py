@@ -51,7 +51,8 @@ def seed_number(value: Any) -> int:
         OptionError: it is no whole number from 0 up to 2^64.
     """
     if not 0 <= (number := whole_number("seed", value)) < 1 << 64:
-        raise OptionError(f"seed {number}: expected a whole number from 0 up to 2^64; of a longer one take the last 63 bits")
+        hint = "; of a longer one take the last 63 bits" if number > 0 else ""
+        raise OptionError(f"seed {number}: expected a whole number from 0 up to 2^64{hint}")
     return number
 
 
@@ -60,10 +61,11 @@ def did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     import difflib  # noqa: PLC0415  `import shuttle_marl` needs none
 
     close = difflib.get_close_matches(name, list(known), n=3, cutoff=cutoff)
-    return f"; did you mean {' or '.join(close)}?" if close else ""
+    return f"; did you mean {', '.join(close[:-1])}{' or ' if close[1:] else ''}{close[-1]}?" if close else ""
 
 
 _KNOWN: Final = {"autoreset_mode": '; rows are reset in the same step, and in another mode with vectorization_mode="sync"'}
+_OF_RESET: Final = "; a seed is an argument of reset(seed=…)"
 
 
 def suggesting(cls: type[T]) -> type[T]:
@@ -75,9 +77,11 @@ def suggesting(cls: type[T]) -> type[T]:
     def checked(self: T, *args: Any, **options: Any) -> None:
         for name in options:
             if name not in names:
-                hint = _KNOWN.get(name) or did_you_mean(name, names) or f"; there are {', '.join(names)}"
+                known = _OF_RESET if name == "seed" and hasattr(cls, "reset") else _KNOWN.get(name)
+                hint = known or did_you_mean(name, names) or f"; there are {', '.join(names)}"
                 # In the words of Python, on which wrappers of other libraries rely.
-                raise TypeError(f"{cls.__name__}() got an unexpected keyword argument {name!r}{hint}")
+                called = cls.__name__.removeprefix("raw_")  # `rally_v0.env` passes its options on
+                raise TypeError(f"{called}() got an unexpected keyword argument {name!r}{hint}")
         init(self, *args, **options)
 
     cls.__init__ = checked  # type: ignore[method-assign, assignment]

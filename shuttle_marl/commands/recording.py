@@ -14,7 +14,7 @@ from shuttle_marl.court import scene as scenes
 from shuttle_marl.court.scene import SceneError
 from shuttle_marl.game.court import AREA_WORDS
 from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.rules import OUTCOMES, REASONS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import export as export_log
@@ -154,7 +154,7 @@ def scene(
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     model: RallyModel = RALLY_MODEL,
 ) -> None:
-    """Write rallies as a 3D scene for Foxglove or Lichtblick: one of --rally, --match and --best.
+    """Write rallies as a 3D scene for Foxglove or Lichtblick: --rally, --match or --best; by default the longest rally.
 
     Args:
         path: a rally log, or a folder of them.
@@ -210,7 +210,7 @@ def _describe(log: RallyLog, number: int) -> str:
         shot, area = SHOTS[catalogue.shot[stroke]], AREA_WORDS[catalogue.area[stroke]]
         technique, height = TECHNIQUES[catalogue.technique[stroke]], HEIGHTS[catalogue.height[stroke]]
         lines.append(f"{i:5}  {names[seat]:{width}}  {shot} to {area}, {technique} from {height} the net  [{OUTCOMES[outcome]}]")
-    lines.append(f"       {names[row.winner[0]]} wins the rally ({OUTCOMES[rally.ending]})")
+    lines.append(f"       {[*names, 'nobody'][row.winner[0]]} wins the rally ({REASONS[row.reason[0]]})")
     return "\n".join(lines)
 
 

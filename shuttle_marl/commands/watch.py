@@ -20,6 +20,7 @@ from shuttle_marl.game.shipped import load_game, origin_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.baselines import players as imitated
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports.languages import Language, current
 
 if TYPE_CHECKING:
@@ -177,6 +178,8 @@ def watch(
     game = _game(match, rallies, model)
     plan, policies = match.plan(game), PolicyTables(game, match.policies(game))
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
+    for name in match.policies(game) if recorded is None and tags is None else ():
+        resolve(name, policies.game)  # an unknown one is an error before the page is served
     try:  # last, because it may take longest
         page = building.build(lambda words: console.print(words, soft_wrap=True))
     except building.BuildError as error:
@@ -202,6 +205,8 @@ def watch(
             _save_site(output.save_site, page, answers, server.language)
             return
         host = f"[{server.host}]" if ":" in server.host else server.host
+        if server.port not in (0, listener.getsockname()[1]):
+            console.print(f"--port {server.port}: in use, so another one is taken", soft_wrap=True)
         address = f"http://{host}:{listener.getsockname()[1]}/"
         app = application(
             answers,

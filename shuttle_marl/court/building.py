@@ -51,7 +51,8 @@ def build(say: Callable[[str], object] = lambda _: None) -> Path:
     """
     if not SOURCE.is_dir():  # a wheel
         if not _is_built(None):
-            raise BuildError(f"{BUILT}: the page is not complete; install the package again")
+            told = f"{BUILT}: the page is missing, because npm did not work when the package was installed"
+            raise BuildError(f"{told}; install it again where npm works: pip install --force-reinstall --no-deps CLONE")
         return BUILT
     digest = _digest()
     if _is_built(digest):

@@ -23,7 +23,7 @@ from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people, looks_of
 from shuttle_marl.game.recovery import position_of
-from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
+from shuttle_marl.game.rules import FAULT, REASONS, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
@@ -63,6 +63,8 @@ class LogRallies:
         """
         with self._lock:
             found = self._log.rally(number)
+            if not found.finished[0]:
+                raise WatchError(f"rally {number + 1} was cut off ({REASONS[found.reason[0]]}), so there is no end to show")
             header = self._log.files[self._log.file_of(number)].header
             rally = found.row(0, self._log.catalogue, header.rules).checked()
             try:

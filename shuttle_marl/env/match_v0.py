@@ -70,7 +70,7 @@ class raw_env(ShuttleEnv):
     ) -> None:
         options: Any = {"render_mode": render_mode, "record": record, "history": history, "rules": rules}
         super().__init__(game=game, outcomes=outcomes, max_strokes=max_strokes, **options, extra_width=SCORE_WIDTH)
-        if first_server not in (None, 0, 1):
+        if isinstance(first_server, float) or first_server not in (None, 0, 1):
             raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a random server")
         if reward not in ("match", "rally"):
             raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")

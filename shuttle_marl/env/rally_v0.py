@@ -67,7 +67,7 @@ class raw_env(ShuttleEnv):
     ) -> None:
         options: Any = {"render_mode": render_mode, "record": record, "history": history}
         super().__init__(game=game, outcomes=outcomes, max_strokes=max_strokes, **options, extra_width=0)
-        if server not in (None, 0, 1):
+        if isinstance(server, float) or server not in (None, 0, 1):
             raise OptionError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.server = server
 

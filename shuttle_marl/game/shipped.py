@@ -205,7 +205,8 @@ def origin_named(name: str) -> Origin:
                 return Origin(folder, without or None, recovery=True) if last == RECOVERY else Origin(folder, part)
     shipped = ", ".join(sorted(p.parent.name for p in _MODELS.glob(f"*/{GAME}"))) or "none"
     fit = command("dynamics", "fit")
-    raise GameError(f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; fit one with `{fit}`")
+    there = f"{shipped}, and such as default:men and default:recovery"
+    raise GameError(f"no model {name!r}: neither shipped (there: {there}) nor a folder with {GAME}; fit one with `{fit}`")
 
 
 def between_hands(equal: Game, folder: Path) -> Game:

@@ -231,7 +231,11 @@ def _resolve_plain(name: str, game: Game) -> Policy:
             return from_module(name, game)
         except ModuleMissingError as error:
             raise PolicyError(f"{error}{did_you_mean(name, names(game))}") from error
-    hint = did_you_mean(name, names(game), cutoff=0.5) or f"; known: {', '.join(names(game))}."
+    plain = [known for known in names(game) if ":" not in known]
+    hint = (
+        did_you_mean(name, names(game), cutoff=0.5)
+        or f"; known: {', '.join(plain)}, bc:PLAYER and others (`policies` lists all)."
+    )
     raise PolicyError(f"no policy {name!r}{hint} Your own is given as module:attribute.")
 
 

@@ -19,6 +19,7 @@ from docs.tools.markdown import ROOT
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
+from shuttle_marl.recording import replay
 
 CONFIGS = (sm.PPOConfig, sm.A2CConfig, sm.SACConfig)
 
@@ -68,14 +69,22 @@ def test_torch_models_decide_whether_a_stroke_is_good_and_returned() -> None:
 @pytest.mark.parametrize("kind", CONFIGS)
 def test_agents_learn_through_torchrl_collectors(kind: type, tmp_path: Path) -> None:
     from torch import nn
-    from torchrl.collectors import BaseCollector
 
-    from shuttle_marl.training.learner import RallyCollector
-
-    assert issubclass(RallyCollector, BaseCollector)
-    done = sm.train(kind(strokes=20_000, out=tmp_path / "run"))
-    assert done.evaluation.rally_win > 0.45, "it has learned something against bc"
+    done = sm.train(kind(collector="torchrl", strokes=60_000, batch=8192, exploitability=False, out=tmp_path / "run"))
+    assert done.evaluation.rally_win > 0.5, "it has learned something against bc"
     assert isinstance(sm.agent_network(done.folder / "agent"), nn.Module)
+    with sm.RallyLog(done.folder / "rallies.mcap") as log:
+        assert replay(log, sm.default_game()).wrong == ()
+
+
+def test_observations_come_from_the_history_of_actions() -> None:
+    env, usual = sm.rally_v0.env(history=8), sm.rally_v0.env()
+    rally(env, 3)
+    rally(usual, 3)
+    seen, plain = env.observe("player_0")["observation"], usual.observe("player_0")["observation"]
+    assert seen.shape == (60 + 54 * 8,)
+    assert np.array_equal(seen[60:87], plain[:27])
+    assert seen in env.observation_space("player_0")["observation"]
 
 
 def test_a_league_of_self_play_and_imitated_opponents(tmp_path: Path) -> None:
@@ -90,9 +99,19 @@ def test_every_rally_is_recorded_to_mcap_and_replays_in_foxglove(tmp_path: Path,
     done = sm.train(sm.PPOConfig(strokes=20_000, out=tmp_path / "run"))
     with sm.RallyLog(done.folder / "rallies.mcap") as log:
         assert np.count_nonzero(sm.to_df(log.stroke_table())["seat"] == 0) == done.strokes
+    path = tmp_path / "played.mcap"
+    env = sm.rally_v0.env(record=path)
+    for seed in range(50):
+        rally(env, seed)
+    env.close()
+    with sm.RallyLog(path) as log:
+        assert log.n_rallies == 50
+        assert set(sm.to_df(log.rally_table())["reason"]) == {"fault", "winner"}
     scene = tmp_path / "scene.mcap"
-    assert recording(["scene", str(done.folder / "rallies.mcap"), "--rally", "0", "--fps", "25", "--out", str(scene)]) == 0
-    summary = make_reader(io.BytesIO(scene.read_bytes())).get_summary()
+    assert recording(["scene", str(path), "--fps", "25", "--out", str(scene)]) == 0
+    reader = make_reader(io.BytesIO(scene.read_bytes()))
+    assert any("layout" in attachment.name for attachment in reader.iter_attachments())
+    summary = reader.get_summary()
     schemas = {schema.name for schema in summary.schemas.values()}
     assert {"foxglove.SceneUpdate", "foxglove.FrameTransforms"} <= schemas
     assert str(scene) in capsys.readouterr().out
@@ -100,9 +119,13 @@ def test_every_rally_is_recorded_to_mcap_and_replays_in_foxglove(tmp_path: Path,
 
 def test_tables_of_the_paper_are_there_and_have_a_command_that_ci_runs() -> None:
     tables = {name: command for name, command, *_ in reproduce.listed()}
+    next_stroke = json.loads((ROOT / "experiments/results/next_stroke.json").read_text())
+    for which in ("players", "paper"):
+        assert len([each for each in next_stroke[which].values() if "shot_type" in str(each)]) >= 2
     for name in ("next_stroke", "win_rates"):
         assert any(name in command for command in tables.values())
         assert json.loads((ROOT / f"experiments/results/{name}.json").read_text())
+    assert "pip install '.[train]'" in (ROOT / "README.md").read_text(), "the first command of researchers installs PyTorch"
     script = (ROOT / ".ci/run").read_text()
     assert "docs.tools.reproduce" in script
     assert "experiments.win_rates --quick" in script

@@ -27,7 +27,7 @@ from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.pairs import looks_of, seat_names
 from shuttle_marl.game.rally import Rally, waited_at
 from shuttle_marl.game.recovery import POSITIONS
-from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
+from shuttle_marl.game.rules import OUTCOMES, REASONS, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
@@ -112,6 +112,8 @@ def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers, ha
         SceneError: a stroke is not legal in this game.
     """
     row = log.rally(number)
+    if not row.finished[0]:
+        raise SceneError(f"rally {number} was cut off ({REASONS[row.reason[0]]}), so there is no end to show; choose another")
     header = log.files[log.file_of(number)].header
     first, second = (log.policies[int(policy)].name for policy in row.policy[0])
     looks = looks_of(game, (first, second))
@@ -435,28 +437,31 @@ def select(
     Args:
         match: number of a match: all its rallies.
         pairing: number of the pairing of the match.
-        best: number of rallies: the longest of the log, the longest last.
+        best: number of rallies: the longest of the log, the longest last. The default is the longest.
 
     Raises:
-        SceneError: not exactly one of rally, match and best; or the log has no such match.
+        SceneError: more than one of rally, match and best; or the log has no such match or rally.
         RecordingError: the log is damaged.
     """
-    if sum(choice is not None for choice in (rally, match, best)) != 1:
+    if sum(choice is not None for choice in (rally, match, best)) > 1:
         raise SceneError("expected one of --rally NUMBER, --match NUMBER, --best COUNT")
     if rally is not None:
         return [rally]
     if match is not None:
-        numbers = log.numbers_of_match(pairing, match)
-        if not len(numbers):
+        numbers = [number for number in log.numbers_of_match(pairing, match).tolist() if log.rally(number).finished[0]]
+        if not numbers:
             raise SceneError(f"{log.path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
-        return [int(number) for number in numbers]
-    if best is None or best < 1:
+        return numbers
+    best = 1 if best is None else best
+    if best < 1:
         raise SceneError(f"--best {best}: expected 1 or more")
     found: list[tuple[int, int]] = []
     for first, rallies in log.batches():
-        longest = np.argsort(-rallies.length, kind="stable")[:best]
-        found += [(int(rallies.length[row]), first + int(row)) for row in longest]
+        longest = np.argsort(-rallies.length * rallies.finished, kind="stable")[:best]
+        found += [(int(rallies.length[row]), first + int(row)) for row in longest if rallies.finished[row]]
         found = sorted(found, key=lambda entry: (-entry[0], entry[1]))[:best]
+    if not found:
+        raise SceneError(f"{log.path}: no rally that came to its end")
     return [number for _, number in reversed(found)]
 
 
