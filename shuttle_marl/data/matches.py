@@ -128,6 +128,11 @@ def game_end(points: Points, served: int | None, rules: Rules) -> tuple[Points, 
     return points, leader if over or missing else served, missing
 
 
+def final_points(last: RealRally) -> Points:
+    """Points at the end of a match with this last rally."""
+    return last.after if last.stopped else game_end(last.after, None, last.score.rules)[0]
+
+
 def winner_of(rallies: Sequence[RealRally]) -> int | None:
     """Seat that won a match; None: it was not finished."""
     last = rallies[-1]

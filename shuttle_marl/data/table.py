@@ -4,6 +4,7 @@ import collections
 import dataclasses
 import json
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -40,13 +41,15 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
         rules: of the matches; None: those that the table carries, or else the scores tell.
 
     Returns:
-        A table of schema :data:`shuttle_marl.data.schema.STROKES`.
+        A table of schema :data:`shuttle_marl.data.schema.STROKES`. What is strange about an imported file is a warning.
 
     Raises:
         DataError: missing or unreadable file or folder, another schema, or a score that the rules do not allow.
     """
     path = Path(path)
     cleaned = _cleaned(path, None if columns is None else Path(columns), rules)
+    for told in cleaned.warnings if cleaned is not None else ():
+        warnings.warn(told, stacklevel=2)
     strokes = _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
     return strokes if rules is None else with_rules(strokes, path, rules)[0]
 

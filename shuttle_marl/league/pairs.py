@@ -165,7 +165,13 @@ def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:
 
 def with_results(predictions: Sequence[Prediction], strokes: pa.Table) -> list[Prediction]:
     """Predictions beside the real results of a table of strokes of schema :data:`shuttle_marl.data.schema.STROKES`."""
-    return [dataclasses.replace(each, **met(strokes, *each.players)._asdict()) for each in predictions]
+    found = [(each, met(strokes, *each.players)) for each in predictions]
+    return [
+        dataclasses.replace(
+            each, rallies=real.points, rallies_won=real.points_won, matches=real.matches, matches_won=real.matches_won
+        )
+        for each, real in found
+    ]
 
 
 def ranked(players: Sequence[str], predictions: Sequence[Prediction], game: str = "default", date: Day = None) -> list[PlayerRow]:

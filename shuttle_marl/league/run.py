@@ -111,6 +111,8 @@ class _Run:
         while stage < len(known := self.stages(self.results)):
             stage += 1
             self.play(known[:stage])
+        if stage < config.rounds:
+            _say(self.console, f"{stage} of {config.rounds} rounds: no further one was found between entrants that have not met")
         seconds = time.monotonic() - begun
         standings = self.write_reports(known, self.exact())
         now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

@@ -172,7 +172,7 @@ def _swiss(pool: Sequence[str], results: Sequence[PairResult], rounds: int) -> l
         first = sum(map(len, found))
         order = sorted(range(len(pool)), key=lambda i: (-points[i], i))
         rest = next((i for i in reversed(order) if i not in rested), None) if len(pool) % 2 else None
-        pairs = _partners([i for i in order if i != rest], played)
+        pairs = _partners([i for i in order if i != rest], played, iter(range(_MOST_TRIES)))
         if pairs is None:
             break
         found.append(_pairings(pool, sorted(pairs), first))
@@ -198,20 +198,24 @@ def _scores(result: PairResult) -> tuple[float, float]:
     return share, 1 - share
 
 
-def _partners(order: list[int], played: set[tuple[int, int]]) -> list[tuple[int, int]] | None:
-    """Pair each entrant with the nearest in the order that it has not met; None if that is impossible."""
+def _partners(order: list[int], played: set[tuple[int, int]], tries: Iterator[int]) -> list[tuple[int, int]] | None:
+    """Pair each entrant with the nearest in the order that it has not met; None if that is impossible, or not found in time."""
     if not order:
         return []
+    if next(tries, None) is None:
+        return None
     one, *others = order
     for other in others:
         pair = (min(one, other), max(one, other))
         if pair not in played:
-            rest = _partners([i for i in others if i != other], played)
+            rest = _partners([i for i in others if i != other], played, tries)
             if rest is not None:
                 return [pair, *rest]
     return None
 
 
+_MOST_TRIES: Final = 20_000
+"""Searches for the pairs of a round of a Swiss tournament; only rounds behind half of the entrants may need more."""
 _MATCHES_A_LOOK: Final = 32
 """Matches between two evaluations of a sequential test; fixed, because these decide which matches are played."""
 ERROR: Final = 0.05

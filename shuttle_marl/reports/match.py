@@ -16,7 +16,7 @@ from scipy import stats
 
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.data.matches import game_end, real_rallies, rules_of
-from shuttle_marl.data.schema import Outcome
+from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Tally, plays_of, tally
 from shuttle_marl.exact.fixed_point import Odds
@@ -150,8 +150,14 @@ class Chances:
         return lost + (won - lost) * (self._odds.receiving if score.server else self._odds.serving)
 
 
-def score_of(rallies: Sequence[RallyRow], rules: Rules) -> tuple[tuple[tuple[int, int], ...], tuple[int, ...]]:
-    """Points of both players at the end of each game, and the numbers of the games whose last rally was inferred."""
+def score_of(
+    rallies: Sequence[RallyRow], rules: Rules, *, stopped: bool = False
+) -> tuple[tuple[tuple[int, int], ...], tuple[int, ...]]:
+    """Points of both players at the end of each game, and the numbers of the games whose last rally was inferred.
+
+    Args:
+        stopped: whether the match was stopped in its last rally.
+    """
     ends: dict[int, tuple[tuple[int, int], int | None]] = {}
     for row in rallies:
         ends[row.key[0]] = (row.points[0] + (row.winner == 0), row.points[1] + (row.winner == 1)), None
@@ -159,6 +165,8 @@ def score_of(rallies: Sequence[RallyRow], rules: Rules) -> tuple[tuple[tuple[int
         if row.key[0] != before.key[0] and row.key[1] == 1:
             ends[before.key[0]] = ends[before.key[0]][0], row.server
     found = {game: game_end(points, served, rules) for game, (points, served) in sorted(ends.items())}
+    if stopped:
+        found[max(ends)] = ends[max(ends)][0], 0, False
     return tuple(points for points, *_ in found.values()), tuple(game for game, (*_, added) in found.items() if added)
 
 
@@ -336,7 +344,7 @@ def match_report(
     # The match.
     even = Odds(serving=0.5, receiving=0.5, error_bound=0.0)
     rallies = _rallies(strokes, frame, added, plays.area, rules, Chances(odds or even, rules))
-    score, inferred = score_of(rallies, rules)
+    score, inferred = score_of(rallies, rules, stopped=strokes["reason"][-1].as_py() == REASONS.index("stopped"))
     # Only rallies that the striker lost count, each by how much it decided.
     stakes = np.array([[abs(row.swing) * (row.winner == 1 - player) for row in rallies] for player in (0, 1)])
     return MatchReport(

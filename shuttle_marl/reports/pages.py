@@ -185,17 +185,21 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
 
 def _course(report: MatchReport) -> dict[str, Any]:
     """Who won (None: the match is open), probabilities of winning over the rallies, and where games end or are cut off."""
-    games = np.bincount([int(points[1] > points[0]) for points in report.score], minlength=2)
+    low, high = sorted(report.score[-1])
+    games = [int(points[1] > points[0]) for points in report.score]
+    games = np.bincount(games if wins_game(high, low, report.rules) else games[:-1], minlength=2)
     winner = int(games.argmax()) if is_over(games, report.rules) else None
-    ended = report.score if winner is not None else report.score[:-1]
     rows = report.rallies
+    by_game = dict(zip(dict.fromkeys(row.key[0] for row in rows), report.score, strict=True))
+    ended = list(by_game.items()) if winner is not None else list(by_game.items())[:-1]
     return {
         "winner": winner,
         "won": np.sum(report.score, axis=0).tolist(),
         "chance": [row.before for row in rows] + [rows[-1].after],
         "ends": [i for i in range(1, len(rows)) if rows[i].key[0] != rows[i - 1].key[0]],
         "played": sum(map(sum, report.score)),
-        "cut": [n for n, points in enumerate(ended, 1) if not wins_game(max(points), min(points), report.rules)],
+        "by_game": by_game,
+        "cut": [n for n, points in ended if not wins_game(max(points), min(points), report.rules)],
     }
 
 
