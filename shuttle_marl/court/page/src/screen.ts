@@ -47,7 +47,7 @@ export interface Acts extends Hooks {
   retry(): void;
 }
 
-const NARROW = 760; // width of a court on which players may be below the score [px]
+const NARROW = 900; // width of a court on which players may be below the score [px]
 const COVERED = 90; // height of the score and its distance to the edge [px]
 const BEFORE = 0.03; // time before a contact at which a question stops the playback [s]
 
