@@ -180,8 +180,10 @@ def made_again(config: Suite, before: Sequence[Row], folder: Path) -> list[str]:
     for those in boards.values():
         row = those[config.again % len(those)]
         out = folder / f"{row['task']}-{row['budget']}"
-        about = {"split": row["split"], "budget": row["budget"], "seeds": row["seeds"], "game": config.game}
-        run_one(SuiteRun(task=row["task"], method=row["method"], out=out, workers=config.workers, **about))
+        again = SuiteRun(
+            task=row["task"], method=row["method"], split=row["split"], budget=row["budget"], seeds=row["seeds"], out=out
+        )
+        run_one(dataclasses.replace(again, workers=config.workers, game=config.game))
         score = json_format.loads((out / ROW).read_text())["score"]
         if not abs(score - row["score"]) <= _ALIKE + _ALIKE * abs(row["score"]):
             found.append(f"{row['task']} {row['method']}, {row['budget']} strokes: {score:.4f}, not {row['score']:.4f}")

@@ -87,7 +87,7 @@ def search() -> str:
     rows = [
         (
             name,
-            len(trials),
+            str(len(trials)),
             f"{sum(row['strokes'] for row in trials):,}",
             f"`{trials[0]['settings']}`",
             f"{trials[0]['gain']:.2f}",

@@ -37,10 +37,10 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
     assert suite(("board", "--results", str(results))) == 0
     assert "### equilibrium-v1, test" in capsys.readouterr().out
     drawn = tmp_path / "drawn.svg"
-    flags = ("--results", str(results), "--game", reduced_model(), "--out", str(drawn))
-    assert suite(("figure", "exploit-entrance-v1", *flags)) == 0
+    given = ("--results", str(results), "--game", reduced_model(), "--out", str(drawn))
+    assert suite(("figure", "exploit-entrance-v1", *given)) == 0
     assert all(words in drawn.read_text() for words in ("exact frontier, by restriction", "minimax"))
-    assert suite(("figure", "adapt-v1", *flags)) == 1
+    assert suite(("figure", "adapt-v1", *given)) == 1
 
 
 def test_rows_of_another_commit_or_game_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
