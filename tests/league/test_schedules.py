@@ -142,7 +142,7 @@ def test_rounds_of_swiss_tournaments_and_scores_of_forfeits() -> None:
 
     assert [played(n, 0) for n in (2, 3, 4, 5, 8, 9)] == [1, 2, 2, 3, 3, 4]
     assert [played(4, rounds) for rounds in (1, 2, 3, 9)] == [1, 2, 3, 3]
-    assert played(32, 31) >= 16, "a search that ends"
+    assert 10 < played(32, 31) < 31, "a search that ends"
 
     (first,) = stages("abcd", "swiss", [])
     mixed = [result(first[0], 1), forfeited(first[1], ["c"], "")]
