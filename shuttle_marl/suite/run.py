@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import itertools
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,6 +41,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     Raises:
         SuiteError, PolicyError: the task or the method does not exist, or the method failed; finished units are kept.
         RunError: the folder cannot be used.
+        KeyboardInterrupt: Ctrl-C; the message says what is saved.
     """
     task = find_task(options.task)
     find(task.name, options.method)
@@ -70,15 +71,15 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     fixed = dataclasses.asdict(config)
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as run:
         folder = run.folder
-        numbers = itertools.product(range(len(cases)), range(config.seeds))
+        numbers = [*itertools.product(range(len(cases)), range(config.seeds))]
         units = [unit for unit in numbers if not results.entry_path(folder, *unit).exists()]
         about = {**runs.describe(PACKAGES), "sources": _sources(folder, config, more=bool(units))}
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
         play = functools.partial(play_unit, folder, config, options.seed)
         played = in_processes(play, units, min(options.workers, len(units)), ray=options.ray, packages=PACKAGES)
-        with Progress(
-            *Progress.get_default_columns(), TimeElapsedColumn(), console=console or Console(quiet=True), transient=True
-        ) as bar:
+        columns, console = (*Progress.get_default_columns(), TimeElapsedColumn()), console or Console(quiet=True)
+        saved = functools.partial(_saved, folder, numbers)
+        with run.resumable(saved), Progress(*columns, console=console, transient=True) as bar:
             # A unit may take hours.
             for path, entry, policies in bar.track(played, len(units), description="units"):
                 results.write_entry(folder, path, entry, policies)
@@ -86,6 +87,10 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         runs.write_json(folder / results.RESULTS, summarise(folder, options.game, options.seed))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
+
+
+def _saved(folder: Path, numbers: Sequence[tuple[int, int]]) -> str:
+    return f"{sum(results.entry_path(folder, *unit).exists() for unit in numbers)} of {len(numbers)} units are saved"
 
 
 def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str]:
