@@ -465,3 +465,4 @@ def _note(number: int, frame: FrameType | None) -> None:
     _noted.append(number)
     if len(_noted) > 1:
         signal.default_int_handler(number, frame)
+    os.write(2, b"\nstopping at the next safe point; Ctrl-C again stops at once\n")  # a signal may interrupt a print

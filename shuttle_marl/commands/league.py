@@ -10,7 +10,7 @@ import tyro
 
 from shuttle_marl import league
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.runs import RALLIES, interrupts_held
+from shuttle_marl.base.runs import PAGE, RALLIES, interrupts_held
 from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
@@ -26,7 +26,7 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
 
     run = league.run_league(config, cli.console(stderr=True))
     cli.console().print(console_table(run.standings, config.format))
-    cli.say(f"run folder: {run.folder}")
+    cli.say(f"run folder: {run.folder}", f"report: {run.folder / PAGE}")
     log = run.folder / RALLIES
     if log.exists():
         cli.say(cli.watching(log, config.game, None if config.players else config.profile))

@@ -58,12 +58,14 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         RunError: the run folder cannot be used or written, or the game or a policy changed after the run was started.
         RecordingError: the rally log cannot be written.
         ClusterError: the cluster cannot be used (nothing was written), or loses pairings repeatedly.
+        KeyboardInterrupt: Ctrl-C; the message says what is saved.
     """
     console = console or Console(quiet=True)
     game = config.load()
     config = dataclasses.replace(config, pool=config.pool or default_pool(game))
     # A policy may change the working directory, here and while it plays.
-    with contextlib.chdir(Path.cwd()), console.status("tabulating the entrants"), time_limit(config.policy_timeout):
+    _say(console, f"tabulating {len(config.pool)} policies")
+    with contextlib.chdir(Path.cwd()), time_limit(config.policy_timeout):
         entrants = [enter(name, game) for name in config.pool]
     for entrant in entrants:
         if entrant.failure:
@@ -71,7 +73,9 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     with contextlib.nullcontext() if config.ray is None else open_cluster(config.ray, PACKAGES) as cluster:
         name, fixed = f"league-{config.seed}", config.fixed()
         with runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite) as run:
-            return _Run(config, game, entrants, console, cluster, run).go()
+            playing = _Run(config, game, entrants, console, cluster, run)
+            with run.resumable(lambda: f"{len(playing.results)} pairings are saved"):
+                return playing.go()
 
 
 @dataclasses.dataclass(eq=False)
@@ -146,6 +150,7 @@ class _Run:
         """Play the rest of the last stage in ``known``."""
         config, results, pairings = self.config, self.results, known[-1]
         done = min(len(results) - pairings[0].number, len(pairings))
+        _say(self.console, f"playing {len(pairings) - done} pairs, {config.matches} matches each")
         recorder = self.recorder(known)
         tournament = Tournament(
             self.game,
@@ -221,14 +226,15 @@ class _Run:
         config = self.config
         if not config.exact:
             return unknown(config.pool)
-        with self.console.status("solving all pairs"):
-            exact = exact_odds(self.game, self.entrants, RULES[config.rules])
+        _say(self.console, "solving all pairs")
+        exact = exact_odds(self.game, self.entrants, RULES[config.rules])
         if exact.problem:
             _say(self.console, f"no exact results: {exact.problem}")
         return exact
 
     def write_reports(self, known: Sequence[Sequence[Pairing]], exact: ExactOdds) -> list[Standing]:
         config, game, folder, results = self.config, self.game, self.folder, self.results
+        _say(self.console, "writing the report")
         standings = rank(config.pool, results, config.seed, exact)
         tables = {entrant.name: entrant.table for entrant in self.entrants if entrant.table is not None}
         assessment = assess(standings, results, exact, styles(game.seats[0], tables) if config.exact else {})
