@@ -4,10 +4,6 @@ import dataclasses
 import functools
 import itertools
 import time
-<<<<<<< HEAD
-=======
-from collections.abc import Mapping, Sequence
->>>>>>> minute
 from pathlib import Path
 from typing import Final
 
@@ -44,7 +40,6 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     Raises:
         SuiteError, PolicyError: the task or the method does not exist, or the method failed; finished units are kept.
         RunError: the folder cannot be used.
-        KeyboardInterrupt: Ctrl-C; the message says what is saved.
     """
     task = find_task(options.task)
     find(task.name, options.method)
@@ -74,13 +69,12 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     fixed = dataclasses.asdict(config)
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as run:
         folder = run.folder
-        numbers = [*itertools.product(range(len(cases)), range(config.seeds))]
+        numbers = itertools.product(range(len(cases)), range(config.seeds))
         units = [unit for unit in numbers if not results.entry_path(folder, *unit).exists()]
         if units:
             sources = source_hashes(options.method if baseline is None else f"{__name__}:")
             run.begin(PACKAGES, same={"sources": sources})
         play = functools.partial(play_unit, folder, config, options.seed)
-<<<<<<< HEAD
         # Code of strangers finds nothing that its other units left.
         played = in_processes(
             play, units, min(options.workers, len(units)), apart=baseline is None, ray=options.ray, packages=PACKAGES
@@ -88,11 +82,6 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         console = console or Console(quiet=True)
         columns = (*Progress.get_default_columns(), TimeElapsedColumn())
         saved = functools.partial(_saved, folder, len(cases) * config.seeds)
-=======
-        played = in_processes(play, units, min(options.workers, len(units)), ray=options.ray, packages=PACKAGES)
-        columns, console = (*Progress.get_default_columns(), TimeElapsedColumn()), console or Console(quiet=True)
-        saved = functools.partial(_saved, folder, numbers)
->>>>>>> minute
         with run.resumable(saved), Progress(*columns, console=console, transient=True) as bar:
             # A unit may take hours.
             for path, entry, policies in bar.track(played, len(units), description="units"):
@@ -104,27 +93,8 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     return folder
 
 
-<<<<<<< HEAD
 def _saved(folder: Path, units: int) -> str:
     return f"{len(list((folder / results.ENTRIES).glob('*.json')))} of {units} units are saved"
-=======
-def _saved(folder: Path, numbers: Sequence[tuple[int, int]]) -> str:
-    return f"{sum(results.entry_path(folder, *unit).exists() for unit in numbers)} of {len(numbers)} units are saved"
-
-
-def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str]:
-    """Hashes of the files of a method, which are those that the run was started with if there is more to play."""
-    baseline = baseline_of(config.task, config.method)
-    path, now = folder / runs.MANIFEST, source_hashes(config.method if baseline is None else f"{__name__}:")
-    if not runs.has_results(folder):
-        return now
-    before: dict[str, str] = runs.read_json(path, dict[str, Any]).get("sources", {}) if path.exists() else {}
-    changed = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
-    if changed and more:
-        advice = "two versions are never mixed: restore it, or start again with --overwrite or another --out"
-        raise SuiteError(f"{folder}: {', '.join(changed)} changed after the run was started; {advice}")
-    return before
->>>>>>> minute
 
 
 def play_unit(folder: Path, config: RunConfig, round_seed: str | None, unit: tuple[int, int]) -> PlayedUnit:
