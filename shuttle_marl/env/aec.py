@@ -6,7 +6,7 @@ import secrets
 import warnings
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
 import gymnasium
 import numpy as np
@@ -18,11 +18,9 @@ from pettingzoo import AECEnv
 from shuttle_marl.base.arrays import F32, I8, U8
 from shuttle_marl.base.errors import ActionError, OptionError, seed_number, whole_number
 from shuttle_marl.base.extras import hinted
-from shuttle_marl.env.history import features_of
-from shuttle_marl.env.recorded import PlayedRally, Recording
 from shuttle_marl.env.render import CourtRenderer, Snapshot, as_text
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.layout import RALLY_WIDTH, STROKE_WIDTH
+from shuttle_marl.game.layout import RALLY_WIDTH, STROKE_WIDTH, stroke_features
 from shuttle_marl.game.policy import Policy, States, UniformPolicy
 from shuttle_marl.game.rally import RallyDraws, Stepper, Stroke, choose, stepper_of
 from shuttle_marl.game.rules import (
@@ -40,6 +38,9 @@ from shuttle_marl.game.rules import (
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
+
+if TYPE_CHECKING:
+    from shuttle_marl.env.recorded import Recording
 
 AGENTS: Final = ("player_0", "player_1")
 RENDER_MODES: Final = ("human", "rgb_array", "ansi")
@@ -133,6 +134,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
     def record(self, path: Path | str, names: Sequence[str], rules: Rules | None) -> None:
         """Record every rally from here on, see :class:`shuttle_marl.env.recorded.Recording`."""
+        from shuttle_marl.env.recorded import Recording  # noqa: PLC0415  pyarrow and numba, which play does not need
+
         self.recorder = Recording(path, self.game, names, rules)
         self.recorder.finish_with(self)
 
@@ -265,7 +268,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         played = self._strokes[::-1] if self._state != ROOT else []
         own, other = ([each.stroke for each in played if each.player == one][: self._history] for one in (player, 1 - player))
         none, n = [self.game.n_strokes] * self._history, self._history
-        return features_of(self.game, np.array([[(own + none)[:n], (other + none)[:n]]]))[0]
+        return stroke_features(self.game)[np.array([(own + none)[:n], (other + none)[:n]])].ravel()
 
     def state(self) -> F32:
         """Global state, for centralised critics: the observation of ``player_0``, and 1 if it is to strike, else 0.
@@ -376,6 +379,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """Record the rally, which ends here."""
         if self.recorder is None:
             return
+        from shuttle_marl.env.recorded import PlayedRally  # noqa: PLC0415
+
         assert self.last_seed is not None
         server = self._strokes[0].player if self._strokes else self._striker
         where, how = (self.last_seed, self.episode, self._number, self.score_of(0)), (server, winner, reason)

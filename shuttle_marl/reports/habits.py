@@ -247,8 +247,10 @@ class Results:
         where = np.where(serving, np.array(SERVING)[:, None], parts)[:, counts]
         last = np.unique(np.vstack([rally[counts], where]), axis=1, return_index=True)[1]
         found: dict[Situation, dict[int, list[int]]] = {}
-        for shot, result, *place in np.vstack([plays.shot[counts], won[counts], where])[:, last].astype(np.int64).T.tolist():
-            at = found.setdefault(Situation(*place[:3], bool(place[3])), {}).setdefault(shot, [0, 0])
+        for shot, result, incoming, met, contact, late in (
+            np.vstack([plays.shot[counts], won[counts], where])[:, last].astype(int).T.tolist()
+        ):
+            at = found.setdefault(Situation(incoming, met, contact, bool(late)), {}).setdefault(shot, [0, 0])
             at[0], at[1] = at[0] + 1, at[1] + result
         self._counts = found
 

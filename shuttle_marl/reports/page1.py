@@ -5,6 +5,7 @@ strokes, or about an option (:class:`~shuttle_marl.reports.habits.Option`) that 
 situation, also by more than chance. Each correction is for all differences of its kind that the report tests.
 """
 
+import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -33,7 +34,8 @@ _OPTIONS: Final = 2  # most options that are advised, and that are advised again
 _ASKED: Final = (("serve",), ("serve_side",), ("return", "short-serve"), ("return", "long-serve"), ("third",))
 
 
-class Statement(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Statement:
     """A statement of page 1.
 
     Attributes:
@@ -90,10 +92,10 @@ def sure(player: int, habits: Iterable[Habit], endings: Sequence[Ending], places
     for each in habits:
         if each.clear and (each.kind, *each.about) not in asked and len(asked) < _SURE:
             asked.add((each.kind, *each.about))
-            shares = each.share, each.low, each.high, each.usual
-            yield Statement("habit", player, each, round(each.strokes), *shares, each.q)
+            yield Statement("habit", player, each, round(each.strokes), each.share, each.low, each.high, each.usual, each.q)
     for ending, end in [*clear_endings(endings)][:_OTHERS]:
-        yield Statement(ENDS[end], player, ending, round(ending.strokes), *getattr(ending, ENDS[end]), ending.q[end])
+        share, low, high, usual = getattr(ending, ENDS[end])
+        yield Statement(ENDS[end], player, ending, round(ending.strokes), share, low, high, usual, ending.q[end])
     for place in [each for each in places if each.wait.player == player][:_OTHERS]:
         yield Statement("wait", player, place, place.wait.strokes, place.value, place.low, place.high, q=place.q)
 
@@ -103,15 +105,16 @@ def answers(player: int, own: Tally) -> Iterator[Statement]:
     for found in (expected_of(own, *each) for each in _ASKED):
         if found.strokes >= _LEAST or (found.strokes and found.kind == "serve"):
             share = found.most[0][1]
-            yield Statement("answer", player, found, found.strokes, share, *interval(share, found.strokes))
+            low, high = interval(share, found.strokes)
+            yield Statement("answer", player, found, found.strokes, share, low, high)
 
 
 def options(player: int, found: Sequence[Option]) -> Iterator[Statement]:
     """The options that won more than the others in their situation, and those that won less, by more than chance."""
     for kind, sign in (("do", 1), ("dont", -1)):
         for each in [option for option in found if option.clear and sign * option.gain > 0][:_OPTIONS]:
-            shares = each.won / each.rallies, each.low, each.high, each.others_won / each.others
-            yield Statement(kind, player, each, each.rallies, *shares, each.q)
+            won, usual = each.won / each.rallies, each.others_won / each.others
+            yield Statement(kind, player, each, each.rallies, won, each.low, each.high, usual, each.q)
 
 
 def serves(strokes: pa.Table, player: str) -> tuple[int, int]:

@@ -186,8 +186,8 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
 def _course(report: MatchReport) -> dict[str, Any]:
     """Who won (None: the match is open), probabilities of winning over the rallies, and where games end or are cut off."""
     low, high = sorted(report.score[-1])
-    games = [int(points[1] > points[0]) for points in report.score]
-    games = np.bincount(games if wins_game(high, low, report.rules) else games[:-1], minlength=2)
+    won = [int(points[1] > points[0]) for points in report.score]
+    games = np.bincount(won if wins_game(high, low, report.rules) else won[:-1], minlength=2)
     winner = int(games.argmax()) if is_over(games, report.rules) else None
     rows = report.rallies
     by_game = dict(zip(dict.fromkeys(row.key[0] for row in rows), report.score, strict=True))

@@ -124,8 +124,8 @@ def named(wait: Wait) -> Iterator[Difference]:
     """The differences of one row."""
     for place, kinds in ((wait.depth, ("closer", "farther")), (wait.side, ("backhand", "forehand"))):
         if place.clear:
-            value, *interval = place.difference
-            yield Difference(wait, kinds[value > 0], abs(value), *sorted(map(abs, interval)), place.q)
+            low, high = sorted(map(abs, place.difference[1:]))
+            yield Difference(wait, kinds[place.difference.value > 0], abs(place.difference.value), low, high, place.q)
 
 
 class Stand(NamedTuple):

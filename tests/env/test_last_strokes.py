@@ -69,7 +69,7 @@ def test_vectors_see_what_one_environment_sees(name: str) -> None:
     rng = np.random.default_rng(1)
     seen, rows = one.reset(seed=5)[0], many.reset(seed=5)[0]
     for _ in range(400):
-        assert rows["observation"] in many.observation_space["observation"]
+        assert rows["observation"] in many.observation_space["observation"]  # type: ignore[index]
         assert np.array_equal(seen["observation"], rows["observation"][0])
         legal = np.flatnonzero((seen["action_mask"] != 0) ^ (rng.random() < 0.02))
         action = int(rng.choice(legal))

@@ -84,7 +84,7 @@ def test_observations_come_from_the_history_of_actions() -> None:
     seen, plain = env.observe("player_0")["observation"], usual.observe("player_0")["observation"]
     assert seen.shape == (60 + 54 * 8,)
     assert np.array_equal(seen[60:87], plain[:27])
-    assert seen in env.observation_space("player_0")["observation"]
+    assert seen in env.observation_space("player_0")["observation"]  # type: ignore[index]
 
 
 def test_a_league_of_self_play_and_imitated_opponents(tmp_path: Path) -> None:

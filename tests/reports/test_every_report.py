@@ -18,6 +18,7 @@ from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.data import read_matches
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.reports import coach
+from shuttle_marl.reports.habits import Expected
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 from shuttle_marl.reports.match import MatchReport, matches_in
 from shuttle_marl.reports.pages import match_page, scouting_page
@@ -110,6 +111,7 @@ def check_scout(report: ScoutingReport) -> None:
     """One number for one thing: answers on page 1 and in the tables, strokes and rallies in all and match by match."""
     told = {(each.kind, "".join(each.about[:1]), each.answer): each for each in report.habits}
     for each in (statement.figure for statement in report.page1.of(1, "answer")):
+        assert isinstance(each, Expected)
         for answer, share in each.most:
             habit = told.get((each.kind, each.about, answer))
             assert habit is None or (habit.strokes, habit.share) == (each.strokes, share)

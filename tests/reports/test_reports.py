@@ -27,6 +27,7 @@ from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts, coach
+from shuttle_marl.reports.habits import Habit
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 from shuttle_marl.reports.match import Chances, MatchReport, RallyRow, match_report, matches_in, score_of
 from shuttle_marl.reports.page1 import Page1, Statement
@@ -100,7 +101,9 @@ def test_examples_show_habits_of_the_opponent(scouted: ScoutingReport, sample: p
     said = scouted.page1.of(1, "habit")
     content, examples = habits_shown(scouted, None)
     assert 1 <= len(examples) == sum(key.startswith("rally ") for key in json.loads(content)["replies"]) <= 2
-    assert all(said[each.statement].figure.answer in SHOTS and not each.match for each in examples)
+    figures = [said[each.statement].figure for each in examples]
+    assert all(isinstance(figure, Habit) and figure.answer in SHOTS for figure in figures)
+    assert not any(each.match for each in examples)
     told = scout("chou-tien-chen", A, model=model, data=sample)
     habit = next(each for each in told.habits if each.kind == "shots" and each.share > 0.1)
     one = Statement("habit", 1, habit, 10, 0.5, 0.4, 0.6)
