@@ -62,6 +62,7 @@ CHEAP = {
     "suite verify": ["run --game {model}"],
     "suite board": ["run --game {model} --no-check --out board.md"],
     "suite frontier": ["exploit-entrance-v1 --opponent bc --game {model}"],
+    "suite figure": ["exploit-entrance-v1 --game {model} --out figure.svg"],
     "suite new-submission": ["exploit-v1 --author alice --out submission"],
     "suite data": ["offline-v1 --quick --seeds 1 --game {model} --out logs"],
     "training ppo": ["--game {model} --strokes 256 --batch 256 --width 8 --out ppo"],
