@@ -90,4 +90,4 @@ def test_learners_fit_their_budgets(method: str, budget: int, tmp_path: Path) ->
     model = "default:recovery" if budget > 20_000 else f"{reduced_model()}:recovery"
     setting = PlayerSetting(game=load_game(model), model=model, opponent="bc", budget=budget, seed=0, folder=tmp_path)
     trained = find("exploit-v1", method)(setting)
-    assert (0.4 if budget == 20_000 else 0.5) * budget < trained.strokes <= budget
+    assert budget / (2 if budget > 20_000 else 3) < trained.strokes <= budget  # a few batches, of unequal length
