@@ -26,7 +26,9 @@ if TYPE_CHECKING:
         reads_score,
         tabulate,
     )
-    from shuttle_marl.game.scoring import BWF, Rules, Score
+    from shuttle_marl.game.recovery import POSITIONS
+    from shuttle_marl.game.rules import ActionError, IllegalStrokeError
+    from shuttle_marl.game.scoring import BWF, Rules, Score, match_win_probability
     from shuttle_marl.game.shipped import default_game, load_game, model_folder
     from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
     from shuttle_marl.game.tables import Game
@@ -34,11 +36,14 @@ if TYPE_CHECKING:
 __all__ = [
     "BWF",
     "HEIGHTS",
+    "POSITIONS",
     "SHOTS",
     "TECHNIQUES",
+    "ActionError",
     "Catalogue",
     "Game",
     "GameError",
+    "IllegalStrokeError",
     "Policy",
     "PolicyError",
     "Rules",
@@ -50,6 +55,7 @@ __all__ = [
     "checked_probabilities",
     "default_game",
     "load_game",
+    "match_win_probability",
     "model_folder",
     "observations",
     "pair_game",
