@@ -42,13 +42,14 @@ def test_a_match_that_the_log_does_not_have(log_path: Path) -> None:
 
 def test_rallies_that_a_scene_may_show(log_path: Path) -> None:
     with RallyLog(log_path) as log:
-        for choice in ({}, {"rally": 1, "best": 1}, {"rally": 0, "match": 0}, {"match": 0, "best": 2}):
+        for choice in ({"rally": 1, "best": 1}, {"rally": 0, "match": 0}, {"match": 0, "best": 2}):
             with pytest.raises(SceneError, match="expected one of --rally NUMBER, --match NUMBER, --best COUNT"):
                 select(log, **choice)
         for best in (0, -1):
             with pytest.raises(SceneError, match=f"--best {best}: expected 1 or more"):
                 select(log, best=best)
         assert select(log, rally=0) == [0]
+        assert select(log) == select(log, best=1)
         lengths = log.rally_table()["length"].to_pylist()
         order = sorted(range(log.n_rallies), key=lambda k: (-lengths[k], k))
         for best in (1, 3):

@@ -73,7 +73,7 @@ def test_an_installed_page_that_is_not_complete_is_refused(checkout: Any) -> Non
     shutil.rmtree(checkout.SOURCE)
     assert checkout.build() == checkout.BUILT
     (checkout.BUILT / "watch.css").unlink()
-    with pytest.raises(checkout.BuildError, match="not complete; install the package again"):
+    with pytest.raises(checkout.BuildError, match="install it again where npm works"):
         checkout.build()
 
 
