@@ -239,6 +239,10 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         "shuttle_marl/models/default/card.json",
     ),
     ("rally.png",): (_rally, _GAME),
+    ("suite_exploit.svg",): (
+        _module("shuttle_marl.suite", "figure", "exploit-v1", "--out", str(IMAGES / "suite_exploit.svg")),
+        "experiments/results/suite.json",
+    ),
     ("truth.png",): (_truth, "experiments/results/truth_cross.json"),
     ("value.png",): (
         _module(
