@@ -60,7 +60,7 @@ CHEAP = {
     "suite show": ["exploit-entrance-v1"],
     "suite run": ["exploit-entrance-v1 --method bc --quick --game {model} --out run"],
     "suite verify": ["run --game {model}"],
-    "suite board": ["run --game {model} --no-check --out board.md"],
+    "suite board": ["run --game {model} --out board.md"],
     "suite frontier": ["exploit-entrance-v1 --opponent bc --game {model}"],
     "suite figure": ["exploit-entrance-v1 --game {model} --out figure.svg"],
     "suite new-submission": ["exploit-v1 --author alice --out submission"],

@@ -171,7 +171,7 @@ FORMATS: Final[dict[str, Format]] = {
     ),
     "suite": Format(
         ("run/*.json", "run/*/*"),
-        ("suite verify run --game model", "suite board run --game model --no-check --out board.md"),
+        ("suite verify run --game model", "suite board run --game model --out board.md"),
         results=("board.md",),
     ),
     "agent": Format(("agent/*",), ("exact evaluate agent:agent --game model --json",)),
