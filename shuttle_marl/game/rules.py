@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.errors import ActionError
+from shuttle_marl.base.errors import ActionError as ActionError  # noqa: PLC0414  exported too
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
