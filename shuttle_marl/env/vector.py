@@ -145,7 +145,9 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         whole = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
         if not whole or not ((actions >= 0) & (actions < self.game.n_actions)).all():
             raise ActionError(f"actions {actions!r}: expected {self.num_envs} integers from 0 to {self.game.n_actions - 1}")
-        before, self._waited, noted = self.versus.rows.state.copy(), self.versus.waits, self.versus.tape.used.copy()
+        tape = self.versus.tape
+        before, self._waited = self.versus.rows.state.copy(), self.versus.waits
+        noted = None if tape is None else tape.used.copy()
         rewards, terminated, illegal = self._play(before, actions)
         if illegal.any():
             self._lose(illegal, noted)
@@ -163,15 +165,15 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         seen, infos = self._seen()
         return seen, rewards, terminated, np.zeros_like(terminated), {**infos, **final}
 
-    def _lose(self, illegal: Bools, noted: I32) -> None:
+    def _lose(self, illegal: Bools, noted: I32 | None) -> None:
         if not self._illegal.any():
             gymnasium.logger.warn(
                 "an action was illegal, which loses the episode: choose by the action_mask; infos['illegal'] counts them"
             )
         self._illegal += illegal
-        if self._recorder is not None:
+        if (tape := self.versus.tape) is not None and noted is not None:
             # What the kernel has played instead is not part of the rally.
-            self.versus.tape.used[illegal] = noted[illegal]
+            tape.used[illegal] = noted[illegal]
             for waited, reason in ((False, ILLEGAL), (True, ILLEGAL_POSITION)):
                 self.versus.cut(np.flatnonzero(illegal & (self._waited == waited)), reason)
 

@@ -25,7 +25,6 @@ from shuttle_marl.kernel.rows import (
     CUT,
     DRAWN,
     NO_OBSERVATIONS,
-    NO_TAPE,
     TOKENS,
     Observations,
     Output,
@@ -127,7 +126,14 @@ def _end_stroke(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcom
 
 @inlined
 def _reply(
-    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, tape: Tape, work: _Work, first: int, count: int
+    tables: Tables,
+    rows: Rows,
+    matches: MatchRows | None,
+    opponents: Opponents,
+    tape: Tape | None,
+    work: _Work,
+    first: int,
+    count: int,
 ) -> None:
     """Let opponents play in ``count`` rows of ``work`` until the learner is to decide or the episode is over."""
     block, state, replies = work.block, work.state, 0
@@ -145,7 +151,7 @@ def _reply(
             legal = core.legal_strokes(tables, s)
             k = table_choice(opponents.players, opponents.opponent[at], s, legal.pair, block.bits[r])
             core.put_stroke(tables, block, r, legal, k, rows.striker[at])
-            if tape.used.size:
+            if tape is not None:
                 note(tables, tape, int64(at), s, legal, k, 0, rows.striker[at])
                 note_more(tape, int64(at), 24, opponents.opponent[at])
         core.strike(tables, state, block, replies)
@@ -155,7 +161,7 @@ def _reply(
             rows.state[at] = state[r]
             rows.stroke[at] += 1
             rows.striker[at] ^= 1
-            if tape.used.size:
+            if tape is not None:
                 _note_outcome(matches, tape, int64(at), block.outcome[r])
             reward = _end_stroke(rows, matches, int64(opponents.seat[at]), int64(at), block.outcome[r])
             work.reward[at - np.uint64(first)] += reward
@@ -187,7 +193,7 @@ def _begin(
     rows: Rows,
     matches: MatchRows | None,
     opponents: Opponents | None,
-    tape: Tape,
+    tape: Tape | None,
     work: _Work,
     first: int,
     count: int,
@@ -231,7 +237,7 @@ def _reset(
     rows: Rows,
     matches: MatchRows | None,
     opponents: Opponents | None,
-    tape: Tape,
+    tape: Tape | None,
     which: Bools,
     serving: Serving,
 ) -> None:
@@ -263,7 +269,7 @@ def _count(
     rows: Rows,
     matches: MatchRows | None,
     opponents: Opponents,
-    tape: Tape,
+    tape: Tape | None,
     work: _Work,
     first: int,
     output: Output,
@@ -291,7 +297,7 @@ def _step(
     rows: Rows,
     matches: MatchRows | None,
     opponents: Opponents | None,
-    tape: Tape,
+    tape: Tape | None,
     other: I8,
     rank: I16,
     place: I16,
@@ -313,14 +319,14 @@ def _step(
         for j in range(size):
             core.put_stroke(tables, block, j, core.legal_strokes(tables, part.state[j]), ranks[j], part.striker[j])
             block.place[j] = places[j]
-        if tape.used.size:
+        if tape is not None:
             for j in range(size):
                 legal = core.legal_strokes(tables, part.state[j])
                 note(tables, tape, first + j, part.state[j], legal, ranks[j], places[j], part.striker[j])
                 if opponents is not None:
                     note_more(tape, first + j, 24, opponents.opponent[first + j])
         play(tables, part, block)
-        if tape.used.size:
+        if tape is not None:
             for j in range(size):
                 _note_outcome(matches, tape, first + j, block.outcome[j])
         if opponents is not None:
@@ -412,14 +418,14 @@ class RallyBatch:
         )
         self._other = (1 - self.opponents.seat) if self.n_opponents else np.full(batch, -1, np.int8)
         self._learns = None if opponents is None else self.opponents
-        self.tape = new_tape(batch) if record else NO_TAPE
+        self.tape = new_tape(batch) if record else None
         self.reset(seed)
 
     def __len__(self) -> int:
         return len(self.rows.state)
 
     @property
-    def _state(self) -> tuple[Tables, Rows, MatchRows | None, Opponents | None, Tape]:
+    def _state(self) -> tuple[Tables, Rows, MatchRows | None, Opponents | None, Tape | None]:
         return self._tables, self.rows, self.matches, self._learns, self.tape
 
     @property
@@ -472,7 +478,7 @@ class RallyBatch:
 
         An illegal action of learners is theirs, so that a rally without strokes was to be served by them.
         """
-        if not self.tape.used.size:
+        if self.tape is None:
             return
         code = CUT | np.uint64(reason << 20) | self.opponents.seat[rows].astype(np.uint64) << np.uint64(19)
         code |= self.opponents.opponent[rows].astype(np.uint64) << np.uint64(24)

@@ -64,10 +64,6 @@ def new_tape(batch: int) -> Tape:
     return Tape(np.zeros((batch, _NOTES), np.uint64), np.zeros(batch, np.int32))
 
 
-NO_TAPE: Final = Tape(np.empty((0, 0), np.uint64), np.empty(0, np.int32))
-"""A tape that records nothing."""
-
-
 @inlined
 def note(tables: Tables, tape: Tape, i: int, s: int, legal: core.Legal, k: int, place: int, seat: int) -> None:
     """Note the k-th legal stroke of a state in row i, before it is decided."""

@@ -118,6 +118,7 @@ class TapeReader:
 
     def _begin(self, seed: int) -> None:
         self._seed, self._numbers = seed, _Numbers(*np.zeros((3, len(self._batch)), np.int64))
+        assert self._batch.tape is not None
         self._batch.tape.used[:], self._batch.rows.live[:] = 0, False
 
     def reseed(self, seed: int) -> None:
@@ -129,6 +130,7 @@ class TapeReader:
     def step(self) -> None:
         """Read the tape if it is half full; it becomes longer if that is of rallies that continue."""
         tape = self._batch.tape
+        assert tape is not None
         if 2 * int(tape.used.max()) >= tape.code.shape[1]:
             self.read()
             if 4 * int(tape.used.max()) >= tape.code.shape[1]:
@@ -141,6 +143,7 @@ class TapeReader:
             KernelError: a row played more strokes in one step than the tape has room for.
         """
         batch, tape, game = self._batch, self._batch.tape, self._batch.game
+        assert tape is not None
         if tape.used.max() > tape.code.shape[1]:
             raise KernelError(f"{tape.used.max()} strokes of a row between two readings, and room for {tape.code.shape[1]}")
         most = int(tape.used.sum())
