@@ -110,7 +110,7 @@ def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) ->
         score, last, number = dataclasses.replace(score, points=after), first, int(rally[first])
 
 
-def game_end(points: Points, served: int | None, rules: Rules) -> tuple[Points, int | None, bool]:
+def game_end(points: Points, served: int | None, rules: Rules, *, stopped: bool = False) -> tuple[Points, int | None, bool]:
     """Points at the end of a game, its winner or None, and whether its last rally is added because the rules leave one end.
 
     The leader was one rally away from the game, and did win it, because the leader served first in the next game, or because
@@ -119,24 +119,20 @@ def game_end(points: Points, served: int | None, rules: Rules) -> tuple[Points, 
     Args:
         points: after its last rally in the data.
         served: who served first in the next game; None: not known.
+        stopped: whether the match was stopped in its last rally, so that nobody won the game.
     """
     leader, (low, high) = int(points[1] > points[0]), sorted(points)
-    over = bool(wins_game(high, low, rules))
-    missing = not over and served in (leader, None) and bool(wins_game(high + 1, low, rules))
+    over = not stopped and bool(wins_game(high, low, rules))
+    missing = not over and not stopped and served in (leader, None) and bool(wins_game(high + 1, low, rules))
     if missing:
         points = (points[0] + (leader == 0), points[1] + (leader == 1))
     return points, leader if over or missing else served, missing
 
 
-def final_points(last: RealRally) -> Points:
-    """Points at the end of a match with this last rally."""
-    return last.after if last.stopped else game_end(last.after, None, last.score.rules)[0]
-
-
 def winner_of(rallies: Sequence[RealRally]) -> int | None:
     """Seat that won a match; None: it was not finished."""
     last = rallies[-1]
-    won = None if last.stopped else game_end(last.after, None, last.score.rules)[1]
+    won = game_end(last.after, None, last.score.rules, stopped=last.stopped)[1]
     games = [last.score.games[seat] + (won == seat) for seat in (0, 1)]
     return games.index(max(games)) if max(games) >= last.score.rules.games else None
 

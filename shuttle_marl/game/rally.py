@@ -46,15 +46,8 @@ from shuttle_marl.game.tables import Game
 
 PER_STROKE: Final = ("stroke", "hurried", "waited", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
-OPTIONAL: Final = (
-    "seed",
-    "episode",
-    "ending",
-    "update",
-    "waited",
-    "log_probability",
-    "value",
-)  # columns of `Rallies` that may be missing
+OPTIONAL: Final = ("seed", "episode", "ending", "update", "waited", "log_probability", "value")
+"""Columns of :class:`Rallies` that may be missing."""
 
 
 def columns_of(game: Game, *others: str) -> tuple[str, ...]:

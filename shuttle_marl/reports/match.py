@@ -164,9 +164,10 @@ def score_of(
     for before, row in itertools.pairwise(rallies):
         if row.key[0] != before.key[0] and row.key[1] == 1:
             ends[before.key[0]] = ends[before.key[0]][0], row.server
-    found = {game: game_end(points, served, rules) for game, (points, served) in sorted(ends.items())}
-    if stopped:
-        found[max(ends)] = ends[max(ends)][0], 0, False
+    found = {
+        game: game_end(points, served, rules, stopped=stopped and game == max(ends))
+        for game, (points, served) in sorted(ends.items())
+    }
     return tuple(points for points, *_ in found.values()), tuple(game for game, (*_, added) in found.items() if added)
 
 

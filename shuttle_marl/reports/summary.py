@@ -13,7 +13,7 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import ShuttleError, whole_number
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import receiver_hands
-from shuttle_marl.data.matches import final_points, real_rallies, winner_of
+from shuttle_marl.data.matches import game_end, real_rallies, winner_of
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
@@ -139,7 +139,7 @@ def met(strokes: pa.Table, first: str, second: str) -> Met:
     for _, part in itertools.groupby(rallies, key=lambda rally: rally.match):
         played = [*part]
         last, mine = played[-1], played[0].players.index(first)
-        for game in (*last.score.finished, final_points(last)):
+        for game in (*last.score.finished, game_end(last.after, None, last.score.rules, stopped=last.stopped)[0]):
             points.append((game[mine], game[1 - mine]))
             if wins_game(max(game), min(game), last.score.rules):
                 games.append(game[mine] > game[1 - mine])
