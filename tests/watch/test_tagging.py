@@ -587,7 +587,7 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         viewer.until(lambda: not film("paused"), 10)
         viewer.press("c")  # shot keys sleep while the place is asked for
         assert "Shot keys sleep" in page.inner_text(".refusal")
-        viewer.press("6", "Backspace", "3", "i")
+        viewer.press("6", "Backspace", "4", "i")
         assert viewer.state("phase", "rally") == ["shot", 2]
         assert "Ada 1 : 0 Bea" in page.inner_text(".score")
         viewer.until(saved)
