@@ -35,7 +35,17 @@ hypothesis.settings.load_profile("repeatable")
 
 SLOW_PAGES: Final = tuple(
     f"docs/{name}"
-    for name in ("tutorials", "analysis.md", "api.md", "exact.md", "league.md", "rally_log.md", "suite/protocol.md")
+    for name in (
+        "tutorials",
+        "analysis.md",
+        "api.md",
+        "exact.md",
+        "foxglove.md",
+        "league.md",
+        "rally_log.md",
+        "suite/protocol.md",
+        "training.md",
+    )
 )
 """Pages, or folders of pages, whose code trains agents or plays tournaments; marked ``slow``."""
 _FILE_NAME: Final = re.compile(r"#\s*(\w+\.py)\n")
