@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import io
 import os
+import re
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -20,6 +21,9 @@ PAGE: Final = ROOT / "docs" / "commands.md"
 """The list of all commands; each has a page of its own in the folder ``commands`` beside it."""
 EXAMPLES: Final = tomllib.loads(Path(__file__).with_name("command_examples.toml").read_text(encoding="utf-8"))
 _WIDTH: Final = 110
+_OPTION: Final = re.compile(r"^  -.*\n(?: {6,}.*\n)*", re.MULTILINE)
+_EMPTY: Final = re.compile(r"^ options\n -+\n\n", re.MULTILINE)
+_REPEATED: Final = 10  # options that a form repeats, from which on they are left out
 _LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs", "men"]}
 """Forms of the command ``league`` with options of their own, and the arguments that choose them."""
 _HEAD: Final = """# Commands
@@ -65,17 +69,28 @@ def help_of(command: str, arguments: list[str]) -> str:
     return "\n".join(line.rstrip() for line in printed.getvalue().strip().splitlines())
 
 
+def without_repeats(text: str, seen: set[str]) -> str:
+    """A help text without the options that an earlier form of the command has with equal words; adds its own to ``seen``."""
+    options = {found[0]: " ".join(found[0].split()) for found in _OPTION.finditer(f"{text}\n")}
+    repeated = [option for option, words in options.items() if words in seen]
+    seen.update(options.values())
+    if len(repeated) < _REPEATED:
+        return text
+    kept = _OPTION.sub(lambda found: "" if found[0] in repeated else found[0], f"{text}\n").rstrip()
+    return f"{_EMPTY.sub('', kept)}\n\n {len(repeated)} more options are as above."
+
+
 def pages() -> Iterator[tuple[Path, str]]:
     """The pages, from the help of all commands."""
     yield PAGE, _HEAD + "".join(f"| [`{name}`](commands/{name}.md) | {about} |\n" for name, about in COMMANDS.items())
     for name, about in COMMANDS.items():
-        text = f"# shuttle-marl {name}\n\n{about[0].upper()}{about[1:]}.\n"
+        text, seen = f"# shuttle-marl {name}\n\n{about[0].upper()}{about[1:]}.\n", set[str]()
         for form, arguments in parts(name):
             if form != name:
                 text += f"\n## {form}\n"
             if example := EXAMPLES.get(form):
                 text += f"\n```bash\nshuttle-marl {example}\n```\n"
-            text += f"\n```text\n{help_of(name, arguments)}\n```\n"
+            text += f"\n```text\n{without_repeats(help_of(name, arguments), seen)}\n```\n"
         yield PAGE.with_suffix("") / f"{name}.md", text
 
 
