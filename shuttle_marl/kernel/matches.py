@@ -356,13 +356,19 @@ def _decisions(game: Game, state: I32, striker: I32, score: I32, history: I32 | 
 
 
 def asking(game: Game, policies: Sequence[Policy], *, positions: bool = False) -> Choose:
-    """Strokes, or positions, of policies that are evaluated at every stroke, see :func:`ask`; entrants are indices into them."""
-    one = ask_position if positions else ask
+    """Strokes, or positions, of policies: tables are read, others are asked at every stroke, see :func:`ask`.
+
+    Entrants are indices into the policies.
+    """
 
     def choose(entrant: I32, *situation: I32) -> Intp:
         k = np.empty(len(entrant), np.intp)
         for i in np.unique(entrant).tolist():
-            k[entrant == i] = one(policies[i], game, *(part[..., entrant == i] for part in situation))
+            policy, seen = policies[i], [part[..., entrant == i] for part in situation]
+            if isinstance(policy, TabulatedPolicy):
+                k[entrant == i] = (policy.choose_position if positions else policy.choose)(*seen[:2])
+            else:
+                k[entrant == i] = (ask_position if positions else ask)(policy, game, *seen)
         return k
 
     return choose
