@@ -72,12 +72,3 @@ def test_truth_finds_that_promises_come_true_in_the_game_itself(tmp_path: Path) 
     errors = [error for error in result["value_error"].values() if error["n"] >= 300]
     assert [error for error in errors if not is_near(error, error["points"], 0.0)] == []
     assert result["illegal"] == 0
-
-
-@pytest.mark.slow
-def test_self_play_resumes_with_more_variants(tmp_path: Path) -> None:
-    flags = ("--seeds", 2, "--out", tmp_path / "study", "--strokes", 20000)
-    first = result_of("experiments.self_play", *flags, "--variants", "plain")["rows"]
-    result = result_of("experiments.self_play", *flags, "--resume", "--variants", "plain", "pool")
-    assert [row["variant"] for row in result["rows"]] == ["plain", "pool"]
-    assert result["rows"][0]["each"] == first[0]["each"]
