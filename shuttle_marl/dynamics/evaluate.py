@@ -22,7 +22,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_sealed, with_hashes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.boosting import PARAMETERS, lightgbm
-from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, is_serve_pair
+from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES
 from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import fold_of_match, judged
@@ -327,34 +327,6 @@ def criteria(figures: dict[str, Any], limits: Mapping[str, tuple[float, float]] 
         name: (f"{name.replace('_', ' ')}: {limited[name]:.4g}, expected {low:g} to {high:g}", low <= limited[name] <= high)
         for name, (low, high) in limits.items()
     }
-
-
-def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[dict[str, Any]]]:
-    """The legal pairs with the highest and lowest fault and winner probabilities, with their support."""
-    good, returned, _ = game.stroke_probabilities(game.block_pairs(0))
-    rally = np.flatnonzero(~is_serve_pair(game))
-    probability = {"fault": 1 - good, "winner": good * (1 - returned)}
-    counts = {"fault": support.faults, "winner": support.winners}
-    limits = {"fault": support.fault_range, "winner": support.winner_range}
-    out: dict[str, list[dict[str, Any]]] = {}
-    for kind, sign in (("fault", 1), ("fault", -1), ("winner", 1), ("winner", -1)):
-        values = probability[kind][rally]
-        order = rally[np.argsort(-sign * values, kind="stable")]
-        # One pair per edge: the probability hardly depends on the striker's previous stroke.
-        _, first = np.unique(game.base_pair_edge[order], return_index=True)
-        listed = []
-        for pair in order[np.sort(first)][:count]:
-            edge = int(game.base_pair_edge[pair])
-            listed.append({
-                "state": game.describe(int(game.base_pair_state[pair])),
-                "stroke": game.catalogue.names[game.base_pair_stroke[pair]],
-                "probability": round(float(probability[kind][pair]), 5),
-                "strokes": round(float(support.strokes[edge]), 1),
-                "events": round(float(counts[kind][edge]), 1),
-                "range": [round(float(x), 5) for x in limits[kind][edge]],
-            })  # fmt: skip
-        out[f"{'highest' if sign > 0 else 'lowest'} {kind} probability"] = listed
-    return out
 
 
 def play_of_people(rows: Rows) -> dict[str, Any]:
