@@ -416,15 +416,15 @@ def factors_of(folder: Path) -> dict[str, Estimate] | None:
         raise GameError(f"{folder / CARD}: invalid factors of advantages ({error!r}); store them again with --truth") from error
 
 
-def factor_of(game: Game, horizon: str = "end") -> Estimate | None:
-    """Estimate of the advantages of a game at a horizon; None where it is not known: for games without a model or factors.
+def factor_of(game: Game) -> Estimate | None:
+    """Factor of the advantages of a game at the end of the rally; None where it is not known: without a model or factors.
 
     Raises:
         GameError: the model card cannot be read.
     """
     folder = folder_of(game)
     factors = None if folder is None else factors_of(folder)
-    return None if factors is None else factors.get(horizon)
+    return None if factors is None else factors.get("end")
 
 
 def real_play(game: Game) -> dict[str, Any] | None:
