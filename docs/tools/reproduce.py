@@ -163,8 +163,8 @@ def remake(name: str, result: Result) -> str:
         for place, path in places.items():
             command = command.replace(place, shlex.quote(path))
         words = [sys.executable, "-m", *shlex.split(command)]
-        place = checkout(result.at, Path(folder) / "checkout") if result.at else ROOT
-        done = subprocess.run(words, cwd=place, stdout=subprocess.PIPE, text=True, check=False)
+        here = checkout(result.at, Path(folder) / "checkout") if result.at else ROOT
+        done = subprocess.run(words, cwd=here, stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode != 0:
             raise ReproduceError(f"python -m {command}: exit status {done.returncode}")
         text = out.read_text(encoding="utf-8") if _OUT in result.command else done.stdout
