@@ -332,8 +332,7 @@ def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: 
     Raises:
         PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
-    states = _decisions(game, state, striker, score, *rally)
-    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states), draw))
+    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, _decisions(game, state, striker, score, *rally)), draw))
     if (rank < 0).any():
         raise PolicyError(f"{called(policy)}: no legal stroke was drawn")
     return rank.astype(np.intp)
@@ -360,15 +359,13 @@ def asking(game: Game, policies: Sequence[Policy], *, positions: bool = False) -
 
     Entrants are indices into the policies.
     """
+    read, evaluate = (TabulatedPolicy.choose_position, ask_position) if positions else (TabulatedPolicy.choose, ask)
 
     def choose(entrant: I32, *situation: I32) -> Intp:
         k = np.empty(len(entrant), np.intp)
         for i in np.unique(entrant).tolist():
             policy, seen = policies[i], [part[..., entrant == i] for part in situation]
-            if isinstance(policy, TabulatedPolicy):
-                k[entrant == i] = (policy.choose_position if positions else policy.choose)(*seen[:2])
-            else:
-                k[entrant == i] = (ask_position if positions else ask)(policy, game, *seen)
+            k[entrant == i] = read(policy, *seen[:2]) if isinstance(policy, TabulatedPolicy) else evaluate(policy, game, *seen)
         return k
 
     return choose
