@@ -234,10 +234,6 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
     ("league_report.png",): (_league_report, _RANKING),
     ("match_report.png", "scouting_report.png"): (_reports, _GAME),
     ("learning_curves.png",): (_learning_curves, "experiments/results/win_rates.json"),
-    ("reliability.png",): (
-        _module("shuttle_marl.dynamics", "card", "--plot", str(IMAGES / "reliability.png")),
-        "shuttle_marl/models/default/card.json",
-    ),
     ("rally.png",): (_rally, _GAME),
     ("suite_exploit.svg",): (
         _module("shuttle_marl.suite", "figure", "exploit-v1", "--out", str(IMAGES / "suite_exploit.svg")),

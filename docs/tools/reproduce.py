@@ -2,9 +2,10 @@
 
 A table is made from a result file by :mod:`docs.tools.tables`; the result file is made by a command. The result of a second run
 of that command is compared with the saved one, number by number, within a tolerance: 0 where a seed determines the result, a
-relative difference where versions of PyTorch or the machine change it. Speeds are compared within a factor of two, and differ by
-more between machines. ``--save`` keeps the time and the greatest difference in ``reproduced.json``, and a result that differs.
-A time in words is an estimate. Tables without a result file are checked by ``docs.tools.tables --check``.
+relative difference where versions of PyTorch or the machine change it. Speeds are compared within a factor of two, and differ
+by more between machines. Studies that are finished run at the commit that has their program. ``--save`` keeps the time and the
+greatest difference in ``reproduced.json``, and a result that differs. A time in words is an estimate. Tables without a result
+file are checked by ``docs.tools.tables --check``.
 
 ``--part K/N`` makes every N-th result again, for the jobs of a scheduled workflow, ``--part 1/1`` all of them. ``--seconds S``
 makes results again that fit into so much time, other ones every day. Both leave out speeds.
@@ -157,12 +158,13 @@ def remake(name: str, result: Result) -> str:
         raise ReproduceError(f"{name} needs the annotated matches; set SHUTTLESET to their folder (shuttle-marl data download)")
     with tempfile.TemporaryDirectory() as folder:
         out, run = Path(folder) / "result.json", Path(folder) / "run"
-        places = {_OUT: str(out), "runs/again": str(run), _DATA: data}
+        places = {_OUT: str(out), "runs/again": str(run), _DATA: data and str(Path(data).absolute())}
         command = result.command
         for place, path in places.items():
             command = command.replace(place, shlex.quote(path))
-        words = shlex.split(command)
-        done = subprocess.run([sys.executable, "-m", *words], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+        words = [sys.executable, "-m", *shlex.split(command)]
+        here = checkout(result.at, Path(folder) / "checkout") if result.at else ROOT
+        done = subprocess.run(words, cwd=here, stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode != 0:
             raise ReproduceError(f"python -m {command}: exit status {done.returncode}")
         text = out.read_text(encoding="utf-8") if _OUT in result.command else done.stdout
@@ -170,6 +172,21 @@ def remake(name: str, result: Result) -> str:
     for place, path in places.items():
         text = text.replace(path, names.get(place, place)) if path else text
     return text
+
+
+def checkout(commit: str, folder: Path) -> Path:
+    """Write the files of a commit to a new folder, and return it.
+
+    Raises:
+        ReproduceError: this clone does not have the commit.
+    """
+    folder.mkdir()
+    try:
+        files = subprocess.run(["git", "archive", commit], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise ReproduceError(f"no commit {commit} here, which has the program; git fetch --unshallow gets it") from error
+    subprocess.run(["tar", "-x", "-C", str(folder)], input=files, check=True)
+    return folder
 
 
 def check(table: str, *, save: bool = False) -> list[str]:

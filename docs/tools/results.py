@@ -35,6 +35,7 @@ class Result:
     estimate: str = ""
     speeds: tuple[str, ...] = ()
     compared: bool = True
+    at: str = ""  # commit that has the program; empty: this one
     earlier: bool = False  # whether an earlier game gave it
 
 

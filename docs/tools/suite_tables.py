@@ -20,9 +20,9 @@ _SIMPLE: Final[dict[str, Sequence[str]]] = {
     "equilibrium": ("minimax-deterministic",),
     "offline": ("shipped-minimax", "shipped-best-response"),
     "evaluate": ("behaviour",),
-    "adapt": tuple(f"mixture-without-{part}" for part in ("levels", "weights", "places", "change")),
+    "adapt": ("minimax", "best-response-bc"),
 }
-"""Methods that should not be the best, by kind of task: lists, those that ignore what they are given, and ablations."""
+"""Methods that should not be the best, by kind of task: lists, and those that ignore what they are given."""
 
 
 def _rows(task: str) -> list[Row]:

@@ -19,13 +19,13 @@ from experiments.truth.worlds import (
     judged_by,
     marked,
     shipped_world,
-    thin_support,
     transfer,
 )
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.simulated import simulate
+from shuttle_marl.dynamics.evaluate import health
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.policy import UniformPolicy, tabulate
@@ -109,7 +109,7 @@ def compare(
         "divergence": likeness.divergence(simulated, real, seed),
         "recovery": recovery_effects(parts, seed),
         "random_vs_bc": float(np.mean([_random_wins(world) for world, _ in parts])),
-        "support": _mean([thin_support(world) for world, _ in parts]),
+        "support": _mean([health(world.bc, world.behind)["thin"] for world, _ in parts]),
     }
 
 

@@ -31,7 +31,7 @@ from shuttle_marl.dynamics.fit import Fit, fit
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import QUICK
 from shuttle_marl.dynamics.recovery import FittedRecovery, fit_recovery, load_recovery
-from shuttle_marl.exact import best_response, evaluate, solve, visits
+from shuttle_marl.exact import best_response, evaluate, solve
 from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.shipped import CARD, NETWORKS, PROFILES, load_game, model_folder, variant_of
@@ -270,15 +270,3 @@ def _summary(pairs: Any) -> dict[str, float]:
         "high": float(kept.mean() + width),
         "directions": len(kept),
     }
-
-
-def thin_support(world: World) -> dict[str, float]:
-    """Share of the strokes of each policy with fewer than five real ones in the innermost cell of data."""
-    response, perfect = best_response(world.bc).policy, solve(world.game).policy[0]
-    thin = world.behind[world.game.base_pair_edge] < 5
-    profiles = {"bc": (world.bc, world.bc), "best_response": (response, world.bc), "minimax": (perfect, perfect)}
-    out = {}
-    for name, (policy, opponent) in profiles.items():
-        played = visits(policy, opponent).base_pairs(0).sum(axis=0)
-        out[name] = float(played[thin].sum() / played.sum())
-    return out

@@ -117,7 +117,6 @@ def evaluate(
 def card(
     model: str = "default",
     json: bool = False,
-    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     truth: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
 ) -> None:
     """Print the card of a model.
@@ -125,12 +124,11 @@ def card(
     Args:
         model: name of a shipped model, or a model folder.
         json: print JSON instead of Markdown.
-        plot: write the reliability diagrams to this PNG file.
         truth: first store this output of `python -m experiments.truth --json` in the card.
     """
     from jinja2 import UndefinedError  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.dynamics.evaluate import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
+    from shuttle_marl.dynamics.evaluate import add_truth, as_markdown  # noqa: PLC0415  scipy
 
     if truth is not None:
         try:
@@ -140,8 +138,6 @@ def card(
     content = read_model_card(model_folder(model))
     try:
         sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
-        if plot is not None:
-            plot_reliability(content, plot)
     except (UndefinedError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
 

@@ -22,7 +22,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_sealed, with_hashes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.boosting import PARAMETERS, lightgbm
-from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, is_serve_pair
+from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES
 from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import fold_of_match, judged
@@ -140,13 +140,13 @@ def _read(rows: Rows, models: FittedModels) -> dict[str, Ints]:
     return {**rows.codes, **models.situations.codes(rows), "next_contact": rows.next_contact}
 
 
-def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = True) -> tuple[F64, F64, F64]:
+def next_stroke_probabilities(models: FittedModels, rows: Rows) -> tuple[F64, F64, F64]:
     """Predictions of the behaviour-cloned players for each row.
 
     Returns:
         ``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the actual shot type.
     """
-    player = models.choices.index(rows.striker) if own else np.full(len(rows), -1)
+    player = models.choices.index(rows.striker)
     choice = models.choices.shifted_choice(models.choice(rows.codes), rows.codes, player)
     styles = choice.reshape(len(rows), N_SHOTS, N_TECHNIQUES)
     area = np.zeros((len(rows), N_AREAS))
@@ -329,34 +329,6 @@ def criteria(figures: dict[str, Any], limits: Mapping[str, tuple[float, float]] 
     }
 
 
-def extremes(game: Game, support: Support, count: int = 10) -> dict[str, list[dict[str, Any]]]:
-    """The legal pairs with the highest and lowest fault and winner probabilities, with their support."""
-    good, returned, _ = game.stroke_probabilities(game.block_pairs(0))
-    rally = np.flatnonzero(~is_serve_pair(game))
-    probability = {"fault": 1 - good, "winner": good * (1 - returned)}
-    counts = {"fault": support.faults, "winner": support.winners}
-    limits = {"fault": support.fault_range, "winner": support.winner_range}
-    out: dict[str, list[dict[str, Any]]] = {}
-    for kind, sign in (("fault", 1), ("fault", -1), ("winner", 1), ("winner", -1)):
-        values = probability[kind][rally]
-        order = rally[np.argsort(-sign * values, kind="stable")]
-        # One pair per edge: the probability hardly depends on the striker's previous stroke.
-        _, first = np.unique(game.base_pair_edge[order], return_index=True)
-        listed = []
-        for pair in order[np.sort(first)][:count]:
-            edge = int(game.base_pair_edge[pair])
-            listed.append({
-                "state": game.describe(int(game.base_pair_state[pair])),
-                "stroke": game.catalogue.names[game.base_pair_stroke[pair]],
-                "probability": round(float(probability[kind][pair]), 5),
-                "strokes": round(float(support.strokes[edge]), 1),
-                "events": round(float(counts[kind][edge]), 1),
-                "range": [round(float(x), 5) for x in limits[kind][edge]],
-            })  # fmt: skip
-        out[f"{'highest' if sign > 0 else 'lowest'} {kind} probability"] = listed
-    return out
-
-
 def play_of_people(rows: Rows) -> dict[str, Any]:
     """The play of people.
 
@@ -427,20 +399,3 @@ def as_markdown(card: dict[str, Any]) -> str:
         shots=SHOTS,
         exp=math.exp,
     )
-
-
-def plot_reliability(card: dict[str, Any], path: Path) -> None:
-    """Plot the three reliability diagrams."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
-
-    figure = Figure(figsize=(10, 3.4), layout="constrained")
-    for axes, name in zip(figure.subplots(1, 3), ("success", "return", "contact"), strict=True):
-        bins = card["validation"][name]["reliability"]
-        predicted, observed = (np.array([b[key] for b in bins]) for key in ("predicted", "observed"))
-        spread = 1.96 * np.sqrt(np.maximum(observed * (1 - observed), 1e-6) / np.array([b["rows"] for b in bins]))
-        low = min(predicted.min(), observed.min()) - 0.02
-        axes.plot([low, 1], [low, 1], color="0.7", linewidth=1)
-        axes.errorbar(predicted, observed, yerr=spread, fmt="o", markersize=4, color="#0b6e4f", linewidth=1)
-        axes.set(title=f"{name} (ECE {card['validation'][name]['ece']:.4f})", xlabel="predicted", ylabel="observed")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)

@@ -35,7 +35,6 @@ from shuttle_marl.dynamics.evaluate import (
     REQUIRED,
     criteria,
     evaluate,
-    extremes,
     health,
     play_of_people,
     variety_of,
@@ -245,7 +244,6 @@ def fit_model(
         "skill": summary(skill, check(fitted.predicted, sources, skill.sd)),
         "validation": evaluate(fitted.models, train, validation, report=report),
         "health": solved,
-        "extremes": extremes(game, fitted.support),
     }
     if start is not None:
         variants |= refits_from(start, game, fitted.chosen["prior"]["deviations"], seed, refits)

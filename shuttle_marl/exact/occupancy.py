@@ -38,7 +38,7 @@ from shuttle_marl.base.arrays import F64, I8, I32, U8, U16, Intp
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, ProfileValue, accelerated, successors, sweep
 from shuttle_marl.exact.optimal import Response, Solution, best_response, limited, solve
-from shuttle_marl.exact.profile import InducedChain, StatePolicy, check_opponents, evaluate_chains, facing, induced
+from shuttle_marl.exact.profile import StatePolicy, check_opponents, evaluate, facing, induced
 from shuttle_marl.exact.sweeps import propagate
 from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.policy import TabulatedPolicy
@@ -109,7 +109,6 @@ def visits(
     *,
     server: Literal[0, 1] | None = None,
     tolerance: float = TOLERANCE,
-    chains: tuple[InducedChain, InducedChain] | None = None,
 ) -> Visits:
     """Expected visits when player 0 plays ``policy`` and player 1 plays ``opponent``.
 
@@ -126,7 +125,7 @@ def visits(
     """
     check_opponents(policy.game, opponent.game)
     policy, opponent = facing(policy, opponent)
-    chains = chains or (induced(policy), induced(opponent))
+    chains = induced(policy), induced(opponent)
     backward = [functools.partial(propagate, chain.game, chain.chance) for chain in chains]
     size = len(chains[0].reward)
     start = np.zeros((2, size))
@@ -208,9 +207,8 @@ def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float 
     """
     check_opponents(policy.game, opponent.game)
     policy, opponent = facing(policy, opponent)
-    chains = induced(policy), induced(opponent)
-    value = evaluate_chains(*chains, tolerance=tolerance)
-    seen = visits(policy, opponent, tolerance=tolerance, chains=chains)
+    value = evaluate(policy, opponent, tolerance=tolerance)
+    seen = visits(policy, opponent, tolerance=tolerance)
     win = np.zeros((2, 3, N_SHOTS))
     for player, played in enumerate((policy, opponent)):
         game, following = played.game, value.striking[1 - player]

@@ -19,7 +19,7 @@ from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Odds
 from shuttle_marl.exact.optimal import Solution, best_response, restricted_response, restricted_value
-from shuttle_marl.exact.profile import check_opponents, evaluate, evaluate_chains, induced, moved
+from shuttle_marl.exact.profile import check_opponents, evaluate, moved
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.scoring import BWF, Rules, count_rally, match_win_probability, open_scores
 from shuttle_marl.game.tables import Game
@@ -71,18 +71,10 @@ def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Od
     ordered = [(a, b) if (a.hash, a.game.hash) <= (b.hash, b.game.hash) else (b, a) for a, b in pairs]
     keys = [key_of("pair", a.game.hash, b.game.hash, a.hash, b.hash, repr(tolerance)) for a, b in ordered]
 
-    def solve(missing: list[Pair]) -> Iterable[Odds]:
-        used = {id(policy): policy for pair in missing for policy in pair if policy.game.recovery is None}
-        chains = dict(zip(used, in_threads(induced, list(used.values())), strict=True))
+    def solve(pair: Pair) -> Odds:
+        return evaluate(*pair, tolerance=tolerance).odds()
 
-        def odds(pair: Pair) -> Odds:
-            if pair[0].game.recovery is not None:  # the tables depend on both
-                return evaluate(*pair, tolerance=tolerance).odds()
-            return evaluate_chains(*(chains[id(policy)] for policy in pair), tolerance=tolerance).odds()
-
-        return in_threads(odds, missing)
-
-    found = zip(pairs, ordered, _cached(keys, ordered, solve), strict=True)
+    found = zip(pairs, ordered, _cached(keys, ordered, lambda missing: in_threads(solve, missing)), strict=True)
     return [odds if pair[0] is first else _swapped(odds) for pair, (first, _), odds in found]
 
 

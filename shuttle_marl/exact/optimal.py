@@ -33,7 +33,6 @@ from shuttle_marl.exact.fixed_point import (
     successors,
 )
 from shuttle_marl.exact.profile import (
-    InducedChain,
     PairPolicy,
     StatePolicy,
     block_chances,
@@ -235,12 +234,12 @@ class Exploitability:
 
 
 def best_response(
-    policy: StatePolicy | InducedChain, *, game: Game | None = None, at_least: float = 0, tolerance: float = TOLERANCE
+    policy: StatePolicy, *, game: Game | None = None, at_least: float = 0, tolerance: float = TOLERANCE
 ) -> Response:
     """The best response to a policy.
 
     Args:
-        policy: of the opponent, player 1, or its chain.
+        policy: of the opponent, player 1.
         game: the tables with which the responder, player 0, strikes; None: the symmetric game, or those of the other player of
             the pair.
         at_least: real strokes in the data behind every stroke of the response; in a state without such a stroke it plays the one
@@ -255,14 +254,12 @@ def best_response(
     return _response(tables, policy, 1.0, at_least, tolerance)
 
 
-def _response(tables: Game, policy: StatePolicy | InducedChain, p: float, at_least: float, tolerance: float) -> Response:
+def _response(tables: Game, policy: StatePolicy, p: float, at_least: float, tolerance: float) -> Response:
     """The best response to an opponent who follows a policy with probability ``p`` at each choice, and else chooses best."""
     own: _BestStrokes | Saddle
     opponent: Striker
     game = limited(tables, at_least)
     if game.recovery is not None:
-        if isinstance(policy, InducedChain):
-            raise ExactError("a best response with recovery needs the policy, not its chain")
         if p == 1:
             own = _BestStrokes((met(game, policy.position_probabilities()),))
         else:
@@ -270,20 +267,20 @@ def _response(tables: Game, policy: StatePolicy | InducedChain, p: float, at_lea
         strokes = tuple(block_chances(policy, block) for block in range(game.n_blocks))
         opponent = Saddle((policy.game,), strokes=strokes, share=p)
     else:
-        own, opponent = _BestStrokes((game,)), policy if isinstance(policy, InducedChain) else induced(policy)
+        own, opponent = _BestStrokes((game,)), induced(policy)
         opponent = opponent if p == 1 else _Restricted(opponent, own if game is policy.game else _BestStrokes((policy.game,)), p)
     value, sweeps = solve_players(own, opponent, tolerance)
     return Response(game=tables, player=own, opponent=opponent, value=value, sweeps=sweeps)
 
 
-def restricted_response(policy: StatePolicy | InducedChain, p: float, *, tolerance: float = TOLERANCE) -> Response:
+def restricted_response(policy: StatePolicy, p: float, *, tolerance: float = TOLERANCE) -> Response:
     """The best response to an opponent who plays a policy with probability ``p`` at each stroke, and else the best stroke.
 
     The restricted Nash response (Johanson, Zinkevich & Bowling, NeurIPS 2007), with the restriction drawn for each stroke rather
     than for a whole rally: 1 is the best response to the policy, 0 is minimax.
 
     Args:
-        policy: of the opponent, player 1, or its chain.
+        policy: of the opponent, player 1.
         p: from 0 to 1.
 
     Returns:
@@ -323,7 +320,7 @@ def restricted_value(policy: StatePolicy, opponent: StatePolicy, p: float, *, to
 class _Restricted:
     """A player who follows a policy with probability ``p`` at each stroke, and else plays the best stroke."""
 
-    chain: InducedChain
+    chain: Striker
     free: "_BestStrokes | Saddle"
     p: float
 

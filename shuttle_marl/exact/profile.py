@@ -7,6 +7,7 @@ positions (:func:`met`): everything else that is exact is computed there.
 import dataclasses
 import functools
 import operator
+import weakref
 from typing import Final, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
@@ -237,12 +238,22 @@ def block_chances(policy: StatePolicy, block: int) -> Chances:
     return policy.block_units(block) if isinstance(policy, TabulatedPolicy) else policy.block_probabilities(block)
 
 
+_CHAINS: Final[weakref.WeakKeyDictionary[StatePolicy, InducedChain]] = weakref.WeakKeyDictionary()
+
+
 def induced(policy: StatePolicy) -> InducedChain:
-    """The chain of a policy, with the exact probabilities of its table.
+    """The chain of a policy, with the exact probabilities of its table; kept as long as the policy.
 
     Raises:
         ExactError: a rally under the policy may never end.
     """
+    found = _CHAINS.get(policy)
+    if found is None:
+        found = _CHAINS[policy] = _induced(policy)
+    return found
+
+
+def _induced(policy: StatePolicy) -> InducedChain:
     game = policy.game
     reward, largest = np.empty(game.n_states), 0.0
     chances: list[Chances] = []
@@ -333,10 +344,4 @@ def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = T
     """
     check_opponents(policy.game, opponent.game)
     policy, opponent = facing(policy, opponent)
-    first = induced(policy)
-    return evaluate_chains(first, first if opponent is policy else induced(opponent), tolerance=tolerance)
-
-
-def evaluate_chains(first: InducedChain, second: InducedChain, *, tolerance: float = TOLERANCE) -> ProfileValue:
-    """:func:`evaluate` for known chains of games with the same layout."""
-    return solve_players(first, second, tolerance, affine=True)[0]
+    return solve_players(induced(policy), induced(opponent), tolerance, affine=True)[0]

@@ -18,7 +18,7 @@ of :mod:`shuttle_marl.game.rules`, without the cost of numpy calls on single num
 import bisect
 import dataclasses
 import functools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -128,29 +128,6 @@ class Rally:
     ends_changed: bool = False
     hands: Hands = ("right", "right")
     waited: I64 | None = None
-
-    @classmethod
-    def from_strokes(cls, catalogue: Catalogue, strokes: Iterable[tuple[int, int, int]]) -> "Rally":
-        """Build a rally from its strokes.
-
-        Args:
-            strokes: seat of the striker, catalogue index and outcome of each stroke.
-
-        Raises:
-            RallyError: seats that do not alternate, outcomes that contradict the strokes, or see :meth:`checked`. Whether a
-                striker was hurried follows from the outcome before, so nothing can contradict that.
-        """
-        rows = np.array(list(strokes), dtype=np.int64).reshape(-1, 3)
-        if not len(rows):
-            raise RallyError("a rally without strokes; expected at least the serve")
-        seat, stroke, outcome = rows.T
-        if (seat != (seat[0] + np.arange(len(seat))) % 2).any():
-            raise RallyError(f"seats {seat.tolist()}: expected two players who take turns")
-        hurried = np.r_[False, outcome[:-1] >= HURRIED_BELOW]
-        rally = cls(catalogue=catalogue, server=int(seat[0]), stroke=stroke, hurried=hurried, ending=int(outcome[-1])).checked()
-        if (outcome != rally.outcome).any():
-            raise RallyError(f"outcomes {outcome.tolist()}: the heights of the strokes give {rally.outcome.tolist()}")
-        return rally
 
     def checked(self) -> "Rally":
         """Return this rally.

@@ -127,8 +127,7 @@ def game_of(origin: Origin) -> Game:
     elif tables is not None and (folder / tables).is_file():
         game = Game.load(folder / tables)
     else:
-        tensors, (equal, opposite) = _variants(folder), hands_of_variant(variant)
-        known = {} if tensors is None else _hashes_of(tensors, folder)
+        (tensors, known), (equal, opposite) = _variants(folder), hands_of_variant(variant)
         if opposite and equal in known:
             game = between_hands(game_of(Origin(folder, equal)), folder)
         elif tensors is None or variant not in known:
@@ -185,9 +184,7 @@ def variants(name: str | Path = "default") -> list[str]:
     Raises:
         GameError: the model does not exist, or its file of variants is damaged.
     """
-    folder = name if isinstance(name, Path) else model_folder(name)
-    tensors = _variants(folder)
-    return [] if tensors is None else list(_hashes_of(tensors, folder))
+    return list(_variants(name if isinstance(name, Path) else model_folder(name))[1])
 
 
 def origin_named(name: str) -> Origin:
@@ -222,27 +219,15 @@ def between_hands(equal: Game, folder: Path) -> Game:
     return moved(opposite, np.where(same < 0, np.int8(0), steps_between(model, equal)[:, same]), equal.fault_odds)
 
 
-def _variants(folder: Path) -> Tensors | None:
-    """The file of variants of a model; None: it has none."""
-    try:
-        return read_model(folder, VARIANTS) if (folder / VARIANTS).is_file() else None
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise _damaged(folder, error) from error
-
-
-def _hashes_of(tensors: Tensors, folder: Path) -> dict[str, str]:
-    """Hash of each variant in a file, by name."""
-    try:
+def _variants(folder: Path) -> tuple[Tensors | None, dict[str, str]]:
+    """The file of variants of a model, None if it has none, and the hash of each by name."""
+    if not (folder / VARIANTS).is_file():
+        return None, {}
+    with readable(folder, VARIANTS, "variants") as tensors:
         hashes = parsed(tensors.metadata["variants"])["hashes"]
         if not isinstance(hashes, dict) or not all(isinstance(value, str) for value in hashes.values()):
             raise ValueError("the variants are no table of names and hashes")
-    except (KeyError, TypeError, ValueError) as error:
-        raise _damaged(folder, error) from error
-    return hashes
-
-
-def _damaged(folder: Path, error: Exception) -> GameError:
-    return GameError(f"{folder / VARIANTS}: no readable variants ({error}); fit or install the model again")
+        return tensors, hashes
 
 
 def unpacked(tensors: Tensors, game: Game, name: str, folder: Path) -> Game:
@@ -252,15 +237,16 @@ def unpacked(tensors: Tensors, game: Game, name: str, folder: Path) -> Game:
         GameError: it is no file of variants of this game, or the tables form no game.
     """
     try:
-        if parsed(tensors.metadata["variants"])["game"] != game.hash:
+        about = parsed(tensors.metadata["variants"])
+        if about["game"] != game.hash:
             raise ValueError("its variants are of another game")
         steps = np.empty((5, game.n_base_pairs), dtype=np.int8)
         steps[:, _order(game)] = unpacked_bytes(tensors.arrays[f"{name}.steps"], np.int8, steps.shape)
         variant = moved(game, steps, np.ascontiguousarray(tensors.arrays[f"{name}.fault_odds"]))
-        if variant.hash != _hashes_of(tensors, folder)[name]:
+        if variant.hash != about["hashes"][name]:
             raise ValueError(f"variant {name} does not match its hash")
     except (KeyError, TypeError, ValueError, GameError) as error:
-        raise _damaged(folder, error) from error
+        raise GameError(f"{folder / VARIANTS}: no readable variants ({error}); fit or install the model again") from error
     return variant
 
 
@@ -430,15 +416,15 @@ def factors_of(folder: Path) -> dict[str, Estimate] | None:
         raise GameError(f"{folder / CARD}: invalid factors of advantages ({error!r}); store them again with --truth") from error
 
 
-def factor_of(game: Game, horizon: str = "end") -> Estimate | None:
-    """Estimate of the advantages of a game at a horizon; None where it is not known: for games without a model or factors.
+def factor_of(game: Game) -> Estimate | None:
+    """Factor of the advantages of a game at the end of the rally; None where it is not known: without a model or factors.
 
     Raises:
         GameError: the model card cannot be read.
     """
     folder = folder_of(game)
     factors = None if folder is None else factors_of(folder)
-    return None if factors is None else factors.get(horizon)
+    return None if factors is None else factors.get("end")
 
 
 def real_play(game: Game) -> dict[str, Any] | None:
@@ -493,8 +479,8 @@ def _shipped_origins(*, positions: bool = False) -> dict[str, Origin]:
         kinds = itertools.product((None, *PROFILES), (False, True), (False, True))
         origins = [Origin(folder, variant_of(name, opposite=opposite), recovery) for name, opposite, recovery in kinds]
         return {game_of(origin).hash: origin for origin in origins}
-    variants = {} if (tensors := _variants(folder)) is None else _hashes_of(tensors, folder)
-    return {load_game("default").hash: Origin(folder), **{value: Origin(folder, name) for name, value in variants.items()}}
+    hashes = _variants(folder)[1]
+    return {load_game("default").hash: Origin(folder), **{value: Origin(folder, name) for name, value in hashes.items()}}
 
 
 def refits_of(game: Game) -> tuple[Game, ...]:

@@ -332,8 +332,7 @@ def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: 
     Raises:
         PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
-    states = _decisions(game, state, striker, score, *rally)
-    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states), draw))
+    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, _decisions(game, state, striker, score, *rally)), draw))
     if (rank < 0).any():
         raise PolicyError(f"{called(policy)}: no legal stroke was drawn")
     return rank.astype(np.intp)
@@ -356,13 +355,17 @@ def _decisions(game: Game, state: I32, striker: I32, score: I32, history: I32 | 
 
 
 def asking(game: Game, policies: Sequence[Policy], *, positions: bool = False) -> Choose:
-    """Strokes, or positions, of policies that are evaluated at every stroke, see :func:`ask`; entrants are indices into them."""
-    one = ask_position if positions else ask
+    """Strokes, or positions, of policies: tables are read, others are asked at every stroke, see :func:`ask`.
+
+    Entrants are indices into the policies.
+    """
+    read, evaluate = (TabulatedPolicy.choose_position, ask_position) if positions else (TabulatedPolicy.choose, ask)
 
     def choose(entrant: I32, *situation: I32) -> Intp:
         k = np.empty(len(entrant), np.intp)
         for i in np.unique(entrant).tolist():
-            k[entrant == i] = one(policies[i], game, *(part[..., entrant == i] for part in situation))
+            policy, seen = policies[i], [part[..., entrant == i] for part in situation]
+            k[entrant == i] = read(policy, *seen[:2]) if isinstance(policy, TabulatedPolicy) else evaluate(policy, game, *seen)
         return k
 
     return choose

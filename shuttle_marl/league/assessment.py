@@ -180,7 +180,6 @@ def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
 def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style]:
     """Styles of policies by name; empty if the game has no ``bc``."""
     from shuttle_marl.exact import moved, visits  # noqa: PLC0415  numba
-    from shuttle_marl.exact.profile import induced  # noqa: PLC0415  numba
 
     try:
         (people,) = tabulated(PEOPLE, game)
@@ -188,12 +187,11 @@ def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style
         return {}
     usual = people.pair_probabilities()
     theirs = people if game.opposite is game else moved(people, game.opposite)
-    chain = induced(theirs)
     met = visits(people, theirs, tolerance=_TOLERANCE).states
     weight = game.of_pairs((met[0] + met[1]) / (met[0] + met[1]).sum())
 
     def style(policy: TabulatedPolicy) -> Style:
-        seen = visits(policy, theirs, tolerance=_TOLERANCE, chains=(induced(policy), chain))
+        seen = visits(policy, theirs, tolerance=_TOLERANCE)
         mix = dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))
         rallying = sum(mix[shot] for shots in AXES.values() for shot in shots)
         return Style(

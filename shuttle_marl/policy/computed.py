@@ -195,7 +195,8 @@ class StoredPolicies:
         """
         path = policy_file(self.folder, digest)
         try:
-            policy = TabulatedPolicy.unpacked(read_file(path, 4 * self.game.n_pairs), self.game, str(path))
+            size = 4 * (self.game.n_pairs + N_POSITIONS * self.game.n_states)
+            policy = TabulatedPolicy.unpacked(read_file(path, size), self.game, str(path))
         except (OSError, ValueError, zstandard.ZstdError) as error:
             raise PolicyError(f"{path}: the policy cannot be read ({problem(error)}); run again what wrote it") from error
         if policy.hash != digest:

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.base.arrays import F32, F64, I32, Bools
+from shuttle_marl.base.arrays import F64, I32, Bools
 from shuttle_marl.base.errors import described
 from shuttle_marl.base.extras import install_hint
 from shuttle_marl.base.files import parsed, problem, read_file, replace_file
@@ -47,7 +47,6 @@ FUNCTIONS: Final[dict[str, Callable[[F64], F64]]] = {
 }
 """Activations between the layers of a file."""
 _TORCH_NAMES: Final = dict(zip(("ReLU", "Tanh", "Sigmoid", "LeakyReLU", "ELU", "SiLU"), FUNCTIONS, strict=True))
-_NO_EFFECT: Final = ("Dropout", "Identity", "Flatten")  # modules without effect in evaluation mode
 _REMEDY: Final = (
     f"a file holds Linear modules with one of {', '.join(_TORCH_NAMES)} between them, the same everywhere and with its default "
     "settings; play other networks through from_network and module:attribute"
@@ -164,59 +163,39 @@ def _layers(linear: Sequence[tuple[F64, F64]], function: str, seen: npt.NDArray[
 def save_network(module: Any, path: Path | str) -> None:
     """Write a network to a safetensors file, which is played as ``torch:FILE``.
 
-    The modules are recorded in a call, and the policy of the file is compared with that of the network on observations.
+    The policy of the file is compared with that of the network on observations.
 
     Args:
-        module: PyTorch module that calls a chain of ``Linear`` modules with one kind of module between them: ReLU, Tanh, Sigmoid,
-            LeakyReLU, ELU or SiLU with its default settings.
+        module: PyTorch module whose ``Linear`` modules are called in the order in which it holds them, with one kind of module
+            between them: ReLU, Tanh, Sigmoid, LeakyReLU, ELU or SiLU with its default settings.
 
     Raises:
         PolicyError: the network computes something else, which the message names.
         FileWriteError: the file cannot be written.
     """
     linear = [part for part in module.modules() if type(part).__name__ == "Linear"]
-    # Of an observation, or of one behind a mask of the strokes.
-    widths = {RALLY_WIDTH, *(RALLY_WIDTH + part.out_features for part in linear)}
-    width = next((part.in_features for part in linear if part.in_features in widths), RALLY_WIDTH)
-    rng = np.random.default_rng(0)
-    seen = (rng.random((_COMPARED, width)) * rng.integers(0, 2, (_COMPARED, width))).astype(np.float32)
-    # A rule beside the modules may look at numbers that random ones never are, such as those of a serve, the first state.
-    real = features(default_game())
-    seen[::2, -RALLY_WIDTH:] = real[np.r_[0, rng.integers(0, len(real), _COMPARED // 2 - 1)]]
+    function = next((_TORCH_NAMES[name] for part in module.modules() if (name := type(part).__name__) in _TORCH_NAMES), "relu")
     try:
-        chain = _recorded(module, seen)
         arrays: dict[str, npt.NDArray[Any]] = {}
-        for i, part in enumerate(chain[::2]):
+        for i, part in enumerate(linear):
             arrays[f"{i}.weight"] = part.weight.detach().float().cpu().numpy()
             bias = np.zeros(part.out_features) if part.bias is None else part.bias.detach().float().cpu().numpy()
             arrays[f"{i}.bias"] = bias.astype(np.float32)
-        about = {"function": _TORCH_NAMES[type(chain[1]).__name__] if len(chain) > 1 else "relu"}
-        # Other batches than in the recorded call, because a network may look at their size or at the number of its calls.
+        saved, width, rng = _network(arrays, function), linear[0].in_features, np.random.default_rng(0)
+        seen = (rng.random((_COMPARED, width)) * rng.integers(0, 2, (_COMPARED, width))).astype(np.float32)
+        # A rule beside the modules may look at numbers that random ones never are, such as those of a serve, the first state.
+        real = features(default_game())
+        seen[::2, -RALLY_WIDTH:] = real[np.r_[0, rng.integers(0, len(real), _COMPARED // 2 - 1)]]
+        # Several batches, because a network may look at their size or at the number of its calls.
         played = np.concatenate([_called(module)(rows.copy()) for rows in np.split(seen, [1, 8])])
-        if not (difference := _difference(_network(arrays, about["function"]).function(seen), played)) <= _TOLERANCE:
+        if not (difference := _difference(saved.function(seen), played)) <= _TOLERANCE:
             raise ValueError(
                 f"its Linear modules and activations alone play another policy, with a difference of {difference:.2g}"
             )
     except Exception as error:  # of any type, from a network that does not take such a batch
-        reason = error if type(error) is ValueError else f"called with [B, {width}] numbers, it raised {described(error)}"
+        reason = error if type(error) is ValueError else f"called with its observations, it raised {described(error)}"
         raise PolicyError(f"no file of this network plays the same: {reason}; {_REMEDY}") from error
-    replace_file(Path(path), save(arrays, metadata={"network": json.dumps(about)}))
-
-
-def _recorded(module: Any, seen: F32) -> list[Any]:
-    """Call a network on ``[B, W]`` inputs and record the modules that it calls: linear ones and activations in turn."""
-    chain: list[Any] = []
-    leaves = [part for part in module.modules() if not list(part.children()) and type(part).__name__ not in _NO_EFFECT]
-    hooks = [part.register_forward_hook(lambda part, *_: chain.append(part)) for part in leaves]
-    try:
-        _called(module)(seen.copy())
-    finally:
-        for hook in hooks:
-            hook.remove()
-    kinds = [type(part).__name__ for part in chain]
-    if set(kinds[::2]) != {"Linear"} or len(kinds) % 2 == 0 or not set(kinds[1::2]) <= set(_TORCH_NAMES):
-        raise ValueError(f"it computes {', '.join(map(str, chain))}")
-    return chain
+    replace_file(Path(path), save(arrays, metadata={"network": json.dumps({"function": function})}))
 
 
 def _difference(a: F64, b: F64) -> float:

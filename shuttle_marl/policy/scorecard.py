@@ -14,7 +14,6 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
-from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.occupancy import Visits, policy_regret, visits
 from shuttle_marl.exact.odds import Spread, best_odds, normalised_score, over
@@ -27,7 +26,7 @@ from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.shipped import real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.kernel.matches import Choose, Matches, ask, ask_position
+from shuttle_marl.kernel.matches import Matches, asking
 from shuttle_marl.kernel.matches import play as play_asked
 from shuttle_marl.policy.computed import deterministic
 from shuttle_marl.policy.registry import resolve
@@ -200,21 +199,8 @@ class Scorer:
 
     def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
         """The figures of matches against ``bc``; seats and the first serve are balanced over four matches."""
-        opponent, key = self.reference, draws.pairing_key(name, REFERENCE)
-
-        def asking(of_table: Callable[[I32, I32], Intp], of_policy: Callable[..., Intp]) -> Choose:
-            """Choices of both; entrant 0 is the policy, entrant 1 the table."""
-
-            def choose(entrant: I32, state: I32, draw: I32, player: I32, score: I32, *_: I32) -> Intp:
-                found = of_table(state, draw)
-                asked = np.flatnonzero(entrant == 0)
-                if len(asked):
-                    found[asked] = of_policy(policy, self.game, state[asked], draw[asked], player[asked], score[:, asked])
-                return found
-
-            return choose
-
-        choose, wait = asking(opponent.choose, ask), asking(opponent.choose_position, ask_position)
+        key, entrants = draws.pairing_key(name, REFERENCE), (policy, self.reference)
+        choose, wait = (asking(self.game, entrants, positions=positions) for positions in (False, True))
         rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
         for first in range(0, matches, _BATCH):
             number = np.arange(first, min(first + _BATCH, matches))

@@ -42,7 +42,6 @@ def _all(module: str, *names: str, access: Access = "samples", kind: Kind = "met
     return found
 
 
-_PARTS: Final = ("levels", "weights", "places", "change")
 _LEARNERS: Final = _all("players", *(f"{name} = learner:{name}" for name in ("ppo", "a2c", "sac")))
 _KNOWN: Final = {
     **_all("players", "bc = named:bc", "minimax = named:minimax", access="tables", kind="reference"),
@@ -69,7 +68,6 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "adapt": {
         **_all("adapters", "minimax", "restricted-nash", "best-response-bc = restricted-nash", access="tables", kind="reference"),
         **_all("adapters", "posterior-mean", "counts", "mixture", access="tables"),
-        **_all("adapters", *(f"mixture-without-{part} = ablated:{part}" for part in _PARTS), access="tables", kind="ablation"),
     },
     "offline": {
         **_all("logs", "clone", "one-step", "fitted-q"),

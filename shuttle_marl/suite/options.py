@@ -17,8 +17,8 @@ Access = Literal["samples", "tables", "opponent"]
 SPLITS: Final[tuple[Split, ...]] = get_args(Split)
 ACCESS: Final[tuple[Access, ...]] = get_args(Access)
 """From little to much."""
-Kind = Literal["method", "ablation", "reference"]
-"""What a row of a board is: a method, one without a part of it, or a reference, which is computed or does not learn."""
+Kind = Literal["method", "reference"]
+"""What a row of a board is: a method, or a reference, which is computed or does not learn."""
 
 
 class SuiteError(ShuttleError):

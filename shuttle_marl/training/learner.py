@@ -35,7 +35,6 @@ from safetensors.torch import save
 from tensordict import TensorDict, TensorDictBase
 from torch import nn
 from torch.optim import Optimizer
-from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
 from shuttle_marl.base.arrays import F32, I32
@@ -216,8 +215,8 @@ class Mean:
         return {name: total / self._count for name, total in self._totals.items() if self._count}
 
 
-class RallyCollector(BaseCollector):
-    """TorchRL collector of the strokes of one iteration after another.
+class RallyCollector:
+    """The strokes of one iteration after another, from the compiled kernel.
 
     Args:
         config: sizes, device, reward shaping, and lambda of the advantages.
@@ -228,7 +227,6 @@ class RallyCollector(BaseCollector):
     def __init__(
         self, config: TrainingConfig, game: Game, opponents: Sequence[TabulatedPolicy], predict: Predict, *, distinct: bool
     ) -> None:
-        super().__init__()
         self._config, self._predict, self._distinct = config, predict, distinct
         self.sampler = RallySampler(
             game,
@@ -244,15 +242,6 @@ class RallyCollector(BaseCollector):
         """Number of collected iterations."""
         self.strokes = 0
         """Strokes of the learner in the last iteration."""
-
-    def __len__(self) -> int:
-        """Remaining iterations."""
-        return max(0, self._config.iterations - self.iteration)
-
-    def iterator(self) -> Iterator[TensorDictBase]:
-        """The strokes of all remaining iterations."""
-        while self.iteration < self._config.iterations:
-            yield self.collect()
 
     def collect(self) -> TensorDictBase:
         """Play the rallies of the next iteration.
@@ -308,7 +297,7 @@ class RallyCollector(BaseCollector):
         """See :func:`minibatches`."""
         return minibatches(normalised(data), count)
 
-    def set_seed(self, seed: int, static_seed: bool = False) -> int:  # noqa: ARG002  TorchRL's
+    def set_seed(self, seed: int) -> int:
         """Reseed sampler and generator, and return the seed; later strokes depend on seed, weights and state alone."""
         self.generator.manual_seed(seed % SEEDS)
         self.sampler.reset(seed % SEEDS)
@@ -322,9 +311,6 @@ class RallyCollector(BaseCollector):
         """Restore the output of :meth:`state_dict`."""
         self.iteration = int(state_dict["iteration"])
         self.sampler.reset(0, state_dict["known"].numpy())
-
-    def shutdown(self, timeout: float | None = None, close_env: bool = True, raise_on_error: bool = True) -> None:
-        """Do nothing: rallies are played in this process."""
 
 
 def normalised(data: TensorDictBase) -> TensorDictBase:

@@ -27,7 +27,7 @@ from shuttle_marl.base.runs import check_interrupt, interrupts_held
 from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.odds import best_odds, normalised_score, pair_odds
 from shuttle_marl.exact.optimal import best_response
-from shuttle_marl.exact.profile import InducedChain, evaluate, evaluate_chains, induced
+from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import resolve_game
@@ -91,18 +91,9 @@ class Evaluator:
         reference = pair_odds([(self._reference, opponent) for opponent in self._opponents])
         return list(zip(reference, best_odds(self._opponents), strict=True))
 
-    @functools.cached_property
-    def _chains(self) -> list[InducedChain]:
-        return [induced(opponent) for opponent in self._opponents]
-
     def evaluate(self, policy: TabulatedPolicy, *, exploitability: bool = True) -> Evaluation:
         """Evaluate a policy of the same game; ``exploitability`` takes half of the time."""
-        known: TabulatedPolicy | InducedChain
-        if policy.game.recovery is None:
-            known = own = induced(policy)
-            odds = [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
-        else:  # where the opponent waits changes the chain
-            known, odds = policy, [evaluate(policy, opponent, tolerance=_TOLERANCE).odds() for opponent in self._opponents]
+        odds = [evaluate(policy, opponent, tolerance=_TOLERANCE).odds() for opponent in self._opponents]
         scores = [
             score
             for o, (bc, best) in zip(odds, self._scales, strict=True)
@@ -113,7 +104,7 @@ class Evaluator:
             rally_win=float(np.mean([o.rally for o in odds])),
             match_win=float(np.mean([o.match() for o in odds])),
             normalised_score=float(np.mean(scores)) if scores else None,
-            exploitability=best_response(known, tolerance=_TOLERANCE).value.odds().value if exploitability else None,
+            exploitability=best_response(policy, tolerance=_TOLERANCE).value.odds().value if exploitability else None,
         )
 
 

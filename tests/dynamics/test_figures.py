@@ -11,7 +11,7 @@ import pytest
 from shuttle_marl.data import read_matches
 from shuttle_marl.dynamics.choices import fit_history, player_choices
 from shuttle_marl.dynamics.compiled import codes_of_pairs, layouts_of, support_of
-from shuttle_marl.dynamics.evaluate import evaluate, extremes
+from shuttle_marl.dynamics.evaluate import evaluate
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.habits import plays_of_strokes, tally
@@ -99,7 +99,7 @@ def test_support_and_layout_of_the_sample(models: FittedModels, rows: Rows) -> N
     game = default_game()
     support = support_of(rows, intended_targets(models.m_target, models.m_succ.network, rows), game)
     between = [sums(layout) for layout in layouts_of(rows, models)]
-    golden.check("dynamics", {"support": sums(support), "extremes": extremes(game, support), "layouts": between})
+    golden.check("dynamics", {"support": sums(support), "layouts": between})
 
 
 def test_scores_and_choices_of_players_of_the_sample(models: FittedModels, rows: Rows) -> None:

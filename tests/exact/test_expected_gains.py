@@ -47,7 +47,6 @@ def test_factors_come_from_training_matches_only(model: Path) -> None:
     add_truth(model, TRUTH)
     assert factors_of(model) == {"1": Estimate(1.0, 0.9, 1.1), "end": Estimate(0.75, 0.5, 0.9)}
     assert factor_of(load_game(str(model))) == Estimate(0.75, 0.5, 0.9)
-    assert factor_of(load_game(str(model)), "8") is None
     write_card(model, {**read_model_card(model), "truth": {**TRUTH, "decision_slope": {"end": {"value": "x"}}}})
     with pytest.raises(GameError, match="invalid factors"):
         factors_of(model)

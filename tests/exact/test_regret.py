@@ -20,7 +20,6 @@ from shuttle_marl.exact.fixed_point import (
     FIRST_RALLY_STATE,
 )
 from shuttle_marl.exact.optimal import limited, restricted_response
-from shuttle_marl.exact.profile import induced
 from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import Game
@@ -75,11 +74,6 @@ def test_refusals_of_solvers() -> None:
         solve_robust([])
     with pytest.raises(ExactError, match="differ in"):
         solve_robust([GAME, random_game(7)])
-    game = with_recovery(random_game(2), 2)
-    policy = waiting(random_policy(game, 2), 2)
-    chain = induced(dataclasses.replace(policy, game=dataclasses.replace(game, recovery=None), waits=None))
-    with pytest.raises(ExactError, match="a best response with recovery needs the policy, not its chain"):
-        best_response(dataclasses.replace(chain, game=game))
 
 
 def test_limits_make_rare_strokes_faults() -> None:

@@ -11,7 +11,6 @@ from shuttle_marl.data.schema import Account
 from shuttle_marl.data.simulated import simulate
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
-from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.policy import baselines
 from tests.experiments.commands import result_of, run
 from tests.reduced import reduced_game, reduced_model
@@ -21,36 +20,16 @@ SAMPLE = ROOT / "datasets" / "sample" / "strokes.parquet"
 NAMES = ("viktor-axelsen", "kento-momota")
 
 
-def write_published(path: Path, matches: Sequence[str], seed: int, policy: np.ndarray | None = None) -> None:
+def write_published(path: Path, matches: Sequence[str], seed: int) -> None:
     """Simulated matches of average players under the names of two with skill, and of published matches."""
     game = reduced_game()
-    played = baselines.load(None, game).pair_probabilities() if policy is None else policy
+    played = baselines.load(None, game).pair_probabilities()
     table = simulate(game, dict.fromkeys(NAMES, played), matches=len(matches), seed=seed)
     named = dict(zip(table["match"].unique().to_pylist(), matches, strict=True))
     at = table.schema.get_field_index("match")
     table = table.set_column(at, table.schema.field(at), [[named[name] for name in table["match"].to_pylist()]])
     none = Account(matches=0, rallies=0, rallies_kept=0, strokes=0, strokes_kept=0, dropped={}, area_agreement=None)
     write_parquet(table, path, account=none, provenance={})
-
-
-def test_next_stroke_names_a_split_that_the_data_lack() -> None:
-    assert "no match of the split" in run("experiments.next_stroke", "--data", SAMPLE, status=1)
-
-
-@pytest.mark.slow
-def test_next_stroke_scores_all_predictors(tmp_path: Path) -> None:
-    data = tmp_path / "strokes.parquet"
-    write_published(data, matches_of("validation")[:1], seed=2)
-    settings = ("--data", data, "--model", reduced_model(), "--out", tmp_path / "next_stroke.json")
-    result = result_of("experiments.next_stroke", *settings)
-    assert list(result["rows"]) == ["all strokes", "rally strokes"]
-    for scores in result["rows"].values():
-        assert list(scores) == ["own clone", "average clone"]
-        assert all(np.diff(of["shot_type"]).min() >= 0 for of in scores.values())
-    # The strokes are those of the average player.
-    own, average = (result["rows"]["all strokes"][name]["cross_entropy"] for name in ("own clone", "average clone"))
-    assert average <= own
-    assert json.loads((tmp_path / "next_stroke.json").read_text())["rows"] == result["rows"]
 
 
 @pytest.mark.slow
@@ -93,23 +72,3 @@ def test_truth_finds_that_promises_come_true_in_the_game_itself(tmp_path: Path) 
     errors = [error for error in result["value_error"].values() if error["n"] >= 300]
     assert [error for error in errors if not is_near(error, error["points"], 0.0)] == []
     assert result["illegal"] == 0
-
-
-@pytest.mark.slow
-def test_human_finds_a_known_tau_again(tmp_path: Path) -> None:
-    game = reduced_game()
-    prior = PairPolicy(game=game, probability=baselines.probabilities(None, game))
-    data = tmp_path / "strokes.parquet"
-    write_published(data, matches_of("validation")[:8], 0, solve_soft(prior, tau=0.1).policy[0].pair_probabilities())
-    result = result_of("experiments.human", "--data", data, "--model", reduced_model())
-    assert min(result["curve"], key=lambda of: of["cross_entropy"]["value"])["tau"] == 0.1
-    assert all(of["gain"]["low"] > 0 for of in result["players"])
-
-
-@pytest.mark.slow
-def test_self_play_resumes_with_more_variants(tmp_path: Path) -> None:
-    flags = ("--seeds", 2, "--out", tmp_path / "study", "--strokes", 20000)
-    first = result_of("experiments.self_play", *flags, "--variants", "plain")["rows"]
-    result = result_of("experiments.self_play", *flags, "--resume", "--variants", "plain", "pool")
-    assert [row["variant"] for row in result["rows"]] == ["plain", "pool"]
-    assert result["rows"][0]["each"] == first[0]["each"]

@@ -41,13 +41,6 @@ def test_wrong_rallies() -> None:
     for changes, message in cases:
         with pytest.raises(RallyError, match=message):
             checked(**changes)
-    with pytest.raises(RallyError, match="without strokes; expected at least the serve"):
-        Rally.from_strokes(catalogue, [])
-    with pytest.raises(RallyError, match="take turns"):
-        Rally.from_strokes(catalogue, [(0, serve, 2), (0, reply, 1)])
-    wrong = 3 - int(catalogue.height[reply])
-    with pytest.raises(RallyError, match="heights of the strokes"):
-        Rally.from_strokes(catalogue, [(0, serve, wrong), (1, reply, WINNER)])
 
 
 def test_columns_are_those_that_are_asked_for_and_positions_with_recovery() -> None:
@@ -71,12 +64,10 @@ def names_of(game: Game) -> list[int]:
 
 def test_what_a_rally_says_follows_from_its_strokes() -> None:
     game = default_game()
-    serve, lift, smash, net = names_of(game)
-    ends = [RETURNED_BELOW, HURRIED_ABOVE, HURRIED_BELOW, WINNER]
-    rally = Rally.from_strokes(game.catalogue, zip((1, 0, 1, 0), (serve, lift, smash, net), ends, strict=True))
-    assert rally.server == 1
+    serve, lift, smash, _ = strokes = names_of(game)
+    ends, hurried = [RETURNED_BELOW, HURRIED_ABOVE, HURRIED_BELOW, WINNER], np.array([False, False, True, True])
+    rally = Rally(catalogue=game.catalogue, server=1, stroke=np.array(strokes), hurried=hurried, ending=WINNER)
     assert rally.striker.tolist() == [1, 0, 1, 0]
-    assert rally.hurried.tolist() == [False, False, True, True]
     assert rally.outcome.tolist() == ends
     assert (rally.winner, rally.open, len(rally)) == (0, False, 4)
     assert rally.checked() is rally

@@ -31,6 +31,7 @@ from shuttle_marl.training.league.population import LEAGUE, TABLES, Payoffs
 from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import FLOOR, prioritised, uniform
 from tests.exact.exact_games import random_policy, tiring_game
+from tests.exact.test_hidden_positions_solved import waiting, with_recovery
 from tests.recording.conftest import read_rallies
 from tests.stops import Killed, stop
 from tests.waiting import wait_until
@@ -135,9 +136,11 @@ def test_sac_plays_in_a_league(model: str, tmp_path: Path) -> None:
     assert done.figures["strokes"] >= 1500
 
 
-def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:
-    game = load_game(model)
+@pytest.mark.parametrize("recovery", [False, True])
+def test_payoffs_are_those_of_cross_play_and_solved_once(recovery: bool, model: str, tmp_path: Path) -> None:
+    game = with_recovery(load_game(model), 0) if recovery else load_game(model)
     tables, policies = StoredPolicies(tmp_path / TABLES, game), [random_policy(game, seed, 2.0) for seed in range(4)]
+    policies = [waiting(policy, seed) if recovery else policy for seed, policy in enumerate(policies)]
     hashes = [tables.save(policy) for policy in policies]
     assert len(list((tmp_path / TABLES).iterdir())) == 4
     payoffs = Payoffs(tables)

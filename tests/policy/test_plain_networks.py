@@ -156,9 +156,9 @@ REFUSED: dict[str, tuple[nn.Module, str]] = {
         Computed(lambda s, x: s.fc2(s.act(s.fc1(x).mul_(3))), fc1=nn.Linear(60, 8), act=nn.Tanh(), fc2=nn.Linear(8, N)),
         "play another policy, with a difference of",
     ),
-    "two": (Computed(lambda s, x: (s.fc(x), x), fc=nn.Linear(60, N)), "called with .B, 60. numbers, it raised AttributeError"),
-    "width": (nn.Sequential(nn.Linear(59, N)), "called with .B, 60. numbers, it raised RuntimeError"),
-    "activation last": (nn.Sequential(nn.Linear(60, 8), nn.ReLU()), r"it computes Linear.*, ReLU\(\)"),
+    "two": (Computed(lambda s, x: (s.fc(x), x), fc=nn.Linear(60, N)), "called with its observations, it raised AttributeError"),
+    "width": (nn.Sequential(nn.Linear(59, N)), "it reads 59 numbers; expected the 60 of an observation"),
+    "activation last": (nn.Sequential(nn.Linear(60, 8), nn.ReLU()), "play another policy"),
     "mixed": (nn.Sequential(nn.Linear(60, 8), nn.ReLU(), nn.Linear(8, 8), nn.Tanh(), nn.Linear(8, N)), "play another policy"),
 }
 

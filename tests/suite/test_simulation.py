@@ -25,7 +25,7 @@ ROWS, EPISODES = 1000, 10
 METHODS: Final = {
     "exploit-v1": ("minimax", "ppo-self-play", "model-boosted"),
     "equilibrium-v1": ("minimax", "minimax-deterministic", "model-boosted"),
-    "adapt-v1": ("counts", "posterior-mean", "mixture-without-levels"),
+    "adapt-v1": ("counts", "posterior-mean", "mixture"),
     "offline-v1": ("clone", "fitted-q", "model-pessimistic"),
     "evaluate-v1": ("weighted-importance-sampling", "dice", "fitted-q-evaluation"),
 }

@@ -65,7 +65,7 @@ def test_the_gradient_over_distinct_states_is_that_over_all_strokes(
     )
     collect = collector.sampler.collect
     monkeypatch.setattr(collector.sampler, "collect", lambda *args, keep: collect(*args, keep=True))
-    data = normalised(next(iter(collector)))
+    data = normalised(collector.collect())
     raw = one_by_one(collector, data)
     assert len(raw) == data["strokes"] > 4 * len(data["weight"]) / 3
     # Weights that moved on, so that some ratios are clipped.

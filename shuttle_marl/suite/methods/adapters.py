@@ -183,45 +183,34 @@ _GAIN: Final = 12.0  # difference of log-likelihoods from which on a change is b
 class Mixture(Population):
     """Restricted Nash response to a mixture of types, a model of the opponent from few rallies.
 
-    The model has four parts, one of which may be left out (``without``):
+    The model has four parts:
 
     - *levels*: the known types are extended by levels of reasoning (Camerer, Ho & Chong 2004): best responses to bc and to
       styles, best responses to those, and KL-regularised play around bc;
     - *weights*: the opponent draws a type for every stroke. The weights are the maximum a posteriori, found by expectation
-      maximisation; the mean of their Dirichlet prior is the posterior over types, which replaces them without this part;
+      maximisation; the mean of their Dirichlet prior is the posterior over types;
     - *places*: positions are those of the mixture, tilted towards what was seen;
     - *change*: what was seen before a change of the opponent is dropped, found by the ratio of the likelihoods of one mixture and
       of two.
     """
 
-    def __init__(self, setting: AdaptSetting, argument: str = "", without: str = "") -> None:
+    def __init__(self, setting: AdaptSetting, argument: str = "") -> None:
         super().__init__(setting, argument)
-        self.without, n = without, len(self.types)
-        self.prior = np.full(n, 1 / n)
-        if self.without != "levels":
-            self.types += levels(self.game, tuple(setting.known[name] for name in _ANSWERED))
-            more = len(self.types) - n
-            self.prior = np.append((1 - _SHARE) * self.prior, np.full(more, _SHARE / more))
-            self.log_posterior = np.log(self.prior)
+        n, further = len(self.types), levels(self.game, tuple(setting.known[name] for name in _ANSWERED))
+        self.types += further
+        self.prior = np.append((1 - _SHARE) * np.full(n, 1 / n), np.full(len(further), _SHARE / len(further)))
+        self.log_posterior = np.log(self.prior)
         self.chance = chances(tuple(self.types))
 
     def estimate(self) -> PairPolicy:
         """The opponent, estimated."""
         pairs = struck(self.seen) % self.game.n_base_pairs
-        if self.without != "change" and len(pairs) >= _LEAST:
+        if len(pairs) >= _LEAST:
             ends = np.cumsum([np.count_nonzero(~rally.own) for rally in self.seen])
             first = change_point(self.chance[:, pairs], ends, _STRENGTH * self.prior)
             self.seen, pairs = self.seen[first:], pairs[ends[first - 1] if first else 0 :]
-        weight = self.posterior
-        if self.without != "weights":
-            weight = mixture_weights(self.chance[:, pairs], _STRENGTH * weight)[0]
-        found = mean_of(self.types, weight, least=_LITTLE)
-        return found if self.without == "places" else dataclasses.replace(found, positions=waited(found, self.seen))
-
-
-def ablated(setting: AdaptSetting, argument: str) -> Mixture:
-    """:class:`Mixture` without one of its parts, the argument."""
-    return Mixture(setting, without=argument)
+        found = mean_of(self.types, mixture_weights(self.chance[:, pairs], _STRENGTH * self.posterior)[0], least=_LITTLE)
+        return dataclasses.replace(found, positions=waited(found, self.seen))
 
 
 @functools.lru_cache(maxsize=1)

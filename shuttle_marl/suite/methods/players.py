@@ -76,7 +76,7 @@ def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Tr
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Boosting:
-    """Settings of ``model-boosted``, see the search ``experiments/suite_search.py``."""
+    """Settings of ``model-boosted``, found by a search on dev: ``docs/suite/exploit.md``."""
 
     p: float = WEIGHT  # restriction of the response that is returned
     trees: int = 200

@@ -13,14 +13,15 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.files import FileReadError, FractionOrZero, Sha256, StoredCount, read_json, replace_sealed
 from shuttle_marl.exact.fixed_point import Odds
-from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
+from shuttle_marl.exact.profile import evaluate
+from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.policy.computed import StoredPolicies
 from shuttle_marl.training.league.config import LeagueTrainingError
 
 TABLES: Final = "tables"
 LEAGUE: Final = "league.json"
 TOLERANCE: Final = 1e-5  # error bound of payoffs and exploitability, far below the noise of training
-_CHAINS: Final = 256  # kept at most; each takes some megabytes
+_POLICIES: Final = 256  # kept at most; each takes some megabytes
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,7 @@ class Payoffs:
         for pair, (first, second) in cells.items():
             a, _, b = pair.partition(" ")
             self._cells[a, b] = (float(first), float(second))
-        self._chain = functools.lru_cache(_CHAINS)(lambda name: induced(tables.read(name)))
+        self._policy = functools.lru_cache(_POLICIES)(tables.read)
         self.solved = 0
         """Number of solved pairs, without those in ``cells``."""
 
@@ -65,8 +66,8 @@ class Payoffs:
         others = list(others)
         missing = sorted({_pair(policy, other) for other in others if other != policy} - self._cells.keys())
         for chunk in (missing[i : i + 8] for i in range(0, len(missing), 8)):
-            chains = [(self._chain(a), self._chain(b)) for a, b in chunk]
-            self._cells.update(zip(chunk, in_threads(_serving_odds, chains), strict=True))
+            policies = [(self._policy(a), self._policy(b)) for a, b in chunk]
+            self._cells.update(zip(chunk, in_threads(_serving_odds, policies), strict=True))
         self.solved += len(missing)
         return [self._odds(policy, other) for other in others]
 
@@ -93,8 +94,8 @@ def _pair(a: str, b: str) -> tuple[str, str]:
     return (a, b) if a < b else (b, a)
 
 
-def _serving_odds(chains: tuple[InducedChain, InducedChain]) -> tuple[float, float]:
-    value = evaluate_chains(*chains, tolerance=TOLERANCE)
+def _serving_odds(pair: tuple[TabulatedPolicy, TabulatedPolicy]) -> tuple[float, float]:
+    value = evaluate(*pair, tolerance=TOLERANCE)
     return value.odds(0).serving, value.odds(1).serving
 
 
