@@ -140,13 +140,13 @@ def _read(rows: Rows, models: FittedModels) -> dict[str, Ints]:
     return {**rows.codes, **models.situations.codes(rows), "next_contact": rows.next_contact}
 
 
-def next_stroke_probabilities(models: FittedModels, rows: Rows) -> tuple[F64, F64, F64]:
+def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = True) -> tuple[F64, F64, F64]:
     """Predictions of the behaviour-cloned players for each row.
 
     Returns:
         ``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the actual shot type.
     """
-    player = models.choices.index(rows.striker)
+    player = models.choices.index(rows.striker) if own else np.full(len(rows), -1)
     choice = models.choices.shifted_choice(models.choice(rows.codes), rows.codes, player)
     styles = choice.reshape(len(rows), N_SHOTS, N_TECHNIQUES)
     area = np.zeros((len(rows), N_AREAS))

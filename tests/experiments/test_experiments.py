@@ -32,6 +32,26 @@ def write_published(path: Path, matches: Sequence[str], seed: int) -> None:
     write_parquet(table, path, account=none, provenance={})
 
 
+def test_next_stroke_names_a_split_that_the_data_lack() -> None:
+    assert "no match of the split" in run("experiments.next_stroke", "--data", SAMPLE, status=1)
+
+
+@pytest.mark.slow
+def test_next_stroke_scores_all_predictors(tmp_path: Path) -> None:
+    data = tmp_path / "strokes.parquet"
+    write_published(data, matches_of("validation")[:1], seed=2)
+    settings = ("--data", data, "--model", reduced_model(), "--out", tmp_path / "next_stroke.json")
+    result = result_of("experiments.next_stroke", *settings)
+    assert list(result["rows"]) == ["all strokes", "rally strokes"]
+    for scores in result["rows"].values():
+        assert list(scores) == ["own clone", "average clone"]
+        assert all(np.diff(of["shot_type"]).min() >= 0 for of in scores.values())
+    # The strokes are those of the average player.
+    own, average = (result["rows"]["all strokes"][name]["cross_entropy"] for name in ("own clone", "average clone"))
+    assert average <= own
+    assert json.loads((tmp_path / "next_stroke.json").read_text())["rows"] == result["rows"]
+
+
 @pytest.mark.slow
 def test_same_results_names_what_differs(tmp_path: Path) -> None:
     saved = tmp_path / "saved.json"
