@@ -1,8 +1,9 @@
 """What is counted in real strokes: habits and endings beside those of others, and options within one situation.
 
-Differences of the counts of two tallies (:mod:`shuttle_marl.dynamics.habits`) are tested together, with the false discovery rate
-of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995). An **option** is a shot type beside the other ones in the same situation:
-over several situations the shares of rallies won would compare the situations, because a block answers a smash.
+Differences of the counts of two tallies (:mod:`shuttle_marl.dynamics.habits`) are tested by Fisher's exact test, because many
+answers are rare, and together, with the false discovery rate of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995). An **option**
+is a shot type beside the other ones in the same situation: over several situations the shares of rallies won would compare the
+situations, because a block answers a smash.
 """
 
 import dataclasses
@@ -12,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.dynamics.habits import NONE, QUESTIONS, Plays, Tally, tally
@@ -46,7 +47,7 @@ class Habit:
     low: float
     high: float
     usual: float
-    p: float
+    p: float = math.nan
     q: float = math.nan
     clear: bool = False
 
@@ -59,23 +60,21 @@ def habits(mine: Tally, others: Tally, *, dispersed: bool = True) -> list[Habit]
         dispersed: whether counts vary by their dispersion; else they are independent, as within one match.
     """
     found: list[Habit] = []
+    tested: list[tuple[float, float, float, float]] = []
     for number, question in enumerate(QUESTIONS):
-        counts = [each.answers(number) for each in (mine, others)]
-        n, m = (float(count.sum()) for count in counts)
+        own, usual = (each.answers(number) for each in (mine, others))
+        n, m = float(own.sum()), float(usual.sum())
         if n < RELIABLE or m < RELIABLE:
             continue
         scale = float(max(mine.dispersion[number], others.dispersion[number])) if dispersed else 1.0
         for k, name in enumerate(question.answers):
-            share, usual = counts[0][k] / n, counts[1][k] / m
-            if max(counts[0][k], usual * n) < 1 or (question.kind == "serve" and k > 0):
+            share, low, high = own[k] / n, *interval(own[k] / n, n / scale)
+            if max(own[k], usual[k] / m * n) < 1 or (question.kind == "serve" and k > 0):
                 continue
-            error = float(difference_error(counts[0][k], n, counts[1][k], m, scale))
-            p = float(2 * stats.norm.sf(abs(share - usual) / error)) if error > 0 else 1.0
-            low, high = interval(share, n / scale)
-            about = question.about
-            found.append(
-                Habit(kind=question.kind, about=about, answer=name, strokes=n, share=share, low=low, high=high, usual=usual, p=p)
-            )
+            tested.append((own[k] / scale, n / scale, usual[k] / scale, m / scale))
+            counts = {"strokes": n, "share": share, "low": low, "high": high, "usual": usual[k] / m}
+            found.append(Habit(kind=question.kind, about=question.about, answer=name, **counts))
+    found = [dataclasses.replace(habit, p=p) for habit, p in zip(found, chances(np.array(tested)).tolist(), strict=True)]
     return sorted(
         with_discoveries(found), key=lambda habit: (not habit.clear, -abs(habit.share - habit.usual) * np.sqrt(habit.strokes))
     )
@@ -90,24 +89,35 @@ def with_discoveries(found: Sequence[Habit]) -> list[Habit]:
     ]
 
 
-def adjusted(p: Sequence[float]) -> F64:
+def adjusted(p: Sequence[float] | F64) -> F64:
     """``[N]`` p-values corrected for their number: the least false discovery rates at which the hypotheses are rejected."""
-    return np.asarray(stats.false_discovery_control(np.asarray(p)) if len(p) else np.zeros(0))
+    order, n = np.argsort(p)[::-1], len(p)
+    corrected = np.empty(n)
+    corrected[order] = np.minimum.accumulate(np.asarray(p)[order] * n / np.arange(n, 0, -1))
+    return corrected
 
 
-def discoveries(p: Sequence[float]) -> Bools:
+def discoveries(p: Sequence[float] | F64) -> Bools:
     """``[N]`` which of N hypotheses are rejected, with a false discovery rate of 5 %."""
     return np.asarray(adjusted(p) <= FALSE_DISCOVERIES)
 
 
-def difference_error(won: Any, n: Any, others_won: Any, m: Any, scale: float = 1.0) -> F64:
-    """Standard error of the difference of two shares, won of n and of m, if both are the same one; any shape.
+def chances(counts: F64) -> F64:
+    """``[N]`` p-values of Fisher's exact test, two-sided, that two shares are one.
 
     Args:
-        scale: dispersion of the counts.
+        counts: ``[N, 4]`` successes and number of both, each number as large as there are independent strokes; rounded.
     """
-    pooled = (won + others_won) / (n + m)
-    return np.asarray(np.sqrt(scale * pooled * (1 - pooled) * (1 / n + 1 / m)))
+    tables = np.rint(np.reshape(counts, (-1, 4))).astype(np.int64)
+    logs = special.gammaln(np.arange(tables[:, 1::2].sum(axis=1).max(initial=0) + 1) + 1.0)  # of factorials
+    found = []
+    for won, n, others_won, m in tables.tolist():
+        k = np.arange(max(0, won + others_won - m), min(n, won + others_won) + 1)
+        rest = won + others_won - k
+        log = -logs[k] - logs[n - k] - logs[rest] - logs[m - rest]
+        weight = np.exp(log - log.max())
+        found.append(float(weight[weight <= weight[won - k[0]] * (1 + 1e-7)].sum() / weight.sum()))
+    return np.array(found)
 
 
 def interval(share: float, n: float, z: float = NORMAL) -> tuple[float, float]:
@@ -141,27 +151,20 @@ def endings(mine: Tally, others: Tally) -> list[Ending]:
     """Faults and winners of a player beside others, by shot type, and by shot type and technique, for enough strokes."""
     kinds: list[tuple[str, str | None]] = [(shot, None) for shot in SHOTS]
     kinds += [(shot, technique) for shot in SHOTS for technique in TECHNIQUES]
-    counts = [
+    own, usual = (
         np.concatenate([each.ends.sum(axis=1), each.ends[:, :-1].reshape(-1, 3)]).astype(np.float64) for each in (mine, others)
-    ]
-    n, m = (count[:, :1] for count in counts)
-    enough = np.flatnonzero((n[:, 0] >= RELIABLE) & (m[:, 0] >= RELIABLE))
-    if not len(enough):
-        return []
-    n, m = n[enough], m[enough]
-    shares, usual = (count[enough, 1:] / size for count, size in zip(counts, (n, m), strict=True))
-    error = difference_error(shares * n, n, usual * m, m)
-    with np.errstate(invalid="ignore"):
-        p = np.where(error > 0, 2 * stats.norm.sf(np.abs(shares - usual) / error), 1.0)
-    corrected = adjusted(p.ravel().tolist()).reshape(-1, 2)
-    clear = (corrected <= FALSE_DISCOVERIES) & (np.abs(shares - usual) >= LEAST_DIFFERENCE)
+    )
+    enough = np.flatnonzero(np.minimum(own[:, 0], usual[:, 0]) >= RELIABLE).tolist()
+    counts = np.array([(own[k, end], own[k, 0], usual[k, end], usual[k, 0]) for k in enough for end in (1, 2)]).reshape(-1, 2, 4)
+    q = adjusted(chances(counts)).reshape(-1, 2)
+    shares, beside = counts[..., 0] / counts[..., 1], counts[..., 2] / counts[..., 3]
+    clear = (q <= FALSE_DISCOVERIES) & (np.abs(shares - beside) >= LEAST_DIFFERENCE)
     found = []
-    for i, kind in enumerate(enough.tolist()):
-        size = float(n[i, 0])
-        fault, winner = ((s, *interval(s, size), u) for s, u in zip(shares[i].tolist(), usual[i].tolist(), strict=True))
-        shot, technique = kinds[kind]
-        q, mark = (tuple(each[i].tolist()) for each in (corrected, clear))
-        found.append(Ending(shot=shot, technique=technique, strokes=size, fault=fault, winner=winner, q=q, clear=mark))
+    for i, (shot, technique) in enumerate(kinds[k] for k in enough):
+        size = float(counts[i, 0, 1])
+        fault, winner = ((s, *interval(s, size), u) for s, u in zip(shares[i].tolist(), beside[i].tolist(), strict=True))
+        corrected, mark = (tuple(each[i].tolist()) for each in (q, clear))
+        found.append(Ending(shot=shot, technique=technique, strokes=size, fault=fault, winner=winner, q=corrected, clear=mark))
     return found
 
 
@@ -265,17 +268,23 @@ class Results:
         return not n or not m or won * m >= lost * n
 
     def options(self) -> list[Option]:
-        """All options with enough rallies on both sides, the surest first."""
+        """All options with enough rallies on both sides, not yet corrected."""
         found = []
         for situation, shots in self._counts.items():
             total = np.sum([*shots.values()], axis=0)
             for shot, (n, won) in shots.items():
                 others, others_won = (total - (n, won)).tolist()
                 if min(n, others) >= RELIABLE:
-                    p = float(stats.fisher_exact([[won, n - won], [others_won, others - others_won]]).pvalue)
+                    (p,) = chances(np.array([won, n, others_won, others])).tolist()
                     found.append(Option(situation, shot, n, won, *interval(won / n, n), others, others_won, p))
-        corrected = adjusted([each.p for each in found]).tolist()
-        return sorted((each._replace(q=q) for each, q in zip(found, corrected, strict=True)), key=lambda each: (each.q, each[:2]))
+        return found
+
+
+def tested(results: Sequence[Results]) -> list[list[Option]]:
+    """The options of some players, the surest first; p-values are corrected for the number of options of them all."""
+    found = [each.options() for each in results]
+    corrected = iter(adjusted([option.p for some in found for option in some]).tolist())
+    return [sorted((each._replace(q=next(corrected)) for each in some), key=lambda each: (each.q, each[:2])) for some in found]
 
 
 class Expected(NamedTuple):
@@ -311,11 +320,8 @@ def heat(plays: Plays, mine: Bools, won: F64, player: int) -> Heat:
     """Targets in won and lost rallies; ``mine``: ``[N]`` strokes of the player, ``won``: ``[N]`` their results."""
     aimed = mine & (plays.incoming < NONE) & (plays.shot >= N_SERVES) & (plays.area >= 0)
     counts = [np.bincount(plays.area[aimed & (won == result)], minlength=N_AREAS).astype(np.float64) for result in (1.0, 0.0)]
-    n = [max(1.0, float(count.sum())) for count in counts]
-    error = difference_error(counts[0], n[0], counts[1], n[1])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        z = np.nan_to_num((counts[0] / n[0] - counts[1] / n[1]) / error)
-    clear = np.flatnonzero(discoveries((2 * stats.norm.sf(np.abs(z))).tolist()))
+    n, m = (np.full(N_AREAS, count.sum()) for count in counts)
+    clear = np.flatnonzero(discoveries(chances(np.stack([counts[0], n, counts[1], m], axis=1))))
     return Heat(player=player, won=tuple(counts[0].tolist()), lost=tuple(counts[1].tolist()), clear=tuple(clear.tolist()))
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
+from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.data.matches import game_end, real_rallies, rules_of
@@ -41,6 +41,7 @@ from shuttle_marl.reports.habits import (
     interval,
     is_short,
     plain,
+    tested,
 )
 from shuttle_marl.reports.page1 import Advised, Page1, Statement, advised, answers, options, serves, sure
 from shuttle_marl.reports.rating import Rater, rater_of
@@ -336,9 +337,9 @@ def match_report(
     tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
     waiting = waits(strokes, players)
     results = [Results(plays, won, rally, seat == player) for player in (0, 1)]
-    tested = [each.options() for each in results]
+    compared = tested(results)
     said = [each for player in (0, 1) for each in _said(player, tallies, waiting)]
-    said += [each for player in (0, 1) for each in options(player, tested[player])]
+    said += [each for player in (0, 1) for each in options(player, compared[player])]
     counted = serves(strokes, players[0]), serves(strokes, players[1])
     forced = [strokes["forced"].filter(pa.array(seat == player)).drop_null().to_numpy() for player in (0, 1)]
     changed = changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
@@ -354,7 +355,7 @@ def match_report(
         hands=hands,
         score=score,
         inferred=inferred,
-        page1=Page1(tuple(said), sum(map(len, tested)), counted),
+        page1=Page1(tuple(said), sum(map(len, compared)), counted),
         rules=rules,
         strokes=strokes.num_rows,
         rallies=rallies,
@@ -426,7 +427,7 @@ def _values(added: F64, shot: I64, seat: I64, rally: I64) -> list[ShotValue]:
             total, error = float(added[mine].sum()), float(np.sqrt((sums**2).sum() + 0.25))
             points = Estimate(total, total - NORMAL * error, total + NORMAL * error)
             found.append(ShotValue(player=player, shot=name, strokes=len(mine), points=points))
-            p.append(float(2 * stats.norm.sf(abs(total) / error)))
+            p.append(float(2 * special.ndtr(-abs(total) / error)))
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(found, discoveries(p), strict=True)]
 
 
@@ -459,7 +460,10 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
         if some:
             label = f"{low}\N{EN DASH}{high}" if high < LENGTHS[-1][1] else f"{low}+"
             out.append(_won(label, 0, len(some), sum(row.winner == 0 for row in some)))
-    clear = discoveries([float(stats.binomtest(each.won, each.rallies).pvalue) for each in out])
+    # Binomial tests of one half.
+    clear = discoveries(
+        [min(1.0, 2 * float(special.bdtr(min(each.won, each.rallies - each.won), each.rallies, 0.5))) for each in out]
+    )
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
 
 

@@ -27,7 +27,7 @@ from shuttle_marl.game.shipped import PROFILES, Estimate, model_folder, resolve_
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.reports.habits import Ending, Habit, Option, Results, endings, habits, interval, plain
+from shuttle_marl.reports.habits import Ending, Habit, Option, Results, endings, habits, interval, plain, tested
 from shuttle_marl.reports.page1 import Page1, answers, options, serves, sure
 from shuttle_marl.reports.summary import AnalysisError, Met, hand_of, met, rally_numbers, with_hands_of_model, won_or_lost
 from shuttle_marl.reports.value import TOLERANCE
@@ -228,8 +228,8 @@ def scout(
 
     own, others = tallies(opponent)
     told, ends, waiting = habits(own, others), endings(own, others), waits(strokes, (player or "", opponent))
-    tested = Results(plays, won, rally_numbers(strokes), against).options() if against.any() else None
-    said = (*sure(1, told, ends, differences(waiting, match=False)), *answers(1, own), *options(0, tested or ()))
+    compared = tested([Results(plays, won, rally_numbers(strokes), against)])[0] if against.any() else None
+    said = (*sure(1, told, ends, differences(waiting, match=False)), *answers(1, own), *options(0, compared or ()))
     counted = serves(strokes, opponent) if mine.any() else None
     found = None if player is None else pair(player, opponent)
     return ScoutingReport(
@@ -237,8 +237,8 @@ def scout(
         opponent=people[0],
         discipline=discipline,
         model=(model, (pair(opponent, AVERAGE) if found is None else found).hash),
-        page1=Page1(said, None if tested is None else len(tested), (None, counted)),
-        options=tested,
+        page1=Page1(said, None if compared is None else len(compared), (None, counted)),
+        options=compared,
         rally=None if found is None else float(earned(np.array(odds_of(found)))),
         met=None if data is None or player is None else met(strokes, player, opponent),
         season=season(strokes, plays, opponent),

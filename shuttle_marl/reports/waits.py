@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-from scipy import stats
+from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.hands import receiver_hands
@@ -228,5 +228,5 @@ def _place(total: F64, drawn: F64, number: int, clusters: int, *, enough: bool) 
     p = float("nan")
     if enough and clusters > 1:
         error = float(np.nanstd(resampled[1])) * np.sqrt(clusters / (clusters - 1))
-        p = float(2 * stats.t.sf(abs(difference) / error, clusters - 1)) if error > 0 else float(difference == 0)
+        p = float(2 * special.stdtr(clusters - 1, -abs(difference) / error)) if error > 0 else float(difference == 0)
     return Place(mean=estimates[0], difference=estimates[1], p=p)
