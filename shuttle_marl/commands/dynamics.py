@@ -125,12 +125,13 @@ def card(
     Args:
         model: name of a shipped model, or a model folder.
         json: print JSON instead of Markdown.
-        plot: write the reliability diagrams to this PNG file.
+        plot: write the reliability diagrams to this file: PNG, SVG or PDF.
         truth: first store this output of `python -m experiments.truth --json` in the card.
     """
     from jinja2 import UndefinedError  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.dynamics.evaluate import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
+    from shuttle_marl.dynamics.evaluate import add_truth, as_markdown  # noqa: PLC0415  scipy
+    from shuttle_marl.reports import charts  # noqa: PLC0415
 
     if truth is not None:
         try:
@@ -141,7 +142,7 @@ def card(
     try:
         sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
         if plot is not None:
-            plot_reliability(content, plot)
+            charts.save(charts.reliability(content), plot)
     except (UndefinedError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
 

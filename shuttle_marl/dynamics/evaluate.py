@@ -427,20 +427,3 @@ def as_markdown(card: dict[str, Any]) -> str:
         shots=SHOTS,
         exp=math.exp,
     )
-
-
-def plot_reliability(card: dict[str, Any], path: Path) -> None:
-    """Plot the three reliability diagrams."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
-
-    figure = Figure(figsize=(10, 3.4), layout="constrained")
-    for axes, name in zip(figure.subplots(1, 3), ("success", "return", "contact"), strict=True):
-        bins = card["validation"][name]["reliability"]
-        predicted, observed = (np.array([b[key] for b in bins]) for key in ("predicted", "observed"))
-        spread = 1.96 * np.sqrt(np.maximum(observed * (1 - observed), 1e-6) / np.array([b["rows"] for b in bins]))
-        low = min(predicted.min(), observed.min()) - 0.02
-        axes.plot([low, 1], [low, 1], color="0.7", linewidth=1)
-        axes.errorbar(predicted, observed, yerr=spread, fmt="o", markersize=4, color="#0b6e4f", linewidth=1)
-        axes.set(title=f"{name} (ECE {card['validation'][name]['ece']:.4f})", xlabel="predicted", ylabel="observed")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
