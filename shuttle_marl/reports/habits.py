@@ -80,9 +80,9 @@ def _compared(asked: Iterable[tuple[str, tuple[str, ...], str, tuple[float, ...]
     found = []
     for kind, about, answer, counts, scale in asked:
         won, n, others_won, m = map(float, counts)
-        low, high = interval(won / n, n / scale)
-        shares = {"strokes": n, "share": won / n, "low": low, "high": high, "usual": others_won / m}
-        found.append(Habit(kind=kind, about=about, answer=answer, **shares, p=chance(np.array([counts]) / scale)))
+        share, usual, p = won / n, others_won / m, chance(np.array([counts]) / scale)
+        low, high = interval(share, n / scale)
+        found.append(Habit(kind=kind, about=about, answer=answer, strokes=n, share=share, low=low, high=high, usual=usual, p=p))
     return with_discoveries(found)
 
 
@@ -250,8 +250,10 @@ class Results:
         found = []
         for situation, (played, won, striker) in self._rows.items():
             for shot in np.unique(played).tolist():
-                sides = [((played == shot) == own).astype(np.float64) for own in (True, False)]
-                strata = np.stack([np.bincount(striker, w) for side in sides for w in (side * won, side)], axis=1)
+                sides = [(played == shot) == own for own in (True, False)]
+                strata = np.stack([np.bincount(striker, w) for side in sides for w in (side * won, side)], axis=1).astype(
+                    np.float64
+                )
                 won_by, n, others_won, others = strata.sum(axis=0).astype(int).tolist()
                 if min(n, others) >= RELIABLE:
                     low, high = interval(won_by / n, n)

@@ -121,13 +121,12 @@ class ScoutingReport:
 
     def renamed(self, name_of: Callable[[str], str]) -> "ScoutingReport":
         """The report with other names of player and opponents."""
-        player, opponent = (
-            known and dataclasses.replace(known, name=name_of(known.name)) for known in (self.player, self.opponent)
-        )
+        player = self.player and dataclasses.replace(self.player, name=name_of(self.player.name))
+        opponent = dataclasses.replace(self.opponent, name=name_of(self.opponent.name))
         season = [form._replace(against=name_of(form.against)) for form in self.season]
         beside = self.beside and (name_of(self.beside[0]), self.beside[1])
         pair = self.pair
-        if pair is not None and player is not None and opponent is not None:
+        if pair is not None and player is not None:
             pair = dataclasses.replace(pair, people=dataclasses.replace(people_of(pair), players=(player.name, opponent.name)))
         return dataclasses.replace(self, player=player, opponent=opponent, season=season, beside=beside, pair=pair)
 

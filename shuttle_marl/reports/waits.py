@@ -202,7 +202,7 @@ def _wait(rows: _Rows, player: int, kind: int, mine: Bools, others: Bools, rng: 
     values = np.stack([np.ones(len(used)), rows.depth[used], rows.side[used]])
     size = int(cluster.max()) + 1
     sums = np.stack([np.bincount(cluster, w * v, minlength=size) for v in values for w in weights], axis=1)
-    drawn = rng.multinomial(size, np.full(size, 1 / size), _RESAMPLES) @ sums
+    drawn = rng.multinomial(size, np.full(size, 1 / size), _RESAMPLES).astype(np.float64) @ sums
     enough = min((own & fair).sum(), (other & fair).sum()) >= RELIABLE
     positions = np.bincount(position_of(values[2][own], values[1][own]), weights[0][own], minlength=N_POSITIONS)
     depth, side = (_place(sums.sum(axis=0), drawn, number, size, enough=bool(enough)) for number in (1, 2))

@@ -163,22 +163,22 @@ def test_endings_are_those_that_a_plain_count_finds() -> None:
     (mine, _), (others, _) = some_plays(500, 4), some_plays(900, 5)
     mine.fault[mine.shot == CLEAR] = 1.0
     kinds = [(shot, None) for shot in SHOTS] + [(shot, technique) for shot in SHOTS for technique in TECHNIQUES]
-    expected = {}
+    expected: dict[tuple[str, ...], list[tuple[Any, ...]]] = {}
     for shot, technique in kinds:
         rows = [each.shot == SHOTS.index(shot) for each in (mine, others)]
         if technique is not None:
             rows = [row & (each.technique == TECHNIQUES.index(technique)) for row, each in zip(rows, (mine, others), strict=True)]
         n, m = (int(each.sum()) for each in rows)
         if min(n, m) >= RELIABLE:
-            expected[shot, technique] = [(n, m, each.fault[row].sum(), each.winner[row].sum()) for each, row in
-                                         zip((mine, others), rows, strict=True)]  # fmt: skip
+            kind = (shot,) if technique is None else (shot, technique)
+            expected[kind] = [
+                (n, m, each.fault[row].sum(), each.winner[row].sum()) for each, row in zip((mine, others), rows, strict=True)
+            ]
     found = endings(tally(mine), tally(others))
-    assert [(each.kind, *each.about) for each in found] == [
-        (end, *filter(None, kind)) for kind in expected for end in ("fault", "winner")
-    ]
+    assert [(each.kind, *each.about) for each in found] == [(end, *kind) for kind in expected for end in ("fault", "winner")]
     p = []
     for each in found:
-        (n, m, *ends), (_, _, *usual) = expected[each.about if len(each.about) > 1 else (each.about[0], None)]
+        (n, m, *ends), (_, _, *usual) = expected[each.about]
         a, b = (counts[each.kind == "winner"] for counts in (ends, usual))
         assert (each.strokes, each.share, each.low, each.high, each.usual) == pytest.approx(
             (n, a / n, *interval(a / n, n), b / m)
