@@ -14,7 +14,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,7 +24,7 @@ import pyarrow.compute as pc
 
 from docs.tools.results import show
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.data import read_matches
+from shuttle_marl.data import REASONS, Outcome, read_matches
 from shuttle_marl.dynamics.features import hurry_of, marked_rows
 from shuttle_marl.dynamics.habits import NONE, Plays, plays_of, questions
 from shuttle_marl.game.court import AREAS
@@ -42,6 +42,7 @@ from shuttle_marl.reports.words import words
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
 CHANCE: Final = 0.05
+ENDED: Final = {Outcome.WINNER: "player", Outcome.FAULT: "opponent"}  # who won the rally, of its last stroke
 Place = tuple[str | None, str | None, str, bool]  # of an incoming stroke: its shot type and area, the contact, whether in a hurry
 Stroke = tuple[str, str | None]  # shot type and area; None: any
 
@@ -83,24 +84,31 @@ class Counted:
 
 
 def points_of(strokes: pa.Table, first: str, second: str) -> tuple[int, int]:
-    """Points of all games of two players, and those of the first one, by the last row of each game."""
-    ends: dict[tuple[str, int], dict[str, Any]] = {}
-    begun: dict[tuple[str, int], str] = {}
-    columns = ("match", "game", "rally", "stroke", "player", "opponent", "points", "points_opponent")
-    for row in strokes.select(columns).to_pylist():
-        if {row["player"], row["opponent"]} == {first, second}:
-            ends[row["match"], row["game"]] = row
-            if row["rally"] == 1:
-                begun.setdefault((row["match"], row["game"]), row["player"] if row["stroke"] % 2 else row["opponent"])
+    """Points of all games of two players, and those of the first one, by the last row of each rally."""
+    games: dict[tuple[str, int], dict[int, dict[str, Any]]] = collections.defaultdict(dict)
+    both = pa.array([first, second])
+    played = strokes.filter(pc.and_(*(pc.is_in(strokes[name], value_set=both) for name in ("player", "opponent"))))
+    for row in played.to_pylist():
+        games[row["match"], row["game"]][row["rally"]] = row
     total = won = 0
-    for (match, game), row in ends.items():
-        points = {row["player"]: row["points"], row["opponent"]: row["points_opponent"]}
+    for (match, game), rallies in games.items():
+        points = {first: 0, second: 0}
+        for row in rallies.values():
+            told = {row["player"]: row["points"], row["opponent"]: row["points_opponent"]}
+            if None not in told.values():
+                points = told
+            elif row["outcome"] in ENDED:
+                points[row[ENDED[row["outcome"]]]] += 1
+        following = games.get((match, game + 1), {})
+        target, cap = {"21": (21, 30), "15": (15, 21), "11": (11, 15)}[(row["rules"] or "21")[:2]]
         low, high = sorted(points.values())
         leader = max(points, key=lambda name: points[name])
-        over, ending = (top == 30 or (top >= 21 and top - low >= 2) for top in (high, high + 1))
+        over, ending = (top == cap or (top >= target and top - low >= 2) for top in (high, high + 1))
         # The rules tell the last rally if the leader, who needed one, served first in the next game, or if there is none.
-        if not over and ending and begun.get((match, game + 1), leader) == leader:
-            points[leader] += 1
+        served = following.get(1)
+        leads = served is None or served["player" if served["stroke"] % 2 else "opponent"] == leader
+        stopped = REASONS[row["reason"]] == "stopped" and not following
+        points[leader] += not over and ending and leads and not stopped
         total += sum(points.values())
         won += points[first]
     return total, won
@@ -124,7 +132,7 @@ def contradictions(figures: Mapping[str, Any], counted: Counted, players: tuple[
     """What breaks the first, second and fourth of the rules in a report."""
     said = [*_said(figures)]
     results = [counted.results(player, None) if match else counted.results(None, players[1]) for player in players]
-    for (place, player, better, worse, play), each in zip(said, itertools.count()):
+    for each, (place, player, better, worse, play) in enumerate(said):
         here = results[player].get(place, {})
         one = here.get(better[0], [0, 0])
         other = (
@@ -160,11 +168,13 @@ def words_of(page: bytes) -> str:
     return re.sub(r"\s+", " ", html.unescape(text))
 
 
-def raw_names(text: str, names: Iterable[str]) -> list[str]:
+def raw_names(text: str, names: Sequence[str]) -> list[str]:
     """Identifiers in the text of a page, which are no words."""
     known = {name for name in (*names, *SHOTS, *AREAS) if "-" in name}
     found = [name for name in known if re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text)]
-    return found + re.findall(r"\w+_\w+", text.replace("shuttle_marl", ""))
+    for own in ("shuttle_marl", *(name for name in names if "_" in name)):
+        text = text.replace(own, "")
+    return found + re.findall(r"\w+_\w+", text)
 
 
 def _numbers(report: MatchReport, strokes: pa.Table) -> Iterator[str]:

@@ -1,6 +1,5 @@
 """Scouting reports: how to play against an opponent."""
 
-import dataclasses
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -41,7 +40,6 @@ def scout(
         output: what is written.
     """
     from shuttle_marl.data import read_matches  # noqa: PLC0415  these keep --help quick
-    from shuttle_marl.game.pairs import people_of  # noqa: PLC0415
     from shuttle_marl.reports.habits import plain  # noqa: PLC0415
     from shuttle_marl.reports.pages import gaps, scouting_page  # noqa: PLC0415
     from shuttle_marl.reports.scouting import players_of  # noqa: PLC0415
@@ -61,16 +59,10 @@ def scout(
         strokes = None if data is None else read_matches(data, rules=rules)
         report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
     if output.anonymous:
-        names = (report.opponent.name,) if report.player is None else (report.opponent.name, report.player.name)
+        shown = [known.name for known in (report.player, report.opponent) if known is not None]
         with speaking(output.language):
             letters = [words()(f"report.player_{letter}") for letter in "abc"]
-        hidden = dict(zip(names[::-1], letters, strict=False))
-        pair, other = report.pair, report.beside
-        if pair is not None:
-            people = dataclasses.replace(people_of(pair), players=(hidden[names[-1]], hidden[names[0]]))
-            pair = dataclasses.replace(pair, people=people)
-        other = None if other is None else (letters[2], other[1])
-        report = dataclasses.replace(report.renamed(lambda name: hidden.get(name, letters[2])), pair=pair, beside=other)
+        report = report.renamed(lambda name: letters[shown.index(name)] if name in shown else letters[2])
     missing = () if strokes is None else gaps(strokes)
 
     def page() -> bytes:

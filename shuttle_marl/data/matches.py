@@ -129,12 +129,21 @@ def game_end(points: Points, served: int | None, rules: Rules, *, stopped: bool 
     return points, leader if over or missing else served, missing
 
 
+def game_ends(rallies: Sequence[RealRally]) -> dict[int, tuple[Points, int | None, bool]]:
+    """:func:`game_end` of each game of a match, by its number."""
+    ends = {}
+    for rally, after in itertools.zip_longest(rallies, rallies[1:]):
+        game = rally.number[0]
+        if after is None or after.number[0] != game:
+            served = after.score.server if after is not None and after.number[1] == 1 else None
+            ends[game] = game_end(rally.after, served, rally.score.rules, stopped=after is None and rally.stopped)
+    return ends
+
+
 def winner_of(rallies: Sequence[RealRally]) -> int | None:
     """Seat that won a match; None: it was not finished."""
-    last = rallies[-1]
-    won = game_end(last.after, None, last.score.rules, stopped=last.stopped)[1]
-    games = [last.score.games[seat] + (won == seat) for seat in (0, 1)]
-    return games.index(max(games)) if max(games) >= last.score.rules.games else None
+    games = collections.Counter(winner for _, winner, _ in game_ends(rallies).values())
+    return next((seat for seat in (0, 1) if games[seat] >= rallies[0].score.rules.games), None)
 
 
 def rules_of(strokes: pa.Table) -> dict[str, Rules]:
@@ -225,8 +234,10 @@ def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) ->
 def event(match: str, players: tuple[str, str]) -> str:
     """Name of a match without its players: ``KOREA OPEN 2019 Final`` of ``Kento_MOMOTA_CHOU_Tien_Chen_KOREA_OPEN_2019_Final``."""
     words, (one, other) = match.replace("_", " ").split(), tuple(map(_letters, players))
-    ends = [k for k in range(2, len(words)) if _letters("".join(words[:k])) in (one + other, other + one)]
-    return " ".join(words[ends[0] if ends else 0 :])
+    for first, end in itertools.combinations(range(len(words) + 1), 2):
+        if end - first < len(words) and _letters("".join(words[first:end])) in (one + other, other + one):
+            return " ".join(words[:first] + words[end:])
+    return " ".join(words)
 
 
 def _letters(text: str) -> str:

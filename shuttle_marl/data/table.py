@@ -13,11 +13,12 @@ import pyarrow as pa
 
 from shuttle_marl import __version__
 from shuttle_marl.base import table_files
+from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import content_hash, hash_of, problem
 from shuttle_marl.data import schema, upstream
 from shuttle_marl.data.cleaning import clean_matches
-from shuttle_marl.data.hands import unknown_hands, with_hands
+from shuttle_marl.data.hands import telling_hands, unknown_hands, with_hands
 from shuttle_marl.data.matches import copies, with_rules
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import NAMES, OPTIONAL, STROKES, Account, Cleaned, DataError, Problem, violations
@@ -25,6 +26,7 @@ from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
 from shuttle_marl.game.scoring import RULES, RulesName
 
+_CACHE: Final = Cache("strokes", 4)  # some MB each
 _QUOTED: Final = re.compile(r"(?<!\w)'.*'|(?<!\w)\".*\"")
 _OF_PANDAS: Final = "__index_level_"
 _STORED: Final = schema.named(STROKES.empty_table()).schema
@@ -47,11 +49,31 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
         DataError: missing or unreadable file or folder, another schema, or a score that the rules do not allow.
     """
     path = Path(path)
+    if path.is_dir() and columns is None:
+        strokes = _of_folder(path)
+        return strokes if rules is None else with_rules(strokes, path, rules)[0]
     cleaned = _cleaned(path, None if columns is None else Path(columns), rules)
     for told in cleaned.warnings if cleaned is not None else ():
         warnings.warn(told, stacklevel=2)
     strokes = _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
     return strokes if rules is None else with_rules(strokes, path, rules)[0]
+
+
+def _of_folder(root: Path) -> pa.Table:
+    """The cleaned strokes of the raw files in a folder, in the cache by their content."""
+    try:
+        files = [file for folder in upstream.SOURCES.values() for file in sorted((root / folder).rglob("*.csv"))]
+        contents = [f"{file.relative_to(root)} {upstream.sha256_of(file)}" for file in files if file.is_file()]
+    except OSError:  # which cleaning tells
+        return clean_matches(root).strokes
+    key = key_of("strokes", *contents, *upstream.manifest().values(), rooms=("base", "data"))
+    if (kept := _CACHE.read([key]).get(key)) is not None:
+        strokes = pa.ipc.open_stream(kept).read_all()
+    else:
+        with telling_hands(()):
+            strokes = clean_matches(root).strokes
+        _CACHE.store({key: _stream(strokes, pa.ipc.IpcWriteOptions(compression="zstd"))})
+    return with_hands(strokes, root)[0]
 
 
 def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
@@ -303,8 +325,11 @@ def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int
 
 def strokes_hash(strokes: pa.Table) -> str:
     """SHA-256 of the columns of a stroke table without metadata, equal for the raw files and for Parquet."""
+    return content_hash(_stream(strokes.cast(pa.schema([field.remove_metadata() for field in strokes.schema])).combine_chunks()))
+
+
+def _stream(table: pa.Table, options: pa.ipc.IpcWriteOptions | None = None) -> bytes:
     sink = pa.BufferOutputStream()
-    table = strokes.cast(pa.schema([field.remove_metadata() for field in strokes.schema])).combine_chunks()
-    with pa.ipc.new_stream(sink, table.schema) as writer:
+    with pa.ipc.new_stream(sink, table.schema, options=options) as writer:
         writer.write_table(table)
-    return content_hash(sink.getvalue())
+    return bytes(sink.getvalue())

@@ -5,7 +5,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -165,7 +165,7 @@ def page(
         | {what: sum(seat[what] for r in played for seat in r.seats) for what in ("matches", "rallies", "strokes")},
         summary=_summary(standings),
         ranking=ranking(standings, assessment.styles),
-        rating_chart=charts.forest([(s.player, s.rating, s.rating_low, s.rating_high, s.rating_exact) for s in standings], "Elo"),
+        rating_chart=_rating_chart((s.player, s.rating, s.rating_low, s.rating_high, s.rating_exact) for s in standings),
         payoff_chart=charts.heat_map([s.player for s in standings], assessment.win[order][:, order]),
         curves=learning_charts(curves),
         people=PEOPLE,
@@ -180,6 +180,10 @@ def page(
         pairings=_pairings(results, logs, numbered=every == 1),
         forfeits=table([result for result in results if result.forfeit], _FORFEITS),
     )
+
+
+def _rating_chart(rows: Iterable[tuple[str, float, float, float, float]]) -> Markup:
+    return charts.bars([charts.Bar(*row) for row in rows], "Ratings with 95 % intervals", wide=True)
 
 
 def _summary(standings: Sequence[Standing]) -> str:
@@ -340,7 +344,7 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
     }
     return {
         "ratings": table(players, columns) if rankings else None,
-        "rating_charts": [(run, charts.forest(rows, "Elo")) for run, rows in rated.items()],
+        "rating_charts": [(run, _rating_chart(rows)) for run, rows in rated.items()],
     }
 
 

@@ -228,28 +228,6 @@ def _area(
 
 
 @_styled()
-def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) -> Markup:
-    """Estimates with intervals, one below the other.
-
-    Args:
-        rows: name, estimate, lower and upper end of its interval, exact value; NaN if unknown.
-    """
-    chart = Chart(_WIDE, 22.0 * len(rows) + 34)
-    axes = chart.axes
-    for y, (name, value, low, high, exact) in enumerate(rows):
-        if not math.isnan(value):
-            about = f"{name}: {value:+.0f} {unit}, 95 % {low:+.0f} to {high:+.0f}"
-            axes.plot([low, high], [y, y], color=_ACCENT, linewidth=2, gid=chart.tooltips(about))
-            axes.plot(value, y, "o", color=_ACCENT, markersize=7, gid=chart.tooltips(about))
-        if not math.isnan(exact):
-            about = chart.tooltips(f"{name}: exactly {exact:+.0f} {unit}")
-            axes.plot(exact, y, "D", color="none", markeredgecolor=_SECOND, markeredgewidth=1.8, markersize=8, gid=about)
-    _listed(axes, [label(name) for name, *_ in rows])
-    axes.xaxis.set_major_formatter("{x:+g}")
-    return chart.svg("Ratings with 95 % intervals")
-
-
-@_styled()
 def heat_map(names: Sequence[str], win: F64) -> Markup:
     """Payoffs of all pairs.
 
@@ -344,7 +322,7 @@ def curves(
 
 
 def _words() -> "Words":
-    from shuttle_marl.reports.words import words  # noqa: PLC0415  a tournament needs no words of badminton
+    from shuttle_marl.reports.words import words  # noqa: PLC0415  slow to import
 
     return words()
 
@@ -366,16 +344,17 @@ def _wide(text: str) -> int:
 
 
 @_styled()
-def bars(rows: Sequence[Bar], title: str) -> Markup:
-    """Estimates with intervals, one below the other."""
+def bars(rows: Sequence[Bar], title: str, *, wide: bool = False) -> Markup:
+    """Estimates with intervals, one below the other; a value of NaN is not known."""
     say = _words()
     whole = [label(row.name, 3 * _LETTERS) for row in rows]
     # A line has half as many wide letters.
     labels = [fill(text, _LETTERS // 2 if 2 * _wide(text) > len(text) else _LETTERS) for text in whole]
     lines = max(text.count("\n") for text in labels) + 1
-    chart = Chart(_NARROW, (14.0 * lines + 6) * len(rows) + 40)
+    width = _WIDE if wide else _NARROW
+    chart = Chart(width, (14.0 * lines + 6) * len(rows) + 40)
     # The font of matplotlib has no wide letters, and leaves less space for them than that of the reader takes.
-    room = _MISSING * max(_wide(line) for text in labels for line in text.split("\n")) / _NARROW
+    room = _MISSING * max(_wide(line) for text in labels for line in text.split("\n")) / width
     chart.figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
     axes = chart.axes
     for y, row in enumerate(rows):
@@ -383,38 +362,44 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
         value, low, high = (say.number(x, ".1f") for x in row[1:4])
         estimate = say("report.interval", value=value, low=low, high=high)
         about = chart.tooltips(f"{row.name}: {estimate}")
-        axes.plot([row.low, row.high], [y, y], color=colour, linewidth=3, alpha=0.55, gid=about)
-        axes.plot(row.value, y, "os"[row.player], markersize=8, markeredgewidth=1.6, markeredgecolor=colour,
-                  color=colour if row.clear else "none")  # fmt: skip
+        if np.isfinite(row.value):
+            axes.plot([row.low, row.high], [y, y], color=colour, linewidth=3, alpha=0.55, gid=about)
+            axes.plot(row.value, y, "os"[row.player], markersize=8, markeredgewidth=1.6, markeredgecolor=colour,
+                      color=colour if row.clear else "none")  # fmt: skip
         if np.isfinite(row.reference):
-            axes.plot(row.reference, y, "D", color="none", markeredgecolor=_INK, markeredgewidth=1.4, markersize=7)
+            axes.plot(row.reference, y, "D", color="none", markeredgecolor=_INK, markeredgewidth=1.4, markersize=7,
+                      gid=chart.tooltips(f"{row.name}: {say.number(row.reference, '.1f')}"))  # fmt: skip
     if min(row.low for row in rows) < 0 < max(row.high for row in rows):
         axes.axvline(0, color=_DIM, linewidth=1)
     _listed(axes, labels)
     return chart.svg(title)
 
 
-@_styled()
-def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
-    """Shares of the target areas, coloured by their difference from a reference, with the striker at the bottom.
-
-    Args:
-        shares, reference: ``[9]`` shares; areas as a right-handed receiver sees them.
-        hand: of the receiver; None: unknown.
-        clear: areas with a frame.
-    """
-    chart, colours = Chart(330.0, 330.0), _shades(_LESS, _ALIKE, _MORE)
-    axes = chart.axes
+def _landed(axes: Any, shares: F64, reference: F64, hand: str | None, clear: Sequence[int] = ()) -> None:
+    """Draw shares of the target areas, coloured by their difference from a reference, with the striker at the bottom."""
+    colours, difference = _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
     draw_court(axes)
-    axes.set_ylim(-1.2, HALF_LENGTH + 0.3)
     axes.grid(visible=False)
-    difference = 100 * (shares - reference)
     most = max(4.0, float(np.abs(difference).max()))
     for area in range(N_AREAS):
         text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
         shade = colours(0.5 + difference[area] / most / 2)
         _area(axes, of_hand(area, hand), shade, text, 12, marked=area in clear)
-    say = _words()
+
+
+@_styled()
+def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
+    """Where strokes land.
+
+    Args:
+        shares, reference: ``[9]`` shares of the target areas, and what they are compared with; areas as a right-handed receiver
+            sees them.
+        hand: of the receiver; None: unknown.
+        clear: areas with a frame.
+    """
+    chart, say = Chart(330.0, 330.0), _words()
+    _landed(chart.axes, shares, reference, hand, clear)
+    chart.axes.set_ylim(-1.2, HALF_LENGTH + 0.3)
     described = say.listed(f"{say.area(area, 'receiver')} {100 * shares[area]:.0f}" for area in range(N_AREAS))
     return chart.svg(f"{title}: {described}")
 
@@ -551,34 +536,23 @@ def tradeoff(frontier: Sequence[tuple[float, float, float]], methods: Mapping[st
 
 
 def landings(summaries: Mapping[str, "Summary"], reference: "Summary", name: str) -> Any:
-    """Share of good strokes that land in each area, coloured by the difference from a reference.
+    """Where the good strokes of some land, of 100, and the difference from a reference.
 
     Landing points are drawn for annotated matches; a log holds only areas. All receivers are drawn as right-handed.
 
     Args:
         reference: summary that they are compared with.
     """
-    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  slow to import
-    from matplotlib.colors import Normalize  # noqa: PLC0415
-
     drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
-    axes_of = np.atleast_1d(drawn.subplots(1, len(summaries)))
-    differences = {player: 100 * (summary.areas - reference.areas) for player, summary in summaries.items()}
-    most = max(5.0, *(float(np.abs(difference).max()) for difference in differences.values()))
-    colours = ScalarMappable(Normalize(-most, most), "RdBu_r")
-    outline = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "edgecolor": "none"}
-    for axes, (player, summary) in zip(axes_of, summaries.items(), strict=True):
-        draw_court(axes)
-        for area, (share, more) in enumerate(zip(100 * summary.areas, differences[player], strict=True)):
-            shade, text = colours.to_rgba(more), f"{share:.0f} %\n{more:+.0f}"
-            _area(axes, area, shade, text, 9, ink=INK, edge=INK, width=0.5, bbox=outline)
+    for axes, (player, summary) in zip(np.atleast_1d(drawn.subplots(1, len(summaries))), summaries.items(), strict=True):
+        _landed(axes, summary.areas, reference.areas, None)
         if summary.marked:
             points = summary.points[:: max(1, len(summary.points) // _MOST_POINTS)]
             axes.scatter(*points.T, s=1.5, color=INK, alpha=0.35, linewidths=0, zorder=4)
         _write(axes, 0, -HALF_LENGTH / 2, f"{player}\nstrikes from here", 9, "white", zorder=5)
         axes.set_title(f"{player}: {summary.strokes:,} strokes", fontsize=10)
-    drawn.supxlabel(Texts("en")(f"sides.{HANDS[0]}"), fontsize=9)
-    drawn.colorbar(colours, ax=axes_of.tolist(), shrink=0.5, label=f"percentage points more than {name}")
+    sides = Texts("en")(f"sides.{HANDS[0]}")
+    drawn.supxlabel(f"of 100 strokes, and the difference from {name}; {sides}", fontsize=9)
     return drawn
 
 

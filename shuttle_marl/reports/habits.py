@@ -1,26 +1,29 @@
 """What is counted in real strokes: habits and endings beside those of others, and options within one situation.
 
-Differences of the counts of two tallies (:mod:`shuttle_marl.dynamics.habits`) are tested together, with the false discovery rate
-of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995). An **option** is a shot type beside the other ones in the same situation:
-over several situations the shares of rallies won would compare the situations, because a block answers a smash.
+Differences of the counts of two tallies (:mod:`shuttle_marl.dynamics.habits`) are tested by Fisher's exact test, because many
+answers are rare, and together, with the false discovery rate of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995). An **option**
+is a shot type beside the other ones in the same situation: over several situations the shares of rallies won would compare the
+situations, because a block answers a smash.
 """
 
 import dataclasses
 import datetime
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.dynamics.habits import NONE, QUESTIONS, Plays, Tally, tally
-from shuttle_marl.game.court import AREAS, BACK, N_AREAS, third_of
+from shuttle_marl.game.court import AREAS, BACK, third_of
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.reports.value import NORMAL
 
+ENDS: Final = ("fault", "winner")
 FALSE_DISCOVERIES: Final = 0.05
 LEAST_DIFFERENCE: Final = 0.03  # smaller differences of shares are of no use on court and are not reported
 
@@ -30,7 +33,8 @@ class Habit:
     """A share of strokes beside that of others.
 
     Attributes:
-        kind, about, answer: the question and the answer.
+        kind, about, answer: the question and the answer; of an ending, ``fault`` or ``winner`` twice, about a shot type, and a
+            technique.
         strokes: number of strokes of the player that the question asks about.
         share, low, high: share of the answer among them, with its 90 % interval.
         usual: share of the others.
@@ -58,27 +62,28 @@ def habits(mine: Tally, others: Tally, *, dispersed: bool = True) -> list[Habit]
         mine, others: counted strokes.
         dispersed: whether counts vary by their dispersion; else they are independent, as within one match.
     """
-    found: list[Habit] = []
+    asked: list[tuple[str, tuple[str, ...], str, tuple[float, ...], float]] = []
     for number, question in enumerate(QUESTIONS):
-        counts = [each.answers(number) for each in (mine, others)]
-        n, m = (float(count.sum()) for count in counts)
+        own, usual = (each.answers(number) for each in (mine, others))
+        n, m = float(own.sum()), float(usual.sum())
         if n < RELIABLE or m < RELIABLE:
             continue
         scale = float(max(mine.dispersion[number], others.dispersion[number])) if dispersed else 1.0
         for k, name in enumerate(question.answers):
-            share, usual = counts[0][k] / n, counts[1][k] / m
-            if max(counts[0][k], usual * n) < 1 or (question.kind == "serve" and k > 0):
-                continue
-            error = float(difference_error(counts[0][k], n, counts[1][k], m, scale))
-            p = float(2 * stats.norm.sf(abs(share - usual) / error)) if error > 0 else 1.0
-            low, high = interval(share, n / scale)
-            about = question.about
-            found.append(
-                Habit(kind=question.kind, about=about, answer=name, strokes=n, share=share, low=low, high=high, usual=usual, p=p)
-            )
-    return sorted(
-        with_discoveries(found), key=lambda habit: (not habit.clear, -abs(habit.share - habit.usual) * np.sqrt(habit.strokes))
-    )
+            if max(own[k], usual[k] / m * n) >= 1 and not (question.kind == "serve" and k):
+                asked.append((question.kind, question.about, name, (own[k], n, usual[k], m), scale))
+    return sorted(_compared(asked), key=lambda habit: (not habit.clear, -abs(habit.share - habit.usual) * np.sqrt(habit.strokes)))
+
+
+def _compared(asked: Iterable[tuple[str, tuple[str, ...], str, tuple[float, ...], float]]) -> list[Habit]:
+    """Kind, question and answer, counts of :func:`chance`, and dispersion of each, as habits."""
+    found = []
+    for kind, about, answer, counts, scale in asked:
+        won, n, others_won, m = map(float, counts)
+        share, usual, p = won / n, others_won / m, chance(np.array([counts]) / scale)
+        low, high = interval(share, n / scale)
+        found.append(Habit(kind=kind, about=about, answer=answer, strokes=n, share=share, low=low, high=high, usual=usual, p=p))
+    return with_discoveries(found)
 
 
 def with_discoveries(found: Sequence[Habit]) -> list[Habit]:
@@ -90,24 +95,34 @@ def with_discoveries(found: Sequence[Habit]) -> list[Habit]:
     ]
 
 
-def adjusted(p: Sequence[float]) -> F64:
+def adjusted(p: Sequence[float] | F64) -> F64:
     """``[N]`` p-values corrected for their number: the least false discovery rates at which the hypotheses are rejected."""
-    return np.asarray(stats.false_discovery_control(np.asarray(p)) if len(p) else np.zeros(0))
+    order, n = np.argsort(p)[::-1], len(p)
+    corrected = np.empty(n)
+    corrected[order] = np.minimum.accumulate(np.asarray(p)[order] * n / np.arange(n, 0, -1))
+    return corrected
 
 
-def discoveries(p: Sequence[float]) -> Bools:
+def discoveries(p: Sequence[float] | F64) -> Bools:
     """``[N]`` which of N hypotheses are rejected, with a false discovery rate of 5 %."""
     return np.asarray(adjusted(p) <= FALSE_DISCOVERIES)
 
 
-def difference_error(won: Any, n: Any, others_won: Any, m: Any, scale: float = 1.0) -> F64:
-    """Standard error of the difference of two shares, won of n and of m, if both are the same one; any shape.
+def chance(strata: F64) -> float:
+    """P-value of Fisher's exact test, two-sided, that two shares are one; of several strata that they are one in each of them.
 
     Args:
-        scale: dispersion of the counts.
+        strata: ``[S, 4]`` successes and number of both, each number as large as there are independent strokes; rounded.
     """
-    pooled = (won + others_won) / (n + m)
-    return np.asarray(np.sqrt(scale * pooled * (1 - pooled) * (1 / n + 1 / m)))
+    # Probabilities of the successes of the first one, given those of both in each stratum.
+    weight, least, found = np.ones(1), 0, 0
+    for won, n, others_won, m in np.rint(strata).astype(np.int64).tolist():
+        k = np.arange(max(0, won + others_won - m), min(n, won + others_won) + 1)
+        rest = won + others_won - k
+        log = -special.gammaln(np.stack([k, n - k, rest, m - rest]) + 1.0).sum(axis=0)
+        one = np.exp(log - log.max())
+        weight, least, found = np.convolve(weight, one / one.sum()), least + int(k[0]), found + won
+    return min(1.0, float(weight[weight <= weight[found - least] * (1 + 1e-7)].sum()))
 
 
 def interval(share: float, n: float, z: float = NORMAL) -> tuple[float, float]:
@@ -117,52 +132,17 @@ def interval(share: float, n: float, z: float = NORMAL) -> tuple[float, float]:
     return max(0.0, float((centre - width) / scale)), min(1.0, float((centre + width) / scale))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Ending:
-    """Shares of faults and winners among the strokes of one shot type.
-
-    Attributes:
-        shot, technique: shot type, and technique; None: all of them.
-        fault, winner: shares, each with the 90 % interval and the share of the others.
-        q: p-values of both differences, corrected for their number.
-        clear: whether the share of faults, and that of winners, differs by more than chance, and enough.
-    """
-
-    shot: str
-    technique: str | None
-    strokes: float
-    fault: tuple[float, float, float, float]
-    winner: tuple[float, float, float, float]
-    q: tuple[float, float]
-    clear: tuple[bool, bool]
-
-
-def endings(mine: Tally, others: Tally) -> list[Ending]:
+def endings(mine: Tally, others: Tally) -> list[Habit]:
     """Faults and winners of a player beside others, by shot type, and by shot type and technique, for enough strokes."""
-    kinds: list[tuple[str, str | None]] = [(shot, None) for shot in SHOTS]
-    kinds += [(shot, technique) for shot in SHOTS for technique in TECHNIQUES]
-    counts = [
+    kinds: list[tuple[str, ...]] = [*itertools.product(SHOTS), *itertools.product(SHOTS, TECHNIQUES)]
+    own, usual = (
         np.concatenate([each.ends.sum(axis=1), each.ends[:, :-1].reshape(-1, 3)]).astype(np.float64) for each in (mine, others)
-    ]
-    n, m = (count[:, :1] for count in counts)
-    enough = np.flatnonzero((n[:, 0] >= RELIABLE) & (m[:, 0] >= RELIABLE))
-    if not len(enough):
-        return []
-    n, m = n[enough], m[enough]
-    shares, usual = (count[enough, 1:] / size for count, size in zip(counts, (n, m), strict=True))
-    error = difference_error(shares * n, n, usual * m, m)
-    with np.errstate(invalid="ignore"):
-        p = np.where(error > 0, 2 * stats.norm.sf(np.abs(shares - usual) / error), 1.0)
-    corrected = adjusted(p.ravel().tolist()).reshape(-1, 2)
-    clear = (corrected <= FALSE_DISCOVERIES) & (np.abs(shares - usual) >= LEAST_DIFFERENCE)
-    found = []
-    for i, kind in enumerate(enough.tolist()):
-        size = float(n[i, 0])
-        fault, winner = ((s, *interval(s, size), u) for s, u in zip(shares[i].tolist(), usual[i].tolist(), strict=True))
-        shot, technique = kinds[kind]
-        q, mark = (tuple(each[i].tolist()) for each in (corrected, clear))
-        found.append(Ending(shot=shot, technique=technique, strokes=size, fault=fault, winner=winner, q=q, clear=mark))
-    return found
+    )
+    return _compared(
+        (end, kinds[k], end, (own[k, i], own[k, 0], usual[k, i], usual[k, 0]), 1.0)
+        for k in np.flatnonzero(np.minimum(own[:, 0], usual[:, 0]) >= RELIABLE).tolist()
+        for i, end in enumerate(ENDS, start=1)
+    )
 
 
 MAIN: Final = 3
@@ -195,7 +175,8 @@ class Option(NamedTuple):
         shot: index.
         rallies, won: in which it was played, and that its striker won; ``low``, ``high``: 90 % interval of the share.
         others, others_won: the same of the other shot types.
-        p, q: p-value of the difference by Fisher's exact test, and the same corrected for the number of options tested.
+        p, q: p-value of the difference by Fisher's exact test within each striker, and the same corrected for the number of
+            options tested.
     """
 
     situation: Situation
@@ -237,27 +218,27 @@ class Results:
         won: ``[N]`` :func:`~shuttle_marl.reports.summary.won_or_lost`.
         rally: ``[N]`` number of the rally.
         mine: ``[N]`` strokes that count.
+        striker: ``[N]`` number of the player, because some win more than others whatever they play.
     """
 
-    def __init__(self, plays: Plays, won: F64, rally: I64, mine: Bools) -> None:
+    def __init__(self, plays: Plays, won: F64, rally: I64, mine: Bools, striker: I64) -> None:
         serving = (plays.incoming == NONE) & (plays.shot < N_SERVES)
         placed = (plays.incoming < NONE) & (plays.met >= 0) & (plays.contact >= 0) & (plays.hurried >= 0)
         parts = np.stack([plays.incoming, plays.met, plays.contact, plays.hurried])
         counts = np.flatnonzero(mine & np.isfinite(won) & (serving | placed))[::-1]
         where = np.where(serving, np.array(SERVING)[:, None], parts)[:, counts]
         last = np.unique(np.vstack([rally[counts], where]), axis=1, return_index=True)[1]
-        found: dict[Situation, dict[int, list[int]]] = {}
-        for shot, result, incoming, met, contact, late in (
-            np.vstack([plays.shot[counts], won[counts], where])[:, last].astype(int).T.tolist()
+        rows: dict[Situation, list[list[int]]] = {}
+        for incoming, met, contact, late, *row in (
+            np.vstack([where, plays.shot[counts], won[counts], striker[counts]])[:, last].astype(int).T.tolist()
         ):
-            at = found.setdefault(Situation(incoming, met, contact, bool(late)), {}).setdefault(shot, [0, 0])
-            at[0], at[1] = at[0] + 1, at[1] + result
-        self._counts = found
+            rows.setdefault(Situation(incoming, met, contact, bool(late)), []).append(row)
+        self._rows = {situation: np.array(some).T for situation, some in rows.items()}
 
     def of(self, situation: Situation, shot: int) -> tuple[int, int]:
         """Rallies with a shot type in a situation, and those of them that were won."""
-        rallies, won = self._counts.get(situation, {}).get(shot, (0, 0))
-        return rallies, won
+        played, won, _ = self._rows.get(situation, np.zeros((3, 0), np.int64))
+        return int((played == shot).sum()), int(won[played == shot].sum())
 
     def confirm(self, situation: Situation, better: int, worse: int) -> bool:
         """Whether a shot type won no smaller share of the rallies in a situation than another one, if both were played there."""
@@ -265,17 +246,26 @@ class Results:
         return not n or not m or won * m >= lost * n
 
     def options(self) -> list[Option]:
-        """All options with enough rallies on both sides, the surest first."""
+        """All options with enough rallies on both sides, not yet corrected."""
         found = []
-        for situation, shots in self._counts.items():
-            total = np.sum([*shots.values()], axis=0)
-            for shot, (n, won) in shots.items():
-                others, others_won = (total - (n, won)).tolist()
+        for situation, (played, won, striker) in self._rows.items():
+            for shot in np.unique(played).tolist():
+                sides = [(played == shot) == own for own in (True, False)]
+                strata = np.stack([np.bincount(striker, w) for side in sides for w in (side * won, side)], axis=1).astype(
+                    np.float64
+                )
+                won_by, n, others_won, others = strata.sum(axis=0).astype(int).tolist()
                 if min(n, others) >= RELIABLE:
-                    p = float(stats.fisher_exact([[won, n - won], [others_won, others - others_won]]).pvalue)
-                    found.append(Option(situation, shot, n, won, *interval(won / n, n), others, others_won, p))
-        corrected = adjusted([each.p for each in found]).tolist()
-        return sorted((each._replace(q=q) for each, q in zip(found, corrected, strict=True)), key=lambda each: (each.q, each[:2]))
+                    low, high = interval(won_by / n, n)
+                    found.append(Option(situation, shot, n, won_by, low, high, others, others_won, chance(strata)))
+        return found
+
+
+def options_of(results: Sequence[Results]) -> list[list[Option]]:
+    """The options of some players, the surest first; p-values are corrected for the number of options of them all."""
+    found = [each.options() for each in results]
+    corrected = iter(adjusted([option.p for some in found for option in some]).tolist())
+    return [sorted((each._replace(q=next(corrected)) for each in some), key=lambda each: (each.q, each[:2])) for some in found]
 
 
 class Expected(NamedTuple):
@@ -295,28 +285,6 @@ def expected_of(own: Tally, kind: str, *about: str) -> Expected:
     order = [k for k in np.argsort(-counts, kind="stable").tolist()[:MAIN] if counts[k]]
     shares = tuple((question.answers[k], float(counts[k] / total)) for k in order)
     return Expected(kind, "".join(question.about[:1]), shares, int(total))
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Heat:
-    """Targets of a player in won and in lost rallies: ``[9]`` counts, and areas that differ by more than chance."""
-
-    player: int
-    won: tuple[float, ...]
-    lost: tuple[float, ...]
-    clear: tuple[int, ...]
-
-
-def heat(plays: Plays, mine: Bools, won: F64, player: int) -> Heat:
-    """Targets in won and lost rallies; ``mine``: ``[N]`` strokes of the player, ``won``: ``[N]`` their results."""
-    aimed = mine & (plays.incoming < NONE) & (plays.shot >= N_SERVES) & (plays.area >= 0)
-    counts = [np.bincount(plays.area[aimed & (won == result)], minlength=N_AREAS).astype(np.float64) for result in (1.0, 0.0)]
-    n = [max(1.0, float(count.sum())) for count in counts]
-    error = difference_error(counts[0], n[0], counts[1], n[1])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        z = np.nan_to_num((counts[0] / n[0] - counts[1] / n[1]) / error)
-    clear = np.flatnonzero(discoveries((2 * stats.norm.sf(np.abs(z))).tolist()))
-    return Heat(player=player, won=tuple(counts[0].tolist()), lost=tuple(counts[1].tolist()), clear=tuple(clear.tolist()))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

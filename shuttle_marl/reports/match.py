@@ -5,18 +5,17 @@
 """
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
+from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64
-from shuttle_marl.data.matches import game_end, real_rallies, rules_of
-from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.data.matches import RealRally, game_ends, real_rallies, rules_of, winner_of
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Tally, plays_of, tally
 from shuttle_marl.exact.fixed_point import Odds
@@ -30,16 +29,15 @@ from shuttle_marl.policy import baselines
 from shuttle_marl.reports.habits import (
     SERVING,
     Change,
-    Heat,
     Results,
     Situation,
     changes,
     discoveries,
     endings,
     habits,
-    heat,
     interval,
     is_short,
+    options_of,
     plain,
 )
 from shuttle_marl.reports.page1 import Advised, Page1, Statement, advised, answers, options, serves, sure
@@ -92,16 +90,17 @@ class RallyRow:
         return self.after - self.before
 
 
-def _rallies(strokes: pa.Table, frame: pa.Table, added: F64, area: I64, rules: Rules, chances_of: "Chances") -> list[RallyRow]:
-    """Rallies with the score and the probabilities of winning the match.
+def _rallies(
+    strokes: pa.Table, found: Sequence[RealRally], frame: pa.Table, added: F64, area: I64, chances_of: "Chances"
+) -> list[RallyRow]:
+    """Rallies with the probabilities of winning the match.
 
     Args:
-        frame: table of the rallies.
+        found, frame: the rallies with the score, and their table.
         added, area: ``[N]`` value and target of each stroke; NaN and -1 where unknown.
     """
     column = {name: strokes[name].to_numpy(zero_copy_only=False) for name in ("player", "stroke", "shot", "clock")}
     out: list[RallyRow] = []
-    found = real_rallies(strokes, dict.fromkeys(matches_in(strokes), rules))
     for row, rally in zip(frame.to_pylist(), found, strict=True):
         start, end, winner, server = rally.rows[0], rally.rows[-1] + 1, rally.winner, rally.score.server
         chance = chances_of.of(rally.score)
@@ -148,27 +147,6 @@ class Chances:
             return float(score.games[0] > score.games[1])
         won, lost = self._table.get((*score.games, *score.points, score.server), (math.nan, math.nan))
         return lost + (won - lost) * (self._odds.receiving if score.server else self._odds.serving)
-
-
-def score_of(
-    rallies: Sequence[RallyRow], rules: Rules, *, stopped: bool = False
-) -> tuple[tuple[tuple[int, int], ...], tuple[int, ...]]:
-    """Points of both players at the end of each game, and the numbers of the games whose last rally was inferred.
-
-    Args:
-        stopped: whether the match was stopped in its last rally.
-    """
-    ends: dict[int, tuple[tuple[int, int], int | None]] = {}
-    for row in rallies:
-        ends[row.key[0]] = (row.points[0] + (row.winner == 0), row.points[1] + (row.winner == 1)), None
-    for before, row in itertools.pairwise(rallies):
-        if row.key[0] != before.key[0] and row.key[1] == 1:
-            ends[before.key[0]] = ends[before.key[0]][0], row.server
-    found = {
-        game: game_end(points, served, rules, stopped=stopped and game == max(ends))
-        for game, (points, served) in sorted(ends.items())
-    }
-    return tuple(points for points, *_ in found.values()), tuple(game for game, (*_, added) in found.items() if added)
 
 
 LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))  # classes of rallies by number of strokes
@@ -249,12 +227,14 @@ class MatchReport:
         hands: of both, each one of :data:`~shuttle_marl.game.court.HANDS`; None: not known, played as right-handed.
         score: points of both in each game.
         inferred: games whose last rally is not in the data, and added by the rules.
+        winner: of the match; None: it was not finished.
         page1: page 1, on both players.
         moments: indices of the rallies with the largest swings, largest first.
         values: value of the strokes by player and shot type.
         choices: costly decisions, most costly first.
         factor: share of predicted advantages that real matches realise; None: unknown.
         serving, lengths: rallies won by server and kind of serve, and by length.
+        targets: ``[9]`` number of strokes of each player by target area.
         faults: by player, forced and unforced ones, where the data tell.
         changes: from game to game.
         waits: where both wait after their most frequent strokes; empty where positions are unknown.
@@ -266,6 +246,7 @@ class MatchReport:
     hands: tuple[str | None, str | None]
     score: tuple[tuple[int, int], ...]
     inferred: tuple[int, ...]
+    winner: int | None
     page1: Page1
     rules: Rules
     strokes: int
@@ -277,7 +258,7 @@ class MatchReport:
     factor: Estimate | None
     serving: Sequence[Won]
     lengths: Sequence[Won]
-    heat: Sequence[Heat]
+    targets: Sequence[F64]
     faults: Sequence[tuple[int, int]]
     changes: Sequence[Change]
     waits: Sequence[Wait]
@@ -335,26 +316,27 @@ def match_report(
     plays = plays_of(found.rows)
     tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
     waiting = waits(strokes, players)
-    results = [Results(plays, won, rally, seat == player) for player in (0, 1)]
-    tested = [each.options() for each in results]
+    results = [Results(plays, won, rally, seat == player, seat) for player in (0, 1)]
+    compared = options_of(results)
     said = [each for player in (0, 1) for each in _said(player, tallies, waiting)]
-    said += [each for player in (0, 1) for each in options(player, tested[player])]
+    said += [each for player in (0, 1) for each in options(player, compared[player])]
     counted = serves(strokes, players[0]), serves(strokes, players[1])
     forced = [strokes["forced"].filter(pa.array(seat == player)).drop_null().to_numpy() for player in (0, 1)]
     changed = changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
     # The match.
     even = Odds(serving=0.5, receiving=0.5, error_bound=0.0)
-    rallies = _rallies(strokes, frame, added, plays.area, rules, Chances(odds or even, rules))
-    score, inferred = score_of(rallies, rules, stopped=strokes["reason"][-1].as_py() == REASONS.index("stopped"))
+    scored = [*real_rallies(strokes, {match: rules})]
+    rallies, ends = _rallies(strokes, scored, frame, added, plays.area, Chances(odds or even, rules)), game_ends(scored)
     # Only rallies that the striker lost count, each by how much it decided.
     stakes = np.array([[abs(row.swing) * (row.winner == 1 - player) for row in rallies] for player in (0, 1)])
     return MatchReport(
         match=match,
         players=players,
         hands=hands,
-        score=score,
-        inferred=inferred,
-        page1=Page1(tuple(said), sum(map(len, tested)), counted),
+        score=tuple(points for points, *_ in ends.values()),
+        inferred=tuple(game for game, (*_, added_by_rules) in ends.items() if added_by_rules),
+        winner=winner_of(scored),
+        page1=Page1(tuple(said), sum(map(len, compared)), counted),
         rules=rules,
         strokes=strokes.num_rows,
         rallies=rallies,
@@ -365,7 +347,7 @@ def match_report(
         factor=factor_of(average.game),
         serving=_serving(rallies, np.where(found.rows.stroke == 1, plays.shot, -1)[frame["first"].to_numpy()]),
         lengths=_lengths(rallies),
-        heat=[heat(plays, seat == player, won, player) for player in (0, 1)],
+        targets=[each.targets for each in tallies],
         faults=[(int(known.sum()), int((~known).sum())) for known in forced],
         changes=changed,
         waits=waiting,
@@ -391,11 +373,10 @@ def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
 def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> list[Statement]:
     """What a player did more than the other one, and how both began rallies."""
     own, other = tallies[player], tallies[1 - player]
-    more = [each for each in habits(own, other, dispersed=False) if each.share > each.usual]
-    ends = [
-        dataclasses.replace(e, clear=(e.clear[0] and e.fault[0] > e.fault[3], e.clear[1] and e.winner[0] > e.winner[3]))
-        for e in endings(own, other)
-    ]
+    more, ends = (
+        [each for each in found if each.share > each.usual]
+        for found in (habits(own, other, dispersed=False), endings(own, other))
+    )
     return [*sure(player, more, ends, differences(waiting, match=True)), *answers(player, own)]
 
 
@@ -426,7 +407,7 @@ def _values(added: F64, shot: I64, seat: I64, rally: I64) -> list[ShotValue]:
             total, error = float(added[mine].sum()), float(np.sqrt((sums**2).sum() + 0.25))
             points = Estimate(total, total - NORMAL * error, total + NORMAL * error)
             found.append(ShotValue(player=player, shot=name, strokes=len(mine), points=points))
-            p.append(float(2 * stats.norm.sf(abs(total) / error)))
+            p.append(float(2 * special.ndtr(-abs(total) / error)))
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(found, discoveries(p), strict=True)]
 
 
@@ -459,7 +440,10 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
         if some:
             label = f"{low}\N{EN DASH}{high}" if high < LENGTHS[-1][1] else f"{low}+"
             out.append(_won(label, 0, len(some), sum(row.winner == 0 for row in some)))
-    clear = discoveries([float(stats.binomtest(each.won, each.rallies).pvalue) for each in out])
+    # Binomial tests of one half.
+    clear = discoveries(
+        [min(1.0, 2 * float(special.bdtr(min(each.won, each.rallies - each.won), each.rallies, 0.5))) for each in out]
+    )
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
 
 

@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from shuttle_marl.dynamics.habits import Tally
 from shuttle_marl.game.stroke import N_SERVES
-from shuttle_marl.reports.habits import Ending, Expected, Habit, Option, Results, Situation, expected_of, interval, plain
+from shuttle_marl.reports.habits import ENDS, Expected, Habit, Option, Results, Situation, expected_of, interval, plain
 from shuttle_marl.reports.summary import rally_table
 from shuttle_marl.reports.waits import Difference
 
@@ -26,7 +26,6 @@ RULES: Final = (
     "points, games and numbers of rallies follow from the points in the data",
 )
 """What a report keeps; ``python -m experiments.reports`` recounts it."""
-ENDS: Final = ("fault", "winner")
 _SURE: Final = 5  # most habits on page 1
 _LEAST: Final = 10  # strokes from which answers are told
 _OTHERS: Final = 2  # most endings, and most places
@@ -49,7 +48,7 @@ class Statement:
 
     kind: str
     player: int
-    figure: Habit | Ending | Difference | Expected | Option
+    figure: Habit | Difference | Expected | Option
     count: int
     value: float
     low: float
@@ -79,23 +78,22 @@ class Page1(NamedTuple):
         return [{**plain(each), "text": text(each)} for each in self.statements]
 
 
-def clear_endings(endings: Sequence[Ending]) -> Iterator[tuple[Ending, int]]:
-    """Faults (0) and winners (1) that differ; what holds of a shot type is not repeated for its techniques."""
-    whole = {(each.shot, end) for each in endings if each.technique is None for end in np.flatnonzero(each.clear).tolist()}
-    for each in endings:
-        yield from ((each, e) for e in (0, 1) if each.clear[e] and (each.technique is None or (each.shot, e) not in whole))
+def clear_endings(endings: Iterable[Habit]) -> list[Habit]:
+    """Faults and winners that differ; what holds of a shot type is not repeated for its techniques."""
+    clear = [each for each in endings if each.clear]
+    whole = {(each.kind, each.about) for each in clear}
+    return [each for each in clear if len(each.about) == 1 or (each.kind, each.about[:1]) not in whole]
 
 
-def sure(player: int, habits: Iterable[Habit], endings: Sequence[Ending], places: Iterable[Difference]) -> Iterator[Statement]:
+def sure(player: int, habits: Iterable[Habit], endings: Iterable[Habit], places: Iterable[Difference]) -> Iterator[Statement]:
     """What differs from others by more than chance: first the habits, of one question once."""
-    asked: set[tuple[str, ...]] = set()
+    first: dict[tuple[str, ...], Habit] = {}
     for each in habits:
-        if each.clear and (each.kind, *each.about) not in asked and len(asked) < _SURE:
-            asked.add((each.kind, *each.about))
-            yield Statement("habit", player, each, round(each.strokes), each.share, each.low, each.high, each.usual, each.q)
-    for ending, end in [*clear_endings(endings)][:_OTHERS]:
-        share, low, high, usual = getattr(ending, ENDS[end])
-        yield Statement(ENDS[end], player, ending, round(ending.strokes), share, low, high, usual, ending.q[end])
+        if each.clear:
+            first.setdefault((each.kind, *each.about), each)
+    for each in (*[*first.values()][:_SURE], *clear_endings(endings)[:_OTHERS]):
+        kind = each.kind if each.kind in ENDS else "habit"
+        yield Statement(kind, player, each, round(each.strokes), each.share, each.low, each.high, each.usual, each.q)
     for place in [each for each in places if each.wait.player == player][:_OTHERS]:
         yield Statement("wait", player, place, place.wait.strokes, place.value, place.low, place.high, q=place.q)
 

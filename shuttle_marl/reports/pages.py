@@ -10,17 +10,18 @@ import pyarrow.compute as pc
 from markupsafe import Markup
 
 from shuttle_marl.data.hands import area_inferred
+from shuttle_marl.data.matches import event
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.recovery import ACROSS, DEPTHS
-from shuttle_marl.game.scoring import is_over, wins_game
+from shuttle_marl.game.scoring import wins_game
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts
 from shuttle_marl.reports.habits import Habit
 from shuttle_marl.reports.html import Heading, Viewer, render
 from shuttle_marl.reports.match import MatchReport, ShotValue, matches_in
-from shuttle_marl.reports.page1 import ENDS, clear_endings
+from shuttle_marl.reports.page1 import clear_endings
 from shuttle_marl.reports.scouting import ScoutingReport
 from shuttle_marl.reports.summary import met
 from shuttle_marl.reports.value import LEAST_REFITS
@@ -131,7 +132,6 @@ def page(template: str, clips: Clips, content: Mapping[str, Any]) -> bytes:
 
 
 _RUN = 3  # points in a row that are mentioned
-_LEAST_HEAT = 60  # strokes in won and in lost rallies from which a map is drawn
 
 
 def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips = NO_CLIPS) -> bytes:
@@ -157,7 +157,7 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
         "examples": {rally: number for number, rally in enumerate(clips.shown)},
         "numbers": clips.numbers,
         "score": lambda winner=0: words().listed(f"{points[winner]}\N{EN DASH}{points[1 - winner]}" for points in report.score),
-        "event": words().event(match, named),
+        "event": event(match, named),
         "reasons": lambda i: _reasons(report, i),
         "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
         "enough_refits": report.refits >= LEAST_REFITS,
@@ -171,9 +171,7 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
             for player in (0, 1)
         ],
         "mean_length": float(np.mean([row.strokes for row in report.rallies])),
-        "landed": [np.add(heat.won, heat.lost) for heat in report.heat],
-        "maps": [heat for heat in report.heat if min(sum(heat.won), sum(heat.lost)) >= _LEAST_HEAT],
-        "share_of": lambda counts: np.array(counts) / np.sum(counts),
+        "landed": [counts / max(1.0, counts.sum()) for counts in report.targets],
     }
     if source is not None and source.strokes is not None:
         played = source.strokes.filter(pc.equal(source.strokes["match"], str(source.match)))
@@ -184,22 +182,17 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
 
 
 def _course(report: MatchReport) -> dict[str, Any]:
-    """Who won (None: the match is open), probabilities of winning over the rallies, and where games end or are cut off."""
-    low, high = sorted(report.score[-1])
-    won = [int(points[1] > points[0]) for points in report.score]
-    games = np.bincount(won if wins_game(high, low, report.rules) else won[:-1], minlength=2)
-    winner = int(games.argmax()) if is_over(games, report.rules) else None
-    rows = report.rallies
+    """Points, probabilities of winning over the rallies, and where games end or are cut off."""
+    rows, rules = report.rallies, report.rules
     by_game = dict(zip(dict.fromkeys(row.key[0] for row in rows), report.score, strict=True))
-    ended = list(by_game.items()) if winner is not None else list(by_game.items())[:-1]
+    ended = list(by_game.items())[: None if report.winner is not None else -1]
     return {
-        "winner": winner,
         "won": np.sum(report.score, axis=0).tolist(),
         "chance": [row.before for row in rows] + [rows[-1].after],
         "ends": [i for i in range(1, len(rows)) if rows[i].key[0] != rows[i - 1].key[0]],
         "played": sum(map(sum, report.score)),
         "by_game": by_game,
-        "cut": [n for n, points in ended if not wins_game(max(points), min(points), report.rules)],
+        "cut": [game for game, points in ended if not wins_game(max(points), min(points), rules)],
     }
 
 
@@ -249,6 +242,7 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips
     """The scouting report as the content of a file; ``gaps``: sentences on what the data lack; ``clips``: its rallies."""
     say = words()
     report = report.renamed(say.player)
+    whole = [each for each in report.endings if len(each.about) == 1]  # faults and winners in turn
     content = {
         "report": report,
         "known": [known for known in (report.player, report.opponent) if known is not None],
@@ -256,16 +250,15 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips
         "clips": {each.statement: f"#example-{i}" for i, each in enumerate(clips.examples)},
         "examples": [_example(report, each) for each in clips.examples],
         "recorded": any(each.match for each in clips.examples),
-        "ENDS": ENDS,
         "framed": [AREAS.index(each.answer) for each in report.habits if each.kind == "targets" and each.clear],
         "habit_bars": lambda habits: [
             charts.Bar(say.habit(each), 100 * each.share, 100 * each.low, 100 * each.high, 100 * each.usual, player=1)
             for each in habits[:_SHOWN]
         ],
         "answers": lambda kinds: _answers(report, kinds),
-        "ending_share": lambda share, digits=0: ranged(Estimate(*share[:3]), digits),
-        "clear_endings": list(clear_endings(report.endings)),
-        "endings": sorted((each for each in report.endings if each.technique is None), key=lambda each: -each.strokes),
+        "ending_share": lambda each, digits=0: ranged(Estimate(each.share, each.low, each.high), digits),
+        "clear_endings": clear_endings(report.endings),
+        "endings": sorted(zip(whole[::2], whole[1::2], strict=True), key=lambda ends: -ends[0].strokes),
         "beside": _beside(report),
     }
     return page("scout.html.j2", clips, content)
@@ -277,8 +270,8 @@ def _example(report: ScoutingReport, each: Example) -> str:
     assert isinstance(figure, Habit)
     habit = say.capital(say.habit(figure))
     points = "\N{EN DASH}".join(map(str, each.points))
-    event = say.event(each.match, each.people)
-    return say("scout.examples_at", habit=habit, game=each.game, points=points, event=event) if each.match else habit
+    where = {"game": each.game, "points": points, "event": event(each.match, each.people)}
+    return say("scout.examples_at", habit=habit, **where) if each.match else habit
 
 
 def _listed(habit: Habit) -> bool:
@@ -296,5 +289,4 @@ def _beside(report: ScoutingReport) -> dict[str, Any] | None:
         return None
     found = [habit for habit in report.beside[1] if habit.kind in ("shots", "serve", "return", "third")]
     differ = sum(habit.clear for habit in found)
-    name = words().player(report.beside[0])
-    return {"name": name, "differ": differ, "tested": len(found), "habits": list(filter(_listed, found))}
+    return {"name": report.beside[0], "differ": differ, "tested": len(found), "habits": list(filter(_listed, found))}

@@ -27,7 +27,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
@@ -309,6 +309,8 @@ class Rating:
 
 def _volatility(sigma: float, phi: float, information: float, surplus: float) -> float:
     """Step 5: the root of f in x, the logarithm of the variance."""
+    from scipy import optimize  # noqa: PLC0415  slow to import
+
     v, a = 1 / information, math.log(sigma**2)
     delta = v * surplus
 

@@ -20,14 +20,14 @@ from shuttle_marl.data.schema import DISCIPLINES, STROKES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import hurry_of, marked_rows
 from shuttle_marl.dynamics.habits import Plays, Tally, load_habits, plays_of, tally
-from shuttle_marl.exact import evaluate
+from shuttle_marl.exact.odds import pair_odds
 from shuttle_marl.game.pairs import AVERAGE, Day, Skill, load_skill, pair_game, people_of
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.shipped import PROFILES, Estimate, model_folder, resolve_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.reports.habits import Ending, Habit, Option, Results, endings, habits, interval, plain
+from shuttle_marl.reports.habits import Habit, Option, Results, endings, habits, interval, options_of, plain
 from shuttle_marl.reports.page1 import Page1, answers, options, serves, sure
 from shuttle_marl.reports.summary import AnalysisError, Met, hand_of, met, rally_numbers, with_hands_of_model, won_or_lost
 from shuttle_marl.reports.value import TOLERANCE
@@ -108,7 +108,7 @@ class ScoutingReport:
     met: Met | None
     season: Sequence[Form]
     habits: Sequence[Habit]
-    endings: Sequence[Ending]
+    endings: Sequence[Habit]
     targets: F64
     targets_usual: F64
     target_strokes: float
@@ -121,10 +121,14 @@ class ScoutingReport:
 
     def renamed(self, name_of: Callable[[str], str]) -> "ScoutingReport":
         """The report with other names of player and opponents."""
-        player = None if self.player is None else dataclasses.replace(self.player, name=name_of(self.player.name))
+        player = self.player and dataclasses.replace(self.player, name=name_of(self.player.name))
         opponent = dataclasses.replace(self.opponent, name=name_of(self.opponent.name))
         season = [form._replace(against=name_of(form.against)) for form in self.season]
-        return dataclasses.replace(self, player=player, opponent=opponent, season=season)
+        beside = self.beside and (name_of(self.beside[0]), self.beside[1])
+        pair = self.pair
+        if pair is not None and player is not None:
+            pair = dataclasses.replace(pair, people=dataclasses.replace(people_of(pair), players=(player.name, opponent.name)))
+        return dataclasses.replace(self, player=player, opponent=opponent, season=season, beside=beside, pair=pair)
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
@@ -228,8 +232,9 @@ def scout(
 
     own, others = tallies(opponent)
     told, ends, waiting = habits(own, others), endings(own, others), waits(strokes, (player or "", opponent))
-    tested = Results(plays, won, rally_numbers(strokes), against).options() if against.any() else None
-    said = (*sure(1, told, ends, differences(waiting, match=False)), *answers(1, own), *options(0, tested or ()))
+    number = np.unique(striker.astype(str), return_inverse=True)[1]
+    compared = options_of([Results(plays, won, rally_numbers(strokes), against, number)])[0] if against.any() else None
+    said = (*sure(1, told, ends, differences(waiting, match=False)), *answers(1, own), *options(0, compared or ()))
     counted = serves(strokes, opponent) if mine.any() else None
     found = None if player is None else pair(player, opponent)
     return ScoutingReport(
@@ -237,8 +242,8 @@ def scout(
         opponent=people[0],
         discipline=discipline,
         model=(model, (pair(opponent, AVERAGE) if found is None else found).hash),
-        page1=Page1(said, None if tested is None else len(tested), (None, counted)),
-        options=tested,
+        page1=Page1(said, None if compared is None else len(compared), (None, counted)),
+        options=compared,
         rally=None if found is None else float(earned(np.array(odds_of(found)))),
         met=None if data is None or player is None else met(strokes, player, opponent),
         season=season(strokes, plays, opponent),
@@ -267,7 +272,7 @@ def imitated(pair: Game) -> tuple[TabulatedPolicy, TabulatedPolicy]:
 
 def odds_of(pair: Game) -> float:
     """Probability that the first player of a pair wins a rally, both imitated."""
-    return float(evaluate(*imitated(pair), tolerance=TOLERANCE).odds().rally)
+    return float(pair_odds([imitated(pair)], tolerance=TOLERANCE)[0].rally)
 
 
 def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:

@@ -13,8 +13,8 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import ShuttleError, whole_number
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.hands import receiver_hands
-from shuttle_marl.data.matches import game_end, real_rallies, winner_of
-from shuttle_marl.data.schema import REASONS, STROKES, Outcome
+from shuttle_marl.data.matches import game_ends, real_rallies, winner_of
+from shuttle_marl.data.schema import REASONS, STROKES, Outcome, rally_starts
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
 from shuttle_marl.game.pairs import Skill
@@ -101,9 +101,8 @@ def rally_table(strokes: pa.Table) -> pa.Table:
 
 def rally_numbers(strokes: pa.Table) -> I64:
     """``[N]`` index of the rally of each stroke."""
-    match = strokes["match"].combine_chunks().dictionary_encode().indices.to_numpy()
-    key = np.stack([match, *(strokes[name].to_numpy() for name in ("game", "rally"))])
-    return np.cumsum((np.diff(key, axis=1, prepend=-1) != 0).any(axis=0)) - 1
+    sizes = np.diff(rally_starts(strokes))
+    return np.repeat(np.arange(len(sizes)), sizes)
 
 
 def won_or_lost(strokes: pa.Table) -> F64:
@@ -138,10 +137,10 @@ def met(strokes: pa.Table, first: str, second: str) -> Met:
     points, games, winners = list[tuple[int, int]](), list[bool](), list[bool]()
     for _, part in itertools.groupby(rallies, key=lambda rally: rally.match):
         played = [*part]
-        last, mine = played[-1], played[0].players.index(first)
-        for game in (*last.score.finished, game_end(last.after, None, last.score.rules, stopped=last.stopped)[0]):
+        mine = played[0].players.index(first)
+        for game, *_ in game_ends(played).values():
             points.append((game[mine], game[1 - mine]))
-            if wins_game(max(game), min(game), last.score.rules):
+            if wins_game(max(game), min(game), played[0].score.rules):
                 games.append(game[mine] > game[1 - mine])
         if (winner := winner_of(played)) is not None:
             winners.append(winner == mine)
@@ -236,10 +235,10 @@ class _Frame:
         self.in_court = strokes["in_court"].fill_null(False).to_numpy(zero_copy_only=False)
         self.clock = column("clock")
         self.landing = np.stack([column("landing_x"), column("landing_y")], axis=1)
-        new = np.diff(rally_numbers(strokes), prepend=-1) > 0
-        self.first = np.flatnonzero(new)
-        self.last = np.r_[self.first[1:], len(new)][: len(self.first)] - 1
-        self.follows = ~new & (np.diff(self.stroke, prepend=0) == 1)
+        starts = rally_starts(strokes)
+        self.first, self.last = starts[:-1], starts[1:] - 1
+        self.follows = np.diff(self.stroke, prepend=0) == 1
+        self.follows[self.first] = False
         reasons = np.array([ENDINGS.index(name) if name in ENDINGS else len(ENDINGS) - 1 for name in REASONS])
         reason = column("reason").astype(np.int64)
         self.ending = np.where(self.outcome == Outcome.WINNER, 0, reasons[reason])

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from shuttle_marl.data.words import bare
 from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.reports.habits import Ending, Expected, Habit, Option, Situation, is_short
+from shuttle_marl.reports.habits import ENDS, Expected, Habit, Option, Situation, is_short
 from shuttle_marl.reports.languages import Language, Texts, current
 from shuttle_marl.reports.waits import Difference
 
@@ -49,12 +48,6 @@ class Words(Texts):
         if name in self.groups["players"]:
             return str(self.groups["players"][name])
         return name.replace("-", " ").title() if name.islower() and re.fullmatch(r"[^\W\d_]+(-[^\W\d_]+)+", name) else name
-
-    def event(self, match: str, players: Iterable[str]) -> str:
-        """The name of a match without those of its players, which stand beside it: ``Malaysia Masters 2020 Finals``."""
-        names = [bare(name) for name in players]
-        parts = match.replace("_", " ").split()
-        return " ".join(part for part in parts if not any(bare(part).strip(".") in name for name in names))
 
     @staticmethod
     def capital(text: str) -> str:
@@ -118,13 +111,13 @@ class Words(Texts):
         """How a rally ended, and with which stroke."""
         return self(f"endings.{row.ending}", shot=self.shot(row.last_shot, 0))
 
-    def habit(self, habit: Habit) -> str:
-        """A habit, such as ``smashes after lifts``."""
+    def habit(self, habit: Habit, whose: str = "receiver") -> str:
+        """A habit, such as ``smashes after lifts``; ``whose`` half the strokes fly to."""
         fields = dict.fromkeys(("direction", "shots", "area", "about", "height"), "")
         if habit.answer in SHOTS:
             fields["shots"] = self.shots(habit.answer)
         elif habit.kind == "targets":
-            fields["area"] = self.area(AREAS.index(habit.answer), "receiver")
+            fields["area"] = self.area(AREAS.index(habit.answer), whose)
         else:
             fields["direction"] = self(f"directions.{habit.answer}")
         if habit.about:
@@ -133,7 +126,7 @@ class Words(Texts):
             fields["height"] = self(f"heights.{habit.about[1]}")
         return self(f"habit.{habit.kind}", **fields)
 
-    def strokes_with(self, shot: str, technique: str | None) -> str:
+    def strokes_with(self, shot: str, technique: str | None = None) -> str:
         """Strokes of a shot type, such as ``clears with the backhand``; None: with any technique."""
         return (
             self.shots(shot)
@@ -156,10 +149,11 @@ class Words(Texts):
         """A statement of page 1 as a sentence; ``match``: of a match, whose players are compared with each other."""
         figure, others = said.figure, players[1 - said.player] if match else self("brief.others")
         shares = {"share": of_100(said.value), "usual": of_100(said.usual), "strokes": said.count, "others": others}
-        if isinstance(figure, Habit):
-            text = self("brief.habit", habit=self.habit(figure), **shares)
-        elif isinstance(figure, Ending):
-            text = self(f"brief.{said.kind}", shots=self.strokes_with(figure.shot, figure.technique), **shares)
+        if isinstance(figure, Habit) and said.kind in ENDS:
+            text = self(f"brief.{said.kind}", shots=self.strokes_with(*figure.about), **shares)
+        elif isinstance(figure, Habit):
+            whose = "receiver" if match or not players[1 - said.player] else "your"
+            text = self("brief.habit", habit=self.habit(figure, whose), **shares)
         elif isinstance(figure, Difference):
             ends = {name: metres(getattr(figure, name)) for name in ("low", "high")}
             fields = {

@@ -13,9 +13,10 @@ import pytest
 from shuttle_marl.base.errors import command
 from shuttle_marl.commands.data import main
 from shuttle_marl.data import DataError, clean_matches, matches_of, read_matches, upstream, validate
+from shuttle_marl.data.hands import telling_hands
 from shuttle_marl.data.schema import STROKES, violations
 from shuttle_marl.data.table import load_counted, provenance_of, write_parquet
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.stroke import SHOTS
 from tests.data.upstream_layout import Layout, plain_game
 
@@ -158,6 +159,12 @@ def file(tmp_path: Path, raw: Path) -> Path:
 def test_round_trip(raw: Path, strokes: pa.Table, file: Path) -> None:
     assert read_matches(file).equals(strokes)
     assert read_matches(str(raw)).equals(strokes)
+    again = read_matches(raw)  # from the cache
+    assert again.equals(strokes)
+    assert again.schema.equals(strokes.schema, check_metadata=True)
+    with telling_hands(["chen-yufei=left"]):
+        told = read_matches(raw)
+    assert told.filter(pc.equal(told["player"], "chen-yufei"))["hand"].unique().to_pylist() == [HANDS.index("left")]
     assert load_counted(file)[1] == load_counted(raw)[1] == clean_matches(raw).account
     metadata = pq.read_schema(file).metadata
     assert b"39bbf3fd99b0b709ff6d1647383959b6fa5f5b74" in metadata[b"shuttle_marl.provenance"]

@@ -94,7 +94,7 @@ def test_text_in_charts_is_text() -> None:
     names = [EVIL, "$x^2$ & y", "_hidden", "\N{SNOWMAN}"]
     points = {name: (i, float(i + 1)) for i, name in enumerate(names)}
     drawings = [
-        charts.forest([(name, 1.0, 0.0, 2.0, 1.5) for name in names], "Elo"),
+        charts.bars([charts.Bar(name, 1.0, 0.0, 2.0, 1.5) for name in names], "Elo", wide=True),
         charts.heat_map(names, np.full((4, 4), 0.25)),
         charts.scatter(points, "across", "up"),
         charts.curves({name: [(0.0, 1.0), point] for name, point in points.items()}, "across", "up", logarithmic=True),
@@ -115,7 +115,9 @@ def test_text_in_charts_is_text() -> None:
 def test_charts_are_those_that_somebody_looked_at() -> None:
     names, points = ["one", "two", "three"], {"one": [(0.5, 0.2), (2.0, 0.4)], "two": [(1.0, 0.1), (30.0, 0.9)]}
     drawings = {
-        "forest": charts.forest([(name, 10.0 * i, -5.0 + i, 20.0 + i, 7.0) for i, name in enumerate(names)], "Elo"),
+        "bars": charts.bars(
+            [charts.Bar(name, 10.0 * i, -5.0 + i, 20.0 + i, 7.0) for i, name in enumerate(names)], "Elo", wide=True
+        ),
         "heat map": charts.heat_map(names, np.array([[np.nan, 0.9, 0.6], [0.1, np.nan, np.nan], [0.4, 0.2, np.nan]])),
         "scatter": charts.scatter({name: (i, float(i * i)) for i, name in enumerate(names)}, "across", "up"),
         "curves": charts.curves(points, "across", "up"),

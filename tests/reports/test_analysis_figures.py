@@ -13,7 +13,17 @@ from shuttle_marl.data.schema import STROKES
 from shuttle_marl.dynamics.habits import NONE, Plays, Tally, questions, tally
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
-from shuttle_marl.reports.habits import SERVING, Results, Situation, discoveries, endings, expected_of, habits, interval
+from shuttle_marl.reports.habits import (
+    SERVING,
+    Results,
+    Situation,
+    discoveries,
+    endings,
+    expected_of,
+    habits,
+    interval,
+    options_of,
+)
 from shuttle_marl.reports.scouting import season
 from shuttle_marl.reports.summary import AnalysisError, rally_table, summarise, won_or_lost
 from tests.reports.played import strokes_of
@@ -49,6 +59,12 @@ def some_plays(n: int, seed: int, smashes: float = 0.3) -> tuple[Plays, np.ndarr
     return found, won
 
 
+def exact(*counts: float) -> float:
+    """Fisher's p-value of two shares, each a number of successes and of strokes."""
+    a, n, b, m = map(round, counts)
+    return float(stats.fisher_exact([[a, n - a], [b, m - b]]).pvalue)
+
+
 def test_options_are_those_that_a_plain_count_finds() -> None:
     plays, won = some_plays(1800, 1)
     mine, rally = np.arange(1800) < 1500, np.arange(1800) // 2
@@ -66,7 +82,7 @@ def test_options_are_those_that_a_plain_count_finds() -> None:
             counts = len(one), int(sum(one)), len(rest), int(sum(rest))
             table = [[counts[1], counts[0] - counts[1]], [counts[3], counts[2] - counts[3]]]
             expected[place, shot] = counts, stats.fisher_exact(table).pvalue
-    found = Results(plays, won, rally, mine).options()
+    (found,) = options_of([Results(plays, won, rally, mine, np.zeros(1800, np.int64))])
     corrected = dict(zip(expected, stats.false_discovery_control([p for _, p in expected.values()]), strict=True))
     assert {(each.situation, each.shot) for each in found} == expected.keys()
     for each in found:
@@ -104,9 +120,7 @@ def test_habits_are_shares_that_a_plain_count_finds(dispersed: bool) -> None:
             a, b = int((one == k).sum()), int((two == k).sum())
             if min(n, m) < RELIABLE or max(a, b / m * n) < 1 or (question.kind == "serve" and k):
                 continue
-            pooled = (a + b) / (n + m)
-            error = math.sqrt(scale * pooled * (1 - pooled) * (1 / n + 1 / m))
-            p = 2 * stats.norm.sf(abs(a / n - b / m) / error) if error else 1.0
+            p = exact(a / scale, n / scale, b / scale, m / scale)
             low, high = stats.binomtest(a, n).proportion_ci(0.9, method="wilson") if scale == 1 else interval(a / n, n / scale)
             expected[question.kind, question.about, name] = n, a / n, low, high, b / m, p
     found = habits(*counts, dispersed=dispersed)
@@ -149,32 +163,35 @@ def test_endings_are_those_that_a_plain_count_finds() -> None:
     (mine, _), (others, _) = some_plays(500, 4), some_plays(900, 5)
     mine.fault[mine.shot == CLEAR] = 1.0
     kinds = [(shot, None) for shot in SHOTS] + [(shot, technique) for shot in SHOTS for technique in TECHNIQUES]
-    expected = {}
+    expected: dict[tuple[str, ...], list[tuple[Any, ...]]] = {}
     for shot, technique in kinds:
         rows = [each.shot == SHOTS.index(shot) for each in (mine, others)]
         if technique is not None:
             rows = [row & (each.technique == TECHNIQUES.index(technique)) for row, each in zip(rows, (mine, others), strict=True)]
         n, m = (int(each.sum()) for each in rows)
         if min(n, m) >= RELIABLE:
-            expected[shot, technique] = [(n, m, each.fault[row].sum(), each.winner[row].sum()) for each, row in
-                                         zip((mine, others), rows, strict=True)]  # fmt: skip
+            kind = (shot,) if technique is None else (shot, technique)
+            expected[kind] = [
+                (n, m, each.fault[row].sum(), each.winner[row].sum()) for each, row in zip((mine, others), rows, strict=True)
+            ]
     found = endings(tally(mine), tally(others))
-    assert [(each.shot, each.technique) for each in found] == list(expected)
-    tests = []
+    assert [(each.kind, *each.about) for each in found] == [(end, *kind) for kind in expected for end in ("fault", "winner")]
+    p = []
     for each in found:
-        (n, m, faults, winners), (_, _, usual_faults, usual_winners) = expected[each.shot, each.technique]
-        assert each.strokes == n
-        for part, a, b in ((each.fault, faults, usual_faults), (each.winner, winners, usual_winners)):
-            assert part == pytest.approx((a / n, *interval(a / n, n), b / m))
-            pooled = (a + b) / (n + m)
-            tests.append(2 * stats.norm.sf(abs(a / n - b / m) / math.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))))
-    least = [abs(part[0] - part[3]) >= 0.03 for each in found for part in (each.fault, each.winner)]
-    assert [mark for each in found for mark in each.clear] == (discoveries(tests) & least).tolist()
-    assert [q for each in found for q in each.q] == pytest.approx(stats.false_discovery_control(tests))
-    assert {mark for each in found for mark in each.clear} == {False, True}
+        (n, m, *ends), (_, _, *usual) = expected[each.about]
+        a, b = (counts[each.kind == "winner"] for counts in (ends, usual))
+        assert (each.strokes, each.share, each.low, each.high, each.usual) == pytest.approx(
+            (n, a / n, *interval(a / n, n), b / m)
+        )
+        p.append(exact(a, n, b, m))
+    assert [each.p for each in found] == pytest.approx(p)
+    least = [abs(each.share - each.usual) >= 0.03 for each in found]
+    assert [each.clear for each in found] == (discoveries(p) & least).tolist()
+    assert [each.q for each in found] == pytest.approx(stats.false_discovery_control(p))
+    assert {each.clear for each in found} == {False, True}
     assert endings(tally(mine.take(np.arange(500) < 19)), tally(others)) == []
     same = tally(plays_of(30))
-    assert [each.clear for each in endings(same, same)] == [(False, False)] * 2, "no ending at all"
+    assert [each.clear for each in endings(same, same)] == [False] * 4, "no ending at all"
 
 
 def test_rallies_of_strokes() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import shuttle_marl
+from shuttle_marl.data.matches import event
 from shuttle_marl.data.words import bare, table
 from shuttle_marl.game.court import AREA_WORDS, AREAS
 from shuttle_marl.game.shipped import Estimate, default_game
@@ -133,7 +134,8 @@ def test_names_of_players_and_events() -> None:
     assert [say.player(name) for name in ("viktor-axelsen", "club", "Ada-Bo", "a-1", "li-na")] == [
         *("Viktor Axelsen", "club", "Ada-Bo", "a-1", "Li Na")
     ]
-    assert say.event("Viktor_AXELSEN_Kento_MOMOTA_Open_2020_Final", ("viktor-axelsen", "kento-momota")) == "Open 2020 Final"
+    for name in ("Viktor_AXELSEN_Kento_MOMOTA_Open_2020_Final", "Open_2020_Kento_MOMOTA_Viktor_AXELSEN_Final"):
+        assert event(name, ("viktor-axelsen", "kento-momota")) == "Open 2020 Final"
     assert (say.capital("a smash"), say.capital("")) == ("A smash", "")
     assert [say.shot("smash", form) for form in (0, 1, 2, 9)] == ["smash", "a smash", "smashes", "smashes"]
 

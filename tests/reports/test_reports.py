@@ -4,7 +4,7 @@ import dataclasses
 import json
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +20,7 @@ from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.court import WatchError, clips
 from shuttle_marl.court.recorded import LogRallies, RealRallies
 from shuttle_marl.court.staged import habits_shown
+from shuttle_marl.data.matches import game_end
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.pairs import pair_game
@@ -29,7 +30,7 @@ from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts, coach
 from shuttle_marl.reports.habits import Habit
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
-from shuttle_marl.reports.match import Chances, MatchReport, RallyRow, match_report, matches_in, score_of
+from shuttle_marl.reports.match import Chances, MatchReport, match_report, matches_in
 from shuttle_marl.reports.page1 import Page1, Statement
 from shuttle_marl.reports.pages import Clips, gaps, match_page, scouting_page
 from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
@@ -79,7 +80,7 @@ def test_a_scouting_report_has_its_parts(scouted: ScoutingReport, sample: pa.Tab
     told = scout("chou-tien-chen", A, model=model, data=sample)
     assert told.options
     tags, text = read(scouting_page(told))
-    assert "what-worked-against-chou-tien-chen,-situation-by-situation" in [a["id"] for tag, a in tags.tags if tag == "section"]
+    assert "rallies-won-against-chou-tien-chen,-situation-by-situation" in [a["id"] for tag, a in tags.tags if tag == "section"]
     assert any(each.clear for each in told.options) != ("Nothing to do more or less" in text)
 
 
@@ -141,8 +142,8 @@ def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table
     first, second = map(Words("en").player, (a, b))
     _, text = read(match_page(report))
     assert f"{first}, left-handed · {second}, hand not known, played as right-handed · Match report" in text
-    assert f"{first} strikes at the bottom of the picture; the opponent's forehand side is on the left" in text
-    assert f"{second} strikes at the bottom of the picture; the opponent's backhand side is on the left" in text
+    assert f"{first} strikes at the bottom; the opponent's forehand side is on the left" in text
+    assert f"{second} strikes at the bottom; the opponent's backhand side is on the left" in text
     people = {
         name: dataclasses.replace(getattr(scouted, name), hand=hand) for name, hand in (("player", "right"), ("opponent", "left"))
     }
@@ -300,31 +301,20 @@ def test_chances_follow_the_score() -> None:
     assert [*map(chances.of, scores)] == pytest.approx([0.8, 0.4, 0.0])
 
 
-def row(game: int, rally: int, points: tuple[int, int], server: int, winner: int | None) -> RallyRow:
-    last: dict[str, Any] = {"ending": "net", "last_shot": "drop", "last_area": -1, "given": None, "decided": None, "strokes": 3}
-    nothing: dict[str, Any] = {"games": (0, 0), "before": 0.5, "after": 0.5, "seconds": None, **last}
-    return RallyRow(key=(game, rally), number=rally, points=points, server=server, winner=winner, **nothing)
-
-
 @pytest.mark.parametrize(
-    ("last", "following", "score", "inferred"),
+    ("points", "following", "score", "winner", "inferred"),
     [
-        (((22, 22), 0), 0, (24, 22), (1,)),  # 23-22, and the leader serves next
-        (((22, 22), 0), 1, (23, 22), ()),  # who did not lead won it: the rules leave several scores
-        (((18, 9), 0), 0, (19, 9), ()),
-        (((20, 18), 0), 0, (21, 18), ()),
-        (((20, 9), 1), None, (21, 10), (1,)),
+        ((23, 22), 0, (24, 22), 0, True),  # the leader serves next
+        ((23, 22), 1, (23, 22), 1, False),  # who did not lead won it: the rules leave several scores
+        ((19, 9), 0, (19, 9), 0, False),
+        ((21, 18), None, (21, 18), 0, False),
+        ((20, 10), None, (21, 10), 0, True),
     ],
 )
 def test_the_rules_tell_the_score_of_a_game_whose_last_rally_is_missing(
-    last: tuple[tuple[int, int], int], following: int | None, score: tuple[int, int], inferred: tuple[int, ...]
+    points: tuple[int, int], following: int | None, score: tuple[int, int], winner: int, *, inferred: bool
 ) -> None:
-    points, winner = last
-    rows = [row(1, 40, points, 0, winner)]
-    if following is not None:
-        rows.append(row(2, 1, (0, 0), following, 0))
-    found, told = score_of(rows, BWF)
-    assert (found[0], told) == (score, inferred)
+    assert game_end(points, following, BWF) == (score, winner, inferred)
 
 
 def test_a_costly_decision_is_one_of_a_lost_rally_and_keeps_the_technique(reported: MatchReport) -> None:

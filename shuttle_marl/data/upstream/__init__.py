@@ -22,8 +22,6 @@ from importlib.resources import files
 from pathlib import Path, PurePosixPath
 from typing import Final, Literal, cast, get_args
 
-import requests
-
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, hash_of, replace_file
 
@@ -205,6 +203,8 @@ def download(
 
 def _fetched(url: str, digest: str) -> tuple[bytes, str]:
     """Content of a file, and a failure that may be transient; empty if it has the right hash."""
+    import requests  # noqa: PLC0415  slow to import
+
     try:
         with requests.get(url, timeout=_TIMEOUT, stream=True) as response:
             response.raise_for_status()
