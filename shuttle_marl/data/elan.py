@@ -5,6 +5,7 @@ files a tier is a column, in any language: one of strokes, and further ones, of 
 a stroke.
 """
 
+import bisect
 import dataclasses
 import itertools
 import re
@@ -100,7 +101,9 @@ def _sheet_of(path: Path, content: bytes, points: list[_Point], warnings: list[P
     for point, following in zip(points, [*points[1:], None], strict=True):
         number = number + 1 if point.game == game else 1
         game = point.game
-        after = following.before if following is not None and following.game == game else _after_cause(point)
+        after = _after_cause(point)
+        if following is not None and following.game == game:  # a point between them may be missing
+            after = following.before if sum(following.before) == sum(point.before) + 1 else None
         won = None if after is None else int(after[1] > point.before[1])
         for i, (seat, seconds, kind, place) in enumerate(point.strokes):
             backhand = _BACKHAND.fullmatch(kind)
@@ -109,7 +112,8 @@ def _sheet_of(path: Path, content: bytes, points: list[_Point], warnings: list[P
             known = seat is not None and shot.strip("*").upper() not in ("", "FAULT", "ERROR-TIER")
             entry = {"shot": shot if known else "unknown", "technique": "backhand" if backhand else "forehand"}
             entry |= {"game": str(game), "rally": str(number), "stroke": str(i + 1)}
-            entry |= {"player": people[own], "opponent": people[1 - own]} | ({"discipline": discipline} if told else {})
+            striker = "unknown" if seat is None and i == 0 else people[own]  # whose rally it was tells who won the one before
+            entry |= {"player": striker, "opponent": people[1 - own]} | ({"discipline": discipline} if told else {})
             entry["seconds"] = "" if seconds is None else f"{seconds:.3f}"
             if after is not None:
                 entry |= {"points": str(after[own]), "points_opponent": str(after[1 - own])}
@@ -143,6 +147,7 @@ def _after_cause(point: _Point) -> tuple[int, int] | None:
 _OF_BADMINTON_DB: Final = {"points": "score", "servereceive": "service", "servicereceive": "service"}
 _OF_ANOTHER: Final = "REF_ANNOTATION"
 _DEEPEST: Final = 20
+_FEW: Final = 3
 _SCORE: Final = re.compile(r"(\d{1,2})\s*[:-]\s*(\d{1,2})")
 _SERVER: Final = re.compile(r"T([12])P1S")
 
@@ -179,6 +184,7 @@ def read_elan(path: Path, content: bytes, value: ET.Element) -> Sheet:
     used = {named[name] for name in (("shot", "stroke", "score", "service") if of_badminton_db else named) if name in named}
     unread = [name for name, annotations in tiers.items() if annotations and name not in used]
     lost = listed("tiers that are no columns here, or another one of the same meaning", unread)
+    unread, begins = [], [stroke.start for stroke in strokes]
     if of_badminton_db:
         points = _points(path, columns["score"], strokes, columns.get("service", []))
         lost += [] if columns.get("service") else ["who served first: the first player of the file"]
@@ -190,12 +196,21 @@ def read_elan(path: Path, content: bytes, value: ET.Element) -> Sheet:
             continue
         spans = spans_around([annotation[:2] for annotation in annotations], middles)
         of_stroke = {annotation.parent: number for number, annotation in enumerate(annotations, 1) if annotation.parent}
+        beside: list[_Annotation | None] = [*annotations]
         for entry, stroke, number in zip(entries, strokes, spans, strict=True):
             if number := of_stroke.get(stroke.name, number):
                 told = annotations[number - 1].value
                 entry[name] = str(number) if name in ("rally", "game") and not told else told
+                beside[number - 1] = None
+        for missed in filter(None, beside):
+            before = bisect.bisect_right(begins, missed.start)
+            if name in ("ending", "winner") and before:  # it stands behind the rally
+                entries[before - 1].setdefault(name, missed.value)
+            else:
+                unread.append(f"{named[name]}: {missed.value}")
     for entry, stroke in zip(entries, strokes, strict=True):
         entry |= {"shot": stroke.value, "seconds": f"{stroke.start:.3f}"}
+    lost += listed(f"{len(unread)} annotations without a stroke, such as", unread[:_FEW])
     lines = [stroke.line for stroke in strokes]
     return Sheet.of(path, content, entries, lines, format="ELAN", source="ELAN", lost=lost, inferred=inferred)
 
@@ -272,7 +287,8 @@ def _dependent(tier: ET.Element, found: dict[str, _Annotation], inferred: list[s
 def _points(path: Path, scores: _Tier, strokes: _Tier, service: _Tier) -> list[_Point]:
     """The points; who serves follows from the scores, and who strikes from who serves."""
     points: list[_Point] = []
-    server, at = 0, 0
+    server: int | None = 0
+    at = 0
     for start, end, value, line, *_ in scores:
         found = _SCORE.fullmatch(value)
         if found is None:
@@ -282,13 +298,17 @@ def _points(path: Path, scores: _Tier, strokes: _Tier, service: _Tier) -> list[_
             last = points[-1]
             point.game = last.game + (sum(point.before) < sum(last.before))
             gained = [now - before for now, before in zip(point.before, last.before, strict=True)]
-            if point.game == last.game and sorted(gained) == [0, 1]:
-                server = gained.index(1)
+            if point.game == last.game and min(gained) == 0:  # a point that was replayed is served again
+                server = gained.index(max(gained)) if any(gained) else server
             elif (after := _after_cause(last)) is not None:
                 server = int(after[1] > last.before[1])
+            elif point.game != last.game and last.before[0] != last.before[1]:  # who led won the game
+                server = last.before.index(max(last.before))
+            else:
+                server = None
         named = [told for each in service if start <= each.start < end and (told := _SERVER.search(each.value))]
         server = int(named[-1][1]) - 1 if named else server
-        turn: int | None = server
+        turn = server
         while at < len(strokes) and strokes[at].start < end:
             stroke, at = strokes[at], at + 1
             if stroke.value.lower() in _ENDINGS:

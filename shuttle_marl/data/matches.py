@@ -25,6 +25,8 @@ from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import Game
 
 Points = tuple[int, int]
+_TELLING: Final = 2
+"""Strokes of rallies that are equal by chance."""
 _DECIDED: Final = (Outcome.FAULT, Outcome.WINNER)
 
 
@@ -149,10 +151,7 @@ def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], list[str]]:
 
     Those that allow most matches hold for all that they allow, of equal ones those of the sport.
     """
-    games: dict[str, dict[int, tuple[Points, bool]]] = {match: {} for match in strokes["match"].unique().to_pylist()}
-    for rally in real_rallies(strokes, dict.fromkeys(games, BWF)):
-        games[rally.match][rally.number[0]] = rally.after, rally.exact
-    fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in games.items()}
+    fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in _ends(strokes).items()}
     least = {match: min(fit[:2] for fit in of_match.values()) for match, of_match in fits.items()}
     possible = {match: [name for name in RULES if fits[match][name][:2] == least[match]] for match in fits}
     votes = collections.Counter(itertools.chain(*possible.values()))
@@ -163,19 +162,29 @@ def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], list[str]]:
         finishing = [other for other in possible[match] if fits[match][other][2] < fits[match][name][2]]
         sure = name == "21" or (name in ("15", "11") and not fits[match][name][2])
         others = finishing if finishing or sure else [other for other in possible[match] if other != name]
-        kinds.setdefault((name, () if least[match][0] else tuple(others)), []).append(match)
+        kinds.setdefault((name, () if any(least[match]) else tuple(others)), []).append(match)
     told = []
     for (name, also), same in kinds.items():
-        which = f"match {same[0]!r}" + (f" and {len(same) - 1} others" if len(same) > 1 else "")
-        which = "the matches" if len(same) == len(found) else which
+        which = "the matches" if len(same) == len(found) else _of(same)
         if also:
             told.append(f"the rules of {which}, {name}, are not certain: {', '.join(also)} fit too; name them with --rules")
         elif name != usual:
             told.append(f"the rules of {which} are {name}, by the scores, and those of most matches {usual}")
-    odd = [match for match in fits if least[match][0]]
-    if odd:
-        told.append(f"the scores of match {odd[0]!r} are possible by no rules: are games without a number, or two matches one?")
+    if odd := [match for match in fits if least[match][0]]:
+        told.append(f"the scores of {_of(odd)} are possible by no rules: are games without a number, or two matches one?")
     return found, told
+
+
+def _of(matches: Sequence[str]) -> str:
+    return f"match {matches[0]!r}" + (f" and {len(matches) - 1} others" if len(matches) > 1 else "")
+
+
+def _ends(strokes: pa.Table) -> dict[str, dict[int, RealRally]]:
+    """The last rally of each game, by match."""
+    ends: dict[str, dict[int, RealRally]] = {match: {} for match in strokes["match"].unique().to_pylist()}
+    for rally in real_rallies(strokes, dict.fromkeys(ends, BWF)):
+        ends[rally.match][rally.number[0]] = rally
+    return ends
 
 
 def _usual(names: Sequence[RulesName], fits: Collection[Mapping[RulesName, tuple[int, ...]]]) -> RulesName:
@@ -183,22 +192,22 @@ def _usual(names: Sequence[RulesName], fits: Collection[Mapping[RulesName, tuple
     return "21" if "21" in names else min(names, key=lambda name: sum(fit[name][2] for fit in fits))
 
 
-def _fit(ends: Mapping[int, tuple[Points, bool]], rules: Rules) -> tuple[int, int, int]:
-    """Of a match by its points at the ends of games: impossible scores, games without their last rally, 1 if not finished."""
+def _fit(ends: Mapping[int, RealRally], rules: Rules) -> tuple[int, int, int]:
+    """Of a match by the ends of its games: impossible scores, games without their last rally, 1 if not finished."""
     impossible = missing = 0
     games = [0, 0]
-    for number, (points, exact) in ends.items():
-        low, high = sorted(points)
+    for number, end in ends.items():
+        low, high = sorted(end.after)
         impossible += max(games) >= rules.games or number >= 2 * rules.games
-        won = game_end(points, None, rules)[1]
-        if exact:
+        won = game_end(end.after, None, rules)[1]
+        if end.exact:
             impossible += bool(wins_game(high - 1, low, rules)) or (high == low > 0 and bool(wins_game(high, low - 1, rules)))
             missing += number < max(ends) and not wins_game(high, low, rules)
         games = [games[seat] + (won == seat) for seat in (0, 1)]
     return impossible, missing, int(max(games) < rules.games)
 
 
-def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, list[str]]:
+def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, tuple[str, ...]]:
     """The table with the rules of its matches, and sentences on what is not certain of them.
 
     Args:
@@ -215,11 +224,35 @@ def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) ->
     found = {**told, **given}
     for rally in real_rallies(strokes, {match: RULES[name] for match, name in found.items()}) if given else ():
         own, (game, number), name = rally.score, rally.number, given.get(rally.match)
-        if name and (own.over or (rally.exact and _fit({game: (rally.after, True)}, own.rules)[0])):
+        if name and (own.over or (rally.exact and _fit({game: rally}, own.rules)[0])):
             where = f"match {rally.match!r}, game {game}, rally {number}"
             score = f"score {rally.after[0]}-{rally.after[1]}: by the rules {name} game or match were over before it"
             raise DataError(path, f"{where}, {score}; give other --rules, one of {', '.join(RULES)}")
-    return changed(strokes, "rules", pa.array([found[match] for match in matches], pa.string())), doubts
+    doubts += _unfinished(_ends(strokes), found)
+    return changed(strokes, "rules", pa.array([found[match] for match in matches], pa.string())), tuple(doubts)
+
+
+def _unfinished(ends: Mapping[str, Mapping[int, RealRally]], found: Mapping[str, RulesName]) -> list[str]:
+    """Sentences on games that end before anybody has won them, or whose last rally counts and is not in the data."""
+    told: dict[str, list[str]] = {}
+    for match, games in ends.items():
+        rules, (*before, last) = RULES[found[match]], games.values()
+        for end in before:
+            if end.exact and not wins_game(max(end.after), min(end.after), rules):
+                whole = [name for name in RULES if _fit(games, RULES[name]) == (0, 0, 0)]
+                told.setdefault(
+                    f"a game ends {end.after[0]}-{end.after[1]}, before anybody has won it by the rules {found[match]}: "
+                    + (
+                        f"by {', '.join(whole)} none does; give other --rules if they are these"
+                        if whole
+                        else f"are rallies missing, or are the rules none of {', '.join(RULES)}?"
+                    ),
+                    [],
+                ).append(match)
+                break
+        if not _fit(games, rules)[2] and game_end(last.after, None, rules, stopped=last.stopped)[2]:
+            told.setdefault("the last rally is not in the data, and counts as won by who led", []).append(match)
+    return [f"{_of(matches)}: {text}" for text, matches in told.items()]
 
 
 def event(match: str, players: tuple[str, str]) -> str:
@@ -258,7 +291,7 @@ def copies(strokes: pa.Table) -> list[str]:
         unit = int(match[begin]), int(game[begin])
         first = owner.setdefault(codes[begin:end].tobytes(), unit)
         total[unit] += end - begin
-        shared[first, unit] += end - begin
+        shared[first, unit] += (end - begin) * (end - begin > _TELLING)
     return [
         f"game {unit[1]} of {names[unit[0]]!r} has the strokes of game {first[1]} of {names[first[0]]!r}: are they one?"
         for (first, unit), count in shared.items()

@@ -168,17 +168,30 @@ class _Strokes:
                 self.shifts |= {column for column in ("seconds", "frame") if column in scalars and column in around}
                 return [{**around, **scalars}]
             ending, others = scalars.pop("ending", ""), set[str]()  # of the rally, so of its last stroke
+            rates = set[str]()
             for name, child in node.items():
                 inside = self.below(child, {**around, **scalars}, name, depth + 1)
                 found += inside
-                nested = isinstance(child, dict | list) and name not in values and not _PLAYERS.match(name)
+                told = set() if inside else self._rates(child)
+                rates |= told
+                nested = isinstance(child, dict | list) and not (name in values or told or _PLAYERS.match(name))
                 others |= {name} if child and nested and not inside else set()
             if found:
                 self._name(node, found)
                 self.unread |= others | {name for name in values if not self._column(name) and not end_of(name)}
             if found and ending:
                 found[-1].setdefault("ending", ending)
+            for entry in found if len(rates) == 1 else ():
+                entry.setdefault("fps", *rates)
+            self.twice |= {"fps"} if found and len(rates) > 1 else set()
         return found
+
+    def _rates(self, node: Any, depth: int = 0) -> set[str]:
+        """Rates of frames in an object without strokes, such as one on the video."""
+        if not isinstance(node, dict) or depth > _DEEPEST:
+            return set()
+        own = {scalar(child) for key, child in node.items() if self._column(key) == "fps"} - {""}
+        return own.union(*(self._rates(child, depth + 1) for child in node.values()))
 
     def _name(self, node: Mapping[str, Any], strokes: list[_Entry]) -> None:
         """Names of the ends in an object, or in one of the players in it."""

@@ -30,7 +30,7 @@ _MOST_PROBLEMS: Final = 10_000
 _LONGEST: Final = 1000  # most characters of a value in a file of another program
 DELIMITERS: Final = (",", ";", "\t", "|")
 _SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')  # first line with which spreadsheets state the delimiter
-_MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand")
+_MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand", "rules")
 _MOST_HINTS: Final = 50  # unknown words of a column for which a similar one is looked up
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 

@@ -48,10 +48,12 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
     """
     path = Path(path)
     cleaned = _cleaned(path, None if columns is None else Path(columns), rules)
-    for told in cleaned.warnings if cleaned is not None else ():
+    strokes, doubts = (_conforming(path, _content(path)), ()) if cleaned is None else (cleaned.strokes, cleaned.warnings)
+    if rules is not None and (cleaned is None or path.is_dir()):
+        strokes, doubts = with_rules(strokes, path, rules)
+    for told in doubts:
         warnings.warn(told, stacklevel=2)
-    strokes = _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
-    return strokes if rules is None else with_rules(strokes, path, rules)[0]
+    return strokes
 
 
 def load_counted(path: Path | str) -> tuple[pa.Table, Account]:

@@ -68,7 +68,7 @@ def rows_of(
     Raises:
         SuiteError: the file cannot be read.
     """
-    rows: list[Row] = []
+    rows, known = list[Row](), dict[tuple[str, ...], Path]()
     with cache.forgotten():
         for folder in folders:
             try:
@@ -77,6 +77,9 @@ def rows_of(
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
                 if not found.summary["author"]:
                     raise SuiteError(f"the run has no author; name one in {CARD}")
+                own = tuple(found.summary[key] for key in ("author", "method", "play"))  # type: ignore[literal-required]
+                if (same := known.setdefault(own, folder)) != folder:
+                    raise SuiteError(f"left out, because it holds the units of {same}")
                 rows.append(found.summary)
             except Exception as error:
                 failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
