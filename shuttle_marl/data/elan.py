@@ -5,7 +5,6 @@ files a tier is a column, in any language: one of strokes, and further ones, of 
 a stroke.
 """
 
-import bisect
 import dataclasses
 import itertools
 import re
@@ -16,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.data.schema import DataError, Problem
-from shuttle_marl.data.sheet import Sheet, line_of, listed, scalar, spans_around, text_of
+from shuttle_marl.data.sheet import Sheet, in_video, line_of, listed, scalar, text_of
 from shuttle_marl.data.words import WINNERS, Words, bare
 
 _SEATS: Final = ("T1P1", "T2P1")
@@ -147,7 +146,6 @@ def _after_cause(point: _Point) -> tuple[int, int] | None:
 _OF_BADMINTON_DB: Final = {"points": "score", "servereceive": "service", "servicereceive": "service"}
 _OF_ANOTHER: Final = "REF_ANNOTATION"
 _DEEPEST: Final = 20
-_FEW: Final = 3
 _SCORE: Final = re.compile(r"(\d{1,2})\s*[:-]\s*(\d{1,2})")
 _SERVER: Final = re.compile(r"T([12])P1S")
 
@@ -184,35 +182,21 @@ def read_elan(path: Path, content: bytes, value: ET.Element) -> Sheet:
     used = {named[name] for name in (("shot", "stroke", "score", "service") if of_badminton_db else named) if name in named}
     unread = [name for name, annotations in tiers.items() if annotations and name not in used]
     lost = listed("tiers that are no columns here, or another one of the same meaning", unread)
-    unread, begins = [], [stroke.start for stroke in strokes]
     if of_badminton_db:
         points = _points(path, columns["score"], strokes, columns.get("service", []))
         lost += [] if columns.get("service") else ["who served first: the first player of the file"]
         return _sheet_of(path, content, points, [], lost=lost, inferred=inferred, format="BadmintonDB ELAN")
-    middles = [(stroke.start + stroke.end) / 2 for stroke in strokes]
-    entries: list[dict[str, str]] = [{} for _ in strokes]
-    for name, annotations in columns.items():
-        if annotations is strokes:
-            continue
-        spans = spans_around([annotation[:2] for annotation in annotations], middles)
-        of_stroke = {annotation.parent: number for number, annotation in enumerate(annotations, 1) if annotation.parent}
-        beside: list[_Annotation | None] = [*annotations]
-        for entry, stroke, number in zip(entries, strokes, spans, strict=True):
-            if number := of_stroke.get(stroke.name, number):
-                told = annotations[number - 1].value
-                entry[name] = str(number) if name in ("rally", "game") and not told else told
-                beside[number - 1] = None
-        for missed in filter(None, beside):
-            before = bisect.bisect_right(begins, missed.start)
-            if name in ("ending", "winner") and before:  # it stands behind the rally
-                entries[before - 1].setdefault(name, missed.value)
+    entries: list[dict[str, str]] = [{"shot": stroke.value} for stroke in strokes]
+    of_stroke = {stroke.name: entry for stroke, entry in zip(strokes, entries, strict=True) if stroke.name}
+    spans: dict[str, list[tuple[float, float, str]]] = {name: [] for name, tier in columns.items() if tier is not strokes}
+    for name, within in spans.items():
+        for each in columns[name]:
+            if each.parent in of_stroke:
+                of_stroke[each.parent][name] = each.value
             else:
-                unread.append(f"{named[name]}: {missed.value}")
-    for entry, stroke in zip(entries, strokes, strict=True):
-        entry |= {"shot": stroke.value, "seconds": f"{stroke.start:.3f}"}
-    lost += listed(f"{len(unread)} annotations without a stroke, such as", unread[:_FEW])
-    lines = [stroke.line for stroke in strokes]
-    return Sheet.of(path, content, entries, lines, format="ELAN", source="ELAN", lost=lost, inferred=inferred)
+                within.append(each[:3])
+    placed = [(stroke.start, stroke.end, stroke.line, entry) for stroke, entry in zip(strokes, entries, strict=True)]
+    return in_video(path, content, placed, spans, format="ELAN", source="ELAN", lost=lost, inferred=inferred)
 
 
 def _tiers(path: Path, root: ET.Element, inferred: list[str]) -> dict[str, _Tier]:
