@@ -444,7 +444,8 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
     matches = np.split(winner, np.flatnonzero(fresh)[1:])
     names: list[RulesName] = [*RULES] if rules is None else [rules]
     courses = {name: [_course(won, RULES[name]) for won in matches] for name in names}
-    longest, usual = max(map(len, matches)), rules or "21"
+    longest = max(map(len, matches))
+    usual: RulesName = rules or "21"
     unsure = bool(np.any(~fresh[1:] & ((winner[:-1] < 0) | (np.diff(number) != 1))))
     if not any(scores[-1].finished for scores, _ in courses[usual]) or (unsure and longest <= 2 * RULES[usual].cap - 1):
         return None

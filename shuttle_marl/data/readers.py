@@ -171,9 +171,9 @@ class _Strokes:
             for name, child in node.items():
                 inside = self.below(child, {**around, **scalars}, name, depth + 1)
                 found += inside
-                told = set() if inside else self._rates(child)
-                rates |= told
-                nested = isinstance(child, dict | list) and not (name in values or told or _PLAYERS.match(name))
+                of_video = set[str]() if inside else self._rates(child)
+                rates |= of_video
+                nested = isinstance(child, dict | list) and not (name in values or of_video or _PLAYERS.match(name))
                 others |= {name} if child and nested and not inside else set()
             if found:
                 self._name(node, found)

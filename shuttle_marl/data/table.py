@@ -48,7 +48,8 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
     """
     path = Path(path)
     cleaned = _cleaned(path, None if columns is None else Path(columns), rules)
-    strokes, doubts = (_conforming(path, _content(path)), ()) if cleaned is None else (cleaned.strokes, cleaned.warnings)
+    strokes = _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
+    doubts = () if cleaned is None else cleaned.warnings
     if rules is not None and (cleaned is None or path.is_dir()):
         strokes, doubts = with_rules(strokes, path, rules)
     for told in doubts:
