@@ -22,6 +22,8 @@ _SEATS: Final = ("T1P1", "T2P1")
 _ENDINGS: Final = {
     "end_out": "out", "end_fault": "error", "end_miss": "landed", "end_lucky": "landed", "end_misjudge": "misjudged",
 }  # fmt: skip
+_NAMED: Final = "players and discipline from the name of the file"
+_UNNAMED: Final = "names of the players: the file is not named as the published ones"
 _FILE: Final = re.compile(r".*?-(MS|WS)-(.+?) \([A-Z]{3}\)-(.+?) \([A-Z]{3}\)-.*")
 """Names of published files: discipline and players."""
 _STATUS: Final = ("receiver", "server")
@@ -127,10 +129,9 @@ def _sheet_of(path: Path, content: bytes, points: list[_Point], warnings: list[P
                 entry |= {"ending": ending, "winner": "" if won is None else people[won]}
             entries.append(entry)
             places.append(place)
-    unnamed = [] if told else ["names of the players: the file is not named as the published ones"]
-    by_name = ["players and discipline from the name of the file"] if told else []
-    about["lost"] = [*_LOST, *about.get("lost", ()), *unnamed]
-    about["inferred"] = [*by_name, *about.get("inferred", ())]
+    kind, sentence = ("inferred", _NAMED) if told else ("lost", _UNNAMED)
+    about["lost"] = [*_LOST, *about.get("lost", ())]
+    about[kind] = [*about.get(kind, ()), sentence]
     return Sheet.of(path, content, entries, places, source="BadmintonDB", warnings=warnings, **about)
 
 

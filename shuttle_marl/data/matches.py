@@ -112,6 +112,10 @@ def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) ->
         score, last, number = dataclasses.replace(score, points=after), first, int(rally[first])
 
 
+Ends = Mapping[str, Mapping[int, RealRally]]
+"""The last rally of each game, by match and number of the game."""
+
+
 def game_end(points: Points, served: int | None, rules: Rules, *, stopped: bool = False) -> tuple[Points, int | None, bool]:
     """Points at the end of a game, its winner or None, and whether its last rally is added because the rules leave one end.
 
@@ -142,16 +146,16 @@ def winner_of(rallies: Sequence[RealRally]) -> int | None:
 def rules_of(strokes: pa.Table) -> dict[str, Rules]:
     """Rules of each match of a table: those that it carries, or else those that the scores tell."""
     carried = dict(zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True))
-    told = {} if all(carried.values()) else told_rules(strokes)[0]
+    told = {} if all(carried.values()) else told_rules(_ends(strokes))[0]
     return {match: RULES[cast("RulesName", name or told[match])] for match, name in carried.items()}
 
 
-def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], list[str]]:
+def told_rules(matches: Ends) -> tuple[dict[str, RulesName], list[str]]:
     """Names of the rules by which the scores of each match are possible, and sentences on what is not certain.
 
     Those that allow most matches hold for all that they allow, of equal ones those of the sport.
     """
-    fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in _ends(strokes).items()}
+    fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in matches.items()}
     least = {match: min(fit[:2] for fit in of_match.values()) for match, of_match in fits.items()}
     possible = {match: [name for name in RULES if fits[match][name][:2] == least[match]] for match in fits}
     votes = collections.Counter(itertools.chain(*possible.values()))
@@ -179,8 +183,8 @@ def _of(matches: Sequence[str]) -> str:
     return f"match {matches[0]!r}" + (f" and {len(matches) - 1} others" if len(matches) > 1 else "")
 
 
-def _ends(strokes: pa.Table) -> dict[str, dict[int, RealRally]]:
-    """The last rally of each game, by match."""
+def _ends(strokes: pa.Table) -> Ends:
+    """The last rally of each game."""
     ends: dict[str, dict[int, RealRally]] = {match: {} for match in strokes["match"].unique().to_pylist()}
     for rally in real_rallies(strokes, dict.fromkeys(ends, BWF)):
         ends[rally.match][rally.number[0]] = rally
@@ -220,36 +224,30 @@ def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) ->
     for match, name in zip(matches, [rules] * len(strokes) if rules else strokes["rules"].to_pylist(), strict=True):
         if name and given.setdefault(match, name) != name:
             raise DataError(path, f"match {match!r} has the rules {given[match]} and {name}; expected one of them")
-    told, doubts = told_rules(strokes.filter(pa.array([match not in given for match in matches], pa.bool_())))
+    ends = _ends(strokes)
+    for match, name in given.items():
+        if _fit(ends[match], RULES[name])[0]:
+            scores = ", ".join(f"{own}-{other}" for own, other in (end.after for end in ends[match].values()))
+            advice = f"give other --rules, one of {', '.join(RULES)}"
+            raise DataError(path, f"match {match!r}, {scores}: by the rules {name} game or match were over before; {advice}")
+    told, doubts = told_rules({match: games for match, games in ends.items() if match not in given})
     found = {**told, **given}
-    for rally in real_rallies(strokes, {match: RULES[name] for match, name in found.items()}) if given else ():
-        own, (game, number), name = rally.score, rally.number, given.get(rally.match)
-        if name and (own.over or (rally.exact and _fit({game: rally}, own.rules)[0])):
-            where = f"match {rally.match!r}, game {game}, rally {number}"
-            score = f"score {rally.after[0]}-{rally.after[1]}: by the rules {name} game or match were over before it"
-            raise DataError(path, f"{where}, {score}; give other --rules, one of {', '.join(RULES)}")
-    doubts += _unfinished(_ends(strokes), found)
+    doubts += _unfinished(ends, found)
     return changed(strokes, "rules", pa.array([found[match] for match in matches], pa.string())), tuple(doubts)
 
 
-def _unfinished(ends: Mapping[str, Mapping[int, RealRally]], found: Mapping[str, RulesName]) -> list[str]:
+def _unfinished(ends: Ends, found: Mapping[str, RulesName]) -> list[str]:
     """Sentences on games that end before anybody has won them, or whose last rally counts and is not in the data."""
     told: dict[str, list[str]] = {}
     for match, games in ends.items():
         rules, (*before, last) = RULES[found[match]], games.values()
-        for end in before:
-            if end.exact and not wins_game(max(end.after), min(end.after), rules):
-                whole = [name for name in RULES if _fit(games, RULES[name]) == (0, 0, 0)]
-                told.setdefault(
-                    f"a game ends {end.after[0]}-{end.after[1]}, before anybody has won it by the rules {found[match]}: "
-                    + (
-                        f"by {', '.join(whole)} none does; give other --rules if they are these"
-                        if whole
-                        else f"are rallies missing, or are the rules none of {', '.join(RULES)}?"
-                    ),
-                    [],
-                ).append(match)
-                break
+        early = [end.after for end in before if end.exact and not wins_game(max(end.after), min(end.after), rules)]
+        whole = [name for name in RULES if _fit(games, RULES[name]) == (0, 0, 0)]
+        if early:
+            about = f"a game ends {early[0][0]}-{early[0][1]}, before anybody has won it by the rules {found[match]}"
+            why = f"by {', '.join(whole)} none does; give other --rules if they are these"
+            asked = f"are rallies missing, or are the rules none of {', '.join(RULES)}?"
+            told.setdefault(f"{about}: {why if whole else asked}", []).append(match)
         if not _fit(games, rules)[2] and game_end(last.after, None, rules, stopped=last.stopped)[2]:
             told.setdefault("the last rally is not in the data, and counts as won by who led", []).append(match)
     return [f"{_of(matches)}: {text}" for text, matches in told.items()]

@@ -48,10 +48,9 @@ class RallyLog:
     """All rallies of a file or a folder; a context manager that closes the files.
 
     A file includes its further parts: ``rallies.mcap`` includes ``rallies.1.mcap``, and so on. A folder includes every rally log
-    directly in it, in the order of their names: rallies are numbered consecutively, and policies and pairings are merged. Of two logs
-    that hold the same rallies the larger one is read, with a warning.
-    Unfinished files (``.part``) are ignored. A batch that does not match its checksum or the index is a :class:`DamagedLogError`
-    where it is read.
+    directly in it, in the order of their names: rallies are numbered consecutively, and policies and pairings are merged. Of
+    two logs that hold the same rallies the larger one is read, with a warning. Unfinished files (``.part``) are ignored. A batch
+    that does not match its checksum or the index is a :class:`DamagedLogError` where it is read.
 
     Attributes:
         logs: offset of the numbers of the rallies, and files, of each log.
