@@ -41,6 +41,7 @@ for _shot, _entries in MET.items():
     _SHARE[SHOTS.index(_shot)] = [share for _, share in _entries]
 LONG_REPLIES: Final = tuple(SHOTS.index(name) for name in ("clear", "drop", "smash", "half-smash"))
 """Shot types of replies to long serves: 99 % of these in the published matches, and 1 % of the others."""
+_LATEST: Final = 4 * 3600  # probable begin of a match in its video [s]
 PAUSE: Final = 4.0  # time between two strokes that ends a rally [s]
 _LATIN: Final = re.compile(r"LATIN SMALL (?:LETTER|LIGATURE) (?:DOTLESS )?(THORN|ETH|[A-Z]{1,2})(?: WITH .*)?")
 _LETTERS: Final = {"THORN": "th", "ETH": "d"}
@@ -238,6 +239,8 @@ def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64],
         sheet.warn(first & ~changes(strokes["match"]) & (passed < 0), "the time is before that of the rally before")
         sheet.mark(np.flatnonzero(~first & (passed < 0)), "the time is before that of the stroke before")
         check_tempo(sheet, passed[~first])
+        if (begin := float(np.nanmin(sheet.numbers("seconds"), initial=np.inf))) > _LATEST and begin < np.inf:
+            sheet.doubt(f"the first stroke is {begin / 3600:.1f} hours after the begin of the video: are these times of the day?")
     _compare_scores(sheet, strokes, fresh, first)
     _compare_points(sheet, strokes, points, first)
     for name, usual in FIXED_HEIGHT.items():

@@ -145,9 +145,15 @@ def winner_of(rallies: Sequence[RealRally]) -> int | None:
 
 def rules_of(strokes: pa.Table) -> dict[str, Rules]:
     """Rules of each match of a table: those that it carries, or else those that the scores tell."""
-    carried = dict(zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True))
+    carried = dict.fromkeys(strokes["match"].to_pylist()) | _carried(strokes)
     told = {} if all(carried.values()) else told_rules(_ends(strokes))[0]
     return {match: RULES[cast("RulesName", name or told[match])] for match, name in carried.items()}
+
+
+def _carried(strokes: pa.Table) -> dict[str, RulesName]:
+    """Rules of the matches of which some row names them."""
+    both = zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True)
+    return {match: name for match, name in both if name}
 
 
 def told_rules(matches: Ends) -> tuple[dict[str, RulesName], list[str]]:
@@ -218,13 +224,10 @@ def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) ->
         rules: of all matches; None: those that the table carries, in any row of a match, or else the scores tell.
 
     Raises:
-        DataError: a score is impossible by the rules that are given, or a match has several.
+        DataError: a score is impossible by the rules that are given.
     """
-    matches, given = strokes["match"].to_pylist(), dict[str, RulesName]()
-    for match, name in zip(matches, [rules] * len(strokes) if rules else strokes["rules"].to_pylist(), strict=True):
-        if name and given.setdefault(match, name) != name:
-            raise DataError(path, f"match {match!r} has the rules {given[match]} and {name}; expected one of them")
     ends = _ends(strokes)
+    given = dict.fromkeys(ends, rules) if rules else _carried(strokes)
     for match, name in given.items():
         if _fit(ends[match], RULES[name])[0]:
             scores = ", ".join(f"{own}-{other}" for own, other in (end.after for end in ends[match].values()))
@@ -233,7 +236,7 @@ def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) ->
     told, doubts = told_rules({match: games for match, games in ends.items() if match not in given})
     found = {**told, **given}
     doubts += _unfinished(ends, found)
-    return changed(strokes, "rules", pa.array([found[match] for match in matches], pa.string())), tuple(doubts)
+    return changed(strokes, "rules", pa.array(map(found.get, strokes["match"].to_pylist()), pa.string())), tuple(doubts)
 
 
 def _unfinished(ends: Ends, found: Mapping[str, RulesName]) -> list[str]:

@@ -155,7 +155,7 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
             columns.append(schema.unnamed(field.name, column) if field.name in NAMES else column.cast(field.type))
         except pa.ArrowException as error:
             raise DataError(path, f"column {field.name!r} is no {field.type} ({error}); {advice}") from error
-        if field.name == "rules" and (odd := {*column.unique().to_pylist()} - {None, *RULES}):
+        if field.name == "rules" and (odd := {*columns[-1].unique().to_pylist()} - {None, *RULES}):
             raise DataError(path, f"rules {min(map(str, odd))!r:.60}; expected one of {', '.join(RULES)}")
         if column.null_count and not field.nullable:
             raise DataError(path, f"column {field.name!r} lacks {column.null_count} values; {advice}")
