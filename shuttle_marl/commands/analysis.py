@@ -83,7 +83,8 @@ def _ratings(path: Path) -> dict[str, float]:
 
     try:
         ranking = json_format.loads(read_file((path if path.is_dir() else path.parent) / REPORT, MAX_JSON))["ranking"]
-        return {str(row["player"]): float(row["rating"]) for row in ranking if row["rating"] is not None}
+        rated = {str(row["player"]): float(row["rating"]) for row in ranking if row["rating"] is not None}
+        return rated if len({row["group"] for row in ranking}) == 1 else {}  # those of several groups are not compared
     except (OSError, ValueError, LookupError, TypeError):
         return {}
 

@@ -18,15 +18,7 @@ from shuttle_marl.base.arrays import I8, I64, Array, Bools
 from shuttle_marl.base.errors import command
 from shuttle_marl.data import schema
 from shuttle_marl.data.hands import unknown_hands, with_hands
-from shuttle_marl.data.schema import (
-    DROP_REASONS,
-    REACH_OVER,
-    REASONS,
-    Account,
-    Cleaned,
-    DataError,
-    Outcome,
-)
+from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, Account, Cleaned, DataError, Outcome
 from shuttle_marl.data.shuttleset import AREA_OF_LABEL, NEAREST_OF_LABEL, RawGame, list_matches, read_game
 from shuttle_marl.data.upstream import split_of
 from shuttle_marl.game import court

@@ -15,13 +15,15 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.data.schema import DataError, Problem
-from shuttle_marl.data.sheet import Sheet, line_of, listed, scalar, spans_around, text_of
+from shuttle_marl.data.sheet import Sheet, in_video, line_of, listed, scalar, text_of
 from shuttle_marl.data.words import WINNERS, Words, bare
 
 _SEATS: Final = ("T1P1", "T2P1")
 _ENDINGS: Final = {
     "end_out": "out", "end_fault": "error", "end_miss": "landed", "end_lucky": "landed", "end_misjudge": "misjudged",
 }  # fmt: skip
+_NAMED: Final = "players and discipline from the name of the file"
+_UNNAMED: Final = "names of the players: the file is not named as the published ones"
 _FILE: Final = re.compile(r".*?-(MS|WS)-(.+?) \([A-Z]{3}\)-(.+?) \([A-Z]{3}\)-.*")
 """Names of published files: discipline and players."""
 _STATUS: Final = ("receiver", "server")
@@ -100,7 +102,9 @@ def _sheet_of(path: Path, content: bytes, points: list[_Point], warnings: list[P
     for point, following in zip(points, [*points[1:], None], strict=True):
         number = number + 1 if point.game == game else 1
         game = point.game
-        after = following.before if following is not None and following.game == game else _after_cause(point)
+        after = _after_cause(point)
+        if following is not None and following.game == game:  # a point between them may be missing
+            after = following.before if sum(following.before) == sum(point.before) + 1 else None
         won = None if after is None else int(after[1] > point.before[1])
         for i, (seat, seconds, kind, place) in enumerate(point.strokes):
             backhand = _BACKHAND.fullmatch(kind)
@@ -109,7 +113,8 @@ def _sheet_of(path: Path, content: bytes, points: list[_Point], warnings: list[P
             known = seat is not None and shot.strip("*").upper() not in ("", "FAULT", "ERROR-TIER")
             entry = {"shot": shot if known else "unknown", "technique": "backhand" if backhand else "forehand"}
             entry |= {"game": str(game), "rally": str(number), "stroke": str(i + 1)}
-            entry |= {"player": people[own], "opponent": people[1 - own]} | ({"discipline": discipline} if told else {})
+            striker = "unknown" if seat is None and i == 0 else people[own]  # whose rally it was tells who won the one before
+            entry |= {"player": striker, "opponent": people[1 - own]} | ({"discipline": discipline} if told else {})
             entry["seconds"] = "" if seconds is None else f"{seconds:.3f}"
             if after is not None:
                 entry |= {"points": str(after[own]), "points_opponent": str(after[1 - own])}
@@ -124,10 +129,9 @@ def _sheet_of(path: Path, content: bytes, points: list[_Point], warnings: list[P
                 entry |= {"ending": ending, "winner": "" if won is None else people[won]}
             entries.append(entry)
             places.append(place)
-    unnamed = [] if told else ["names of the players: the file is not named as the published ones"]
-    by_name = ["players and discipline from the name of the file"] if told else []
-    about["lost"] = [*_LOST, *about.get("lost", ()), *unnamed]
-    about["inferred"] = [*by_name, *about.get("inferred", ())]
+    kind, sentence = ("inferred", _NAMED) if told else ("lost", _UNNAMED)
+    about["lost"] = [*_LOST, *about.get("lost", ())]
+    about[kind] = [*about.get(kind, ()), sentence]
     return Sheet.of(path, content, entries, places, source="BadmintonDB", warnings=warnings, **about)
 
 
@@ -183,21 +187,17 @@ def read_elan(path: Path, content: bytes, value: ET.Element) -> Sheet:
         points = _points(path, columns["score"], strokes, columns.get("service", []))
         lost += [] if columns.get("service") else ["who served first: the first player of the file"]
         return _sheet_of(path, content, points, [], lost=lost, inferred=inferred, format="BadmintonDB ELAN")
-    middles = [(stroke.start + stroke.end) / 2 for stroke in strokes]
-    entries: list[dict[str, str]] = [{} for _ in strokes]
-    for name, annotations in columns.items():
-        if annotations is strokes:
-            continue
-        spans = spans_around([annotation[:2] for annotation in annotations], middles)
-        of_stroke = {annotation.parent: number for number, annotation in enumerate(annotations, 1) if annotation.parent}
-        for entry, stroke, number in zip(entries, strokes, spans, strict=True):
-            if number := of_stroke.get(stroke.name, number):
-                told = annotations[number - 1].value
-                entry[name] = str(number) if name in ("rally", "game") and not told else told
-    for entry, stroke in zip(entries, strokes, strict=True):
-        entry |= {"shot": stroke.value, "seconds": f"{stroke.start:.3f}"}
-    lines = [stroke.line for stroke in strokes]
-    return Sheet.of(path, content, entries, lines, format="ELAN", source="ELAN", lost=lost, inferred=inferred)
+    entries: list[dict[str, str]] = [{"shot": stroke.value} for stroke in strokes]
+    of_stroke = {stroke.name: entry for stroke, entry in zip(strokes, entries, strict=True) if stroke.name}
+    spans: dict[str, list[tuple[float, float, str]]] = {name: [] for name, tier in columns.items() if tier is not strokes}
+    for name, within in spans.items():
+        for each in columns[name]:
+            if each.parent in of_stroke:
+                of_stroke[each.parent][name] = each.value
+            else:
+                within.append(each[:3])
+    placed = [(stroke.start, stroke.end, stroke.line, entry) for stroke, entry in zip(strokes, entries, strict=True)]
+    return in_video(path, content, placed, spans, format="ELAN", source="ELAN", lost=lost, inferred=inferred)
 
 
 def _tiers(path: Path, root: ET.Element, inferred: list[str]) -> dict[str, _Tier]:
@@ -272,7 +272,8 @@ def _dependent(tier: ET.Element, found: dict[str, _Annotation], inferred: list[s
 def _points(path: Path, scores: _Tier, strokes: _Tier, service: _Tier) -> list[_Point]:
     """The points; who serves follows from the scores, and who strikes from who serves."""
     points: list[_Point] = []
-    server, at = 0, 0
+    server: int | None = 0
+    at = 0
     for start, end, value, line, *_ in scores:
         found = _SCORE.fullmatch(value)
         if found is None:
@@ -282,13 +283,17 @@ def _points(path: Path, scores: _Tier, strokes: _Tier, service: _Tier) -> list[_
             last = points[-1]
             point.game = last.game + (sum(point.before) < sum(last.before))
             gained = [now - before for now, before in zip(point.before, last.before, strict=True)]
-            if point.game == last.game and sorted(gained) == [0, 1]:
-                server = gained.index(1)
+            if point.game == last.game and min(gained) == 0:  # a point that was replayed is served again
+                server = gained.index(max(gained)) if any(gained) else server
             elif (after := _after_cause(last)) is not None:
                 server = int(after[1] > last.before[1])
+            elif point.game != last.game and last.before[0] != last.before[1]:  # who led won the game
+                server = last.before.index(max(last.before))
+            else:
+                server = None
         named = [told for each in service if start <= each.start < end and (told := _SERVER.search(each.value))]
         server = int(named[-1][1]) - 1 if named else server
-        turn: int | None = server
+        turn = server
         while at < len(strokes) and strokes[at].start < end:
             stroke, at = strokes[at], at + 1
             if stroke.value.lower() in _ENDINGS:

@@ -41,6 +41,7 @@ for _shot, _entries in MET.items():
     _SHARE[SHOTS.index(_shot)] = [share for _, share in _entries]
 LONG_REPLIES: Final = tuple(SHOTS.index(name) for name in ("clear", "drop", "smash", "half-smash"))
 """Shot types of replies to long serves: 99 % of these in the published matches, and 1 % of the others."""
+_LATEST: Final = 4 * 3600  # probable begin of a match in its video [s]
 PAUSE: Final = 4.0  # time between two strokes that ends a rally [s]
 _LATIN: Final = re.compile(r"LATIN SMALL (?:LETTER|LIGATURE) (?:DOTLESS )?(THORN|ETH|[A-Z]{1,2})(?: WITH .*)?")
 _LETTERS: Final = {"THORN": "th", "ETH": "d"}
@@ -82,21 +83,20 @@ def read_score(text: str) -> Points | None:
     return None if found is None else (int(found[1]), int(found[2]))
 
 
-def winners_by_score(
-    scores: Sequence[Points | None], fresh: Bools, server: I64, told: I64, began: I64, match: I64
-) -> tuple[list[Points | None], I64, str]:
+def winners_by_score(scores: F64, fresh: Bools, server: I64, told: I64, began: I64, match: I64) -> tuple[F64, I64, str]:
     """Scores after each rally and winners, in the reading of the scores that agrees best with what else is known.
 
     The first number may be of a role in the game or of a player, who then is one in all games of a match.
 
     Args:
-        scores: of each of the R rallies, in an unknown order, before or after it; None not known.
+        scores: ``[R, 2]`` of each of the R rallies, in an unknown order, before or after it; NaN not known.
         fresh: ``[R]`` whether a rally is the first of its game.
         server, told, began: ``[R]`` who serves, who won where another value tells it (else -1), and who struck first in the
             match: 0 for who struck first in the game, 1 for the other player.
 
     Returns:
-        Points of 0 and 1 after each rally; ``[R]`` winners, -1 not known; and the reading in words, empty if several fit.
+        ``[R, 2]`` points of 0 and 1 after each rally; ``[R]`` winners, -1 not known; and the reading in words, empty if several
+        fit.
     """
     zero = np.zeros_like(server)
     orders = {"the first striker's": zero, "the other player's": 1 - zero, "the server's": server}
@@ -106,42 +106,33 @@ def winners_by_score(
             readings.append((*_read(scores, fresh, told, first, before=before), whose, before, False))
         other, tied = zero.copy(), False  # whether the first number is of who did not begin the match
         for number in np.unique(match):
-            rows = np.flatnonzero(match == number)
-            of_match = [scores[row] for row in rows.tolist()]
-            one, two = (_read(of_match, fresh[rows], told[rows], began[rows] ^ who, before=before) for who in (0, 1))
+            rows = match == number
+            one, two = (_read(scores[rows], fresh[rows], told[rows], began[rows] ^ who, before=before) for who in (0, 1))
             other[rows] = two[:2] < one[:2]
             tied |= two[:2] == one[:2] and not np.array_equal(one[3], two[3])
         readings.append((*_read(scores, fresh, told, began ^ other, before=before), "one player's in each match", before, tied))
     best = min(reading[:2] for reading in readings)
     equal = [reading for reading in readings if reading[:2] == best]
-    *_, after, won, whose, before, tied = equal[0]
-    tied |= any(a != b and None not in (a, b) for _, _, other, *_ in equal for a, b in zip(after, other, strict=True))
+    _, _, after, won, whose, before, tied = equal[0]
+    tied |= any((np.abs(after - reading[2]) > 0).any() or (won != reading[3]).any() for reading in equal)
     words = f"the score is that {'before' if before else 'after'} the rally; the first number is {whose}"
-    return after, won, "" if tied or any((won != reading[3]).any() for reading in equal) else words
+    return after, won, "" if tied else words
 
 
-def _read(
-    scores: Sequence[Points | None], fresh: Bools, told: I64, first: I64, *, before: bool
-) -> tuple[int, int, list[Points | None], I64]:
+def _read(scores: F64, fresh: Bools, told: I64, first: I64, *, before: bool) -> tuple[int, int, F64, I64]:
     """A reading of scores: what contradicts it and, negative, what agrees with it; points after each rally, and winners."""
-    points = [s if s is None or who == 0 else s[::-1] for s, who in zip(scores, first.tolist(), strict=True)]
-    after, winners, wrong = list[Points | None](), list[int](), 0
-    for r, here in enumerate(points):
-        last = r + 1 == len(points) or bool(fresh[r + 1])
-        if before:
-            start, end = here, None if last else points[r + 1]
-            wrong += bool(fresh[r]) and here is not None and here != (0, 0)
-        else:
-            start, end = (0, 0) if fresh[r] else points[r - 1], here
-        gained = None if start is None or end is None else (end[0] - start[0], end[1] - start[1])
-        winners.append({(1, 0): 0, (0, 1): 1}.get(gained, -1) if gained else -1)
-        wrong += gained is not None and winners[-1] < 0
-        if before and end is None and here is not None and told[r] >= 0:
-            end = (here[0] + int(told[r] == 0), here[1] + int(told[r] == 1))
-        after.append(end)
-    won = np.array(winners)
+    here = np.where(first[:, None] == 0, scores, scores[:, ::-1])
+    if before:
+        start, end = here, np.where(np.r_[~fresh[1:], False][:, None], np.roll(here, -1, axis=0), np.nan)
+    else:
+        start, end = np.where(fresh[:, None], 0, np.roll(here, 1, axis=0)), here
+    gained = end - start
+    won = np.select([(gained == [1, 0]).all(axis=1), (gained == [0, 1]).all(axis=1)], [0, 1], -1)
+    wrong = (~np.isnan(gained).any(axis=1) & (won < 0)).sum() + (before & fresh & (here.max(axis=1) > 0)).sum()
+    if before:
+        end = np.where(np.isnan(end) & (told >= 0)[:, None], here + (told[:, None] == [0, 1]), end)
     known = (won >= 0) & (told >= 0)
-    return wrong + int((known & (won != told)).sum()), -int((known & (won == told)).sum()), after, won
+    return int(wrong + (known & (won != told)).sum()), -int((known & (won == told)).sum()), end, won
 
 
 def changes(*columns: Array) -> Bools:
@@ -237,14 +228,19 @@ def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64],
     others = served & np.r_[False, (won[:-1] != "") & (won[:-1] != player[1:])]
     sheet.warn(others, "the server did not win the rally before")
     if "side" in sheet:
-        moved = ~fresh & changes((sheet.words("side", 0) == 1) ^ (player < strokes["opponent"]))
+        at_near = (sheet.words("side", 0) == 1) ^ (player < strokes["opponent"])
+        moved = ~fresh & changes(at_near)
         sheet.mark(np.flatnonzero(moved & ~first), "the players are not on the sides of the stroke before")
         sheet.warn(moved & first & (game < decider_of(sheet.map.rules)), "the players change sides during the game")
+        stayed = (leap == 1) & ~changes(strokes["match"]) & ~changes(at_near)
+        sheet.warn(stayed, "the players do not change sides after the game before")
     if "seconds" in sheet:
         passed = np.diff(sheet.numbers("seconds"), prepend=np.nan)
         sheet.warn(first & ~changes(strokes["match"]) & (passed < 0), "the time is before that of the rally before")
         sheet.mark(np.flatnonzero(~first & (passed < 0)), "the time is before that of the stroke before")
         check_tempo(sheet, passed[~first])
+        if (begin := float(np.nanmin(sheet.numbers("seconds"), initial=np.inf))) > _LATEST and begin < np.inf:
+            sheet.doubt(f"the first stroke is {begin / 3600:.1f} hours after the begin of the video: are these times of the day?")
     _compare_scores(sheet, strokes, fresh, first)
     _compare_points(sheet, strokes, points, first)
     for name, usual in FIXED_HEIGHT.items():

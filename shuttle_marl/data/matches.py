@@ -25,6 +25,8 @@ from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import Game
 
 Points = tuple[int, int]
+_TELLING: Final = 2
+"""Strokes of rallies that are equal by chance."""
 _DECIDED: Final = (Outcome.FAULT, Outcome.WINNER)
 
 
@@ -110,6 +112,10 @@ def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) ->
         score, last, number = dataclasses.replace(score, points=after), first, int(rally[first])
 
 
+Ends = Mapping[str, Mapping[int, RealRally]]
+"""The last rally of each game, by match and number of the game."""
+
+
 def game_end(points: Points, served: int | None, rules: Rules, *, stopped: bool = False) -> tuple[Points, int | None, bool]:
     """Points at the end of a game, its winner or None, and whether its last rally is added because the rules leave one end.
 
@@ -148,20 +154,23 @@ def winner_of(rallies: Sequence[RealRally]) -> int | None:
 
 def rules_of(strokes: pa.Table) -> dict[str, Rules]:
     """Rules of each match of a table: those that it carries, or else those that the scores tell."""
-    carried = dict(zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True))
-    told = {} if all(carried.values()) else told_rules(strokes)[0]
+    carried = dict.fromkeys(strokes["match"].to_pylist()) | _carried(strokes)
+    told = {} if all(carried.values()) else told_rules(_ends(strokes))[0]
     return {match: RULES[cast("RulesName", name or told[match])] for match, name in carried.items()}
 
 
-def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], list[str]]:
+def _carried(strokes: pa.Table) -> dict[str, RulesName]:
+    """Rules of the matches of which some row names them."""
+    both = zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True)
+    return {match: name for match, name in both if name}
+
+
+def told_rules(matches: Ends) -> tuple[dict[str, RulesName], list[str]]:
     """Names of the rules by which the scores of each match are possible, and sentences on what is not certain.
 
     Those that allow most matches hold for all that they allow, of equal ones those of the sport.
     """
-    games: dict[str, dict[int, tuple[Points, bool]]] = {match: {} for match in strokes["match"].unique().to_pylist()}
-    for rally in real_rallies(strokes, dict.fromkeys(games, BWF)):
-        games[rally.match][rally.number[0]] = rally.after, rally.exact
-    fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in games.items()}
+    fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in matches.items()}
     least = {match: min(fit[:2] for fit in of_match.values()) for match, of_match in fits.items()}
     possible = {match: [name for name in RULES if fits[match][name][:2] == least[match]] for match in fits}
     votes = collections.Counter(itertools.chain(*possible.values()))
@@ -172,19 +181,29 @@ def told_rules(strokes: pa.Table) -> tuple[dict[str, RulesName], list[str]]:
         finishing = [other for other in possible[match] if fits[match][other][2] < fits[match][name][2]]
         sure = name == "21" or (name in ("15", "11") and not fits[match][name][2])
         others = finishing if finishing or sure else [other for other in possible[match] if other != name]
-        kinds.setdefault((name, () if least[match][0] else tuple(others)), []).append(match)
+        kinds.setdefault((name, () if any(least[match]) else tuple(others)), []).append(match)
     told = []
     for (name, also), same in kinds.items():
-        which = f"match {same[0]!r}" + (f" and {len(same) - 1} others" if len(same) > 1 else "")
-        which = "the matches" if len(same) == len(found) else which
+        which = "the matches" if len(same) == len(found) else _of(same)
         if also:
             told.append(f"the rules of {which}, {name}, are not certain: {', '.join(also)} fit too; name them with --rules")
         elif name != usual:
             told.append(f"the rules of {which} are {name}, by the scores, and those of most matches {usual}")
-    odd = [match for match in fits if least[match][0]]
-    if odd:
-        told.append(f"the scores of match {odd[0]!r} are possible by no rules: are games without a number, or two matches one?")
+    if odd := [match for match in fits if least[match][0]]:
+        told.append(f"the scores of {_of(odd)} are possible by no rules: are games without a number, or two matches one?")
     return found, told
+
+
+def _of(matches: Sequence[str]) -> str:
+    return f"match {matches[0]!r}" + (f" and {len(matches) - 1} others" if len(matches) > 1 else "")
+
+
+def _ends(strokes: pa.Table) -> Ends:
+    """The last rally of each game."""
+    ends: dict[str, dict[int, RealRally]] = {match: {} for match in strokes["match"].unique().to_pylist()}
+    for rally in real_rallies(strokes, dict.fromkeys(ends, BWF)):
+        ends[rally.match][rally.number[0]] = rally
+    return ends
 
 
 def _usual(names: Sequence[RulesName], fits: Collection[Mapping[RulesName, tuple[int, ...]]]) -> RulesName:
@@ -192,43 +211,58 @@ def _usual(names: Sequence[RulesName], fits: Collection[Mapping[RulesName, tuple
     return "21" if "21" in names else min(names, key=lambda name: sum(fit[name][2] for fit in fits))
 
 
-def _fit(ends: Mapping[int, tuple[Points, bool]], rules: Rules) -> tuple[int, int, int]:
-    """Of a match by its points at the ends of games: impossible scores, games without their last rally, 1 if not finished."""
+def _fit(ends: Mapping[int, RealRally], rules: Rules) -> tuple[int, int, int]:
+    """Of a match by the ends of its games: impossible scores, games without their last rally, 1 if not finished."""
     impossible = missing = 0
     games = [0, 0]
-    for number, (points, exact) in ends.items():
-        low, high = sorted(points)
+    for number, end in ends.items():
+        low, high = sorted(end.after)
         impossible += max(games) >= rules.games or number >= 2 * rules.games
-        won = game_end(points, None, rules)[1]
-        if exact:
+        won = game_end(end.after, None, rules)[1]
+        if end.exact:
             impossible += bool(wins_game(high - 1, low, rules)) or (high == low > 0 and bool(wins_game(high, low - 1, rules)))
             missing += number < max(ends) and not wins_game(high, low, rules)
         games = [games[seat] + (won == seat) for seat in (0, 1)]
     return impossible, missing, int(max(games) < rules.games)
 
 
-def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, list[str]]:
+def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, tuple[str, ...]]:
     """The table with the rules of its matches, and sentences on what is not certain of them.
 
     Args:
         rules: of all matches; None: those that the table carries, in any row of a match, or else the scores tell.
 
     Raises:
-        DataError: a score is impossible by the rules that are given, or a match has several.
+        DataError: a score is impossible by the rules that are given.
     """
-    matches, given = strokes["match"].to_pylist(), dict[str, RulesName]()
-    for match, name in zip(matches, [rules] * len(strokes) if rules else strokes["rules"].to_pylist(), strict=True):
-        if name and given.setdefault(match, name) != name:
-            raise DataError(path, f"match {match!r} has the rules {given[match]} and {name}; expected one of them")
-    told, doubts = told_rules(strokes.filter(pa.array([match not in given for match in matches], pa.bool_())))
+    ends = _ends(strokes)
+    given = dict.fromkeys(ends, rules) if rules else _carried(strokes)
+    for match, name in given.items():
+        if _fit(ends[match], RULES[name])[0]:
+            scores = ", ".join(f"{own}-{other}" for own, other in (end.after for end in ends[match].values()))
+            advice = f"give other --rules, one of {', '.join(RULES)}"
+            raise DataError(path, f"match {match!r}, {scores}: by the rules {name} game or match were over before; {advice}")
+    told, doubts = told_rules({match: games for match, games in ends.items() if match not in given})
     found = {**told, **given}
-    for rally in real_rallies(strokes, {match: RULES[name] for match, name in found.items()}) if given else ():
-        own, (game, number), name = rally.score, rally.number, given.get(rally.match)
-        if name and (own.over or (rally.exact and _fit({game: (rally.after, True)}, own.rules)[0])):
-            where = f"match {rally.match!r}, game {game}, rally {number}"
-            score = f"score {rally.after[0]}-{rally.after[1]}: by the rules {name} game or match were over before it"
-            raise DataError(path, f"{where}, {score}; give other --rules, one of {', '.join(RULES)}")
-    return changed(strokes, "rules", pa.array([found[match] for match in matches], pa.string())), doubts
+    doubts += _unfinished(ends, found)
+    return changed(strokes, "rules", pa.array(map(found.get, strokes["match"].to_pylist()), pa.string())), tuple(doubts)
+
+
+def _unfinished(ends: Ends, found: Mapping[str, RulesName]) -> list[str]:
+    """Sentences on games that end before anybody has won them, or whose last rally counts and is not in the data."""
+    told: dict[str, list[str]] = {}
+    for match, games in ends.items():
+        rules, (*before, last) = RULES[found[match]], games.values()
+        early = [end.after for end in before if end.exact and not wins_game(max(end.after), min(end.after), rules)]
+        whole = [name for name in RULES if _fit(games, RULES[name]) == (0, 0, 0)]
+        if early:
+            about = f"a game ends {early[0][0]}-{early[0][1]}, before anybody has won it by the rules {found[match]}"
+            why = f"by {', '.join(whole)} none does; give other --rules if they are these"
+            asked = f"are rallies missing, or are the rules none of {', '.join(RULES)}?"
+            told.setdefault(f"{about}: {why if whole else asked}", []).append(match)
+        if not _fit(games, rules)[2] and game_end(last.after, None, rules, stopped=last.stopped)[2]:
+            told.setdefault("the last rally is not in the data, and counts as won by who led", []).append(match)
+    return [f"{_of(matches)}: {text}" for text, matches in told.items()]
 
 
 def event(match: str, players: tuple[str, str]) -> str:
@@ -269,7 +303,7 @@ def copies(strokes: pa.Table) -> list[str]:
         unit = int(match[begin]), int(game[begin])
         first = owner.setdefault(codes[begin:end].tobytes(), unit)
         total[unit] += end - begin
-        shared[first, unit] += end - begin
+        shared[first, unit] += (end - begin) * (end - begin > _TELLING)
     return [
         f"game {unit[1]} of {names[unit[0]]!r} has the strokes of game {first[1]} of {names[first[0]]!r}: are they one?"
         for (first, unit), count in shared.items()

@@ -5,8 +5,8 @@ warning (:mod:`shuttle_marl.data.inference`). What the file lacks is inferred wh
 """
 
 import dataclasses
+import functools
 import itertools
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -24,7 +24,7 @@ from shuttle_marl.data.matches import copies, with_rules
 from shuttle_marl.data.schema import RANGES, REASONS, Account, Cleaned, DataError, Outcome, Problem, shown
 from shuttle_marl.data.sheet import Sheet, listed
 from shuttle_marl.data.upstream import date_of, player_id
-from shuttle_marl.data.words import COLUMNS, FAULTS, STOPS, WINNERS, WORDS, ColumnMap, Words, whole
+from shuttle_marl.data.words import COLUMNS, FAULTS, STOPS, WINNERS, WORDS, ColumnMap, Words
 from shuttle_marl.game import court
 from shuttle_marl.game.scoring import RULES, Rules, RulesName, Score
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
@@ -146,10 +146,22 @@ class Rallies:
         step = np.cumsum(np.where(again, 2, 1))
         return step - step[start] + np.where(served[start], 1, 2)
 
-    @property
+    @functools.cached_property
     def side(self) -> I64:
         """``[n]`` 0 for strokes of who struck first in the game, 1 for the other player."""
         return (self.player != self.player[self.start]).astype(np.int64)
+
+    @functools.cached_property
+    def of_ends(self) -> bool:
+        """Whether the players are named by the ends of the court, so that the next game has another person there."""
+        return all(end_of(name) for name in np.unique(self.player))
+
+    @functools.cached_property
+    def deciders(self) -> tuple[I64, I64, I64]:
+        """``[R]`` side that won each rally by the column of winners; that serves next; and by these and endings; -1 not known."""
+        told, serves, ending, striker = _winners(self), _serves_next(self), self.ending[self.last], self.side[self.last]
+        by_ending = np.select([np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)], [1 - striker, striker], serves)
+        return told, serves, np.where(told < 0, by_ending, told)
 
 
 def _numbers(sheet: Sheet, name: str) -> I64:
@@ -161,12 +173,15 @@ def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
     """``[n]`` outcome, reason, forced and points by column of the schema, and whether who serves next told the outcome."""
     sheet, ending, last = rallies.sheet, rallies.ending, rallies.last
     points = {name: sheet.bounded(name, *RANGES[name]) for name in ("points", "points_opponent")}
-    winner, serves, known = _deciders(rallies)
+    winner, serves, known = rallies.deciders
+    after, by_score = np.stack([*points.values()], axis=1), np.full(len(rallies), -1)
+    after = np.where(rallies.side[:, None] == 0, after, after[:, ::-1])[rallies.first]
     if "score" in sheet:
-        by_score, points = _by_score(rallies, known)
-        winner = np.where(winner < 0, by_score, winner)
-    elif "points" in sheet:
-        winner = np.where(winner < 0, _by_points(rallies, known, np.stack([*points.values()], axis=1)), winner)
+        after, by_score = _by_score(rallies, known)
+        both, rows = after[rallies.group], np.arange(len(sheet))
+        points = {"points": both[rows, rallies.side], "points_opponent": both[rows, 1 - rallies.side]}
+    _fill(by_score, after, rallies, known)
+    winner = np.where(winner < 0, by_score, winner)
     winner[rallies.stopped[rallies.first]] = -1  # nobody won it, whatever the points are
     won, by_server = _of_row(rallies, winner), _of_row(rallies, serves)
     fault, landed = np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)
@@ -224,19 +239,10 @@ def _serves_next(rallies: Rallies) -> I64:
     first = np.flatnonzero(rallies.first)
     fresh, rally, game = rallies.fresh[first], rallies.rally[first], rallies.game[first]
     same = rallies.match[first][1:] == rallies.match[first][:-1]
-    if all(end_of(name) for name in np.unique(rallies.player)):  # another person in the next game
-        same &= ~fresh[1:]
+    same &= ~fresh[1:] | (not rallies.of_ends)
     followed = same & np.where(fresh[1:], (np.diff(game) == 1) & (rally[1:] == 1), np.diff(rally) == 1)
     starter = rallies.player[rallies.start[first]][:-1]
     return np.r_[np.where(followed, _servers(rallies)[1:] != starter, -1), -1].astype(np.int64)
-
-
-def _deciders(rallies: Rallies) -> tuple[I64, I64, I64]:
-    """``[R]`` side that won each rally by the column of winners; that serves next; and by these and endings; -1 not known."""
-    last, told, serves = np.flatnonzero(rallies.last), _winners(rallies), _serves_next(rallies)
-    ending, striker = rallies.ending[last], rallies.side[last]
-    by_ending = np.select([np.isin(ending, _FAULTS), np.isin(ending, _WINNERS)], [1 - striker, striker], serves)
-    return told, serves, np.where(told < 0, by_ending, told)
 
 
 def _of_row(rallies: Rallies, winner: I64) -> I64:
@@ -245,59 +251,49 @@ def _of_row(rallies: Rallies, winner: I64) -> I64:
     return np.where(of_row < 0, -1, of_row == rallies.side)
 
 
-def _by_score(rallies: Rallies, told: I64) -> tuple[I64, dict[str, Array]]:
-    """``[R]`` side that won each rally by the score, -1 not known; and ``[n]`` points after it; ``told``: by other values."""
-    sheet, side, first = rallies.sheet, rallies.side, np.flatnonzero(rallies.first)
+def _by_score(rallies: Rallies, told: I64) -> tuple[F64, I64]:
+    """``[R, 2]`` points after each rally by the score, NaN not known, and ``[R]`` who won it; ``told``: by other values."""
+    sheet, first = rallies.sheet, np.flatnonzero(rallies.first)
     new_match, starters = inference.changes(rallies.match), rallies.player[rallies.start[first]]
-    of_match = np.flatnonzero(new_match)[np.cumsum(new_match) - 1]
-    began = (rallies.player[of_match[first]] != starters).astype(np.int64)
-    if all(end_of(name) for name in np.unique(rallies.player)):  # another person in the next game
-        began = (began + rallies.game[first] - rallies.game[of_match][first]) % 2
+    of_match = np.flatnonzero(new_match)[np.cumsum(new_match) - 1][first]
+    began = (rallies.player[of_match] != starters).astype(np.int64)
+    if rallies.of_ends:  # another person in the next game
+        began = (began + rallies.game[first] - rallies.game[of_match]) % 2
     match, scores = np.unique(rallies.match[first], return_inverse=True)[1], _scores(sheet, rallies)
-    fresh, server = rallies.fresh[first], (_servers(rallies) != starters).astype(np.int64)
-    points, winner, reading = inference.winners_by_score(scores, fresh, server, told, began, match)
+    server = (_servers(rallies) != starters).astype(np.int64)
+    after, winner, reading = inference.winners_by_score(scores, rallies.fresh[first], server, told, began, match)
     if reading:
         sheet.notes.append(reading)
     else:
         sheet.add("the score does not tell whose points are first, or whether it is that before the rally; add a winner")
-    totals = [(rallies.start[row], sum(score)) for row, score in zip(first, scores, strict=True) if score is not None]
-    if "game" not in sheet and any(a == b and later < now for (a, now), (b, later) in itertools.pairwise(totals)):
+    known = ~np.isnan(scores[:, 0])
+    falls = (np.diff(rallies.start[first][known]) == 0) & (np.diff(scores[known].sum(axis=1)) < 0)
+    if "game" not in sheet and falls.any():
         sheet.add("the score falls, so there are several games: number them in a column")
-    _fill(winner, points, rallies, told)
-    both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[rallies.group]
-    rows = np.arange(len(sheet))
-    return winner, {"points": both[rows, side], "points_opponent": both[rows, 1 - side]}
+    return after, winner
 
 
-def _by_points(rallies: Rallies, told: I64, points: F64) -> I64:
-    """``[R]`` side that won each rally by the points ``[n, 2]`` of striker and opponent after it, -1 not known."""
-    both = np.where(rallies.side[:, None] == 0, points, points[:, ::-1])[rallies.first].tolist()
-    winner = np.full(len(rallies), -1)
-    _fill(winner, [None if np.isnan(one + other) else (int(one), int(other)) for one, other in both], rallies, told)
-    return winner
-
-
-def _fill(winner: I64, points: Sequence[inference.Points | None], rallies: Rallies, told: I64) -> None:
+def _fill(winner: I64, points: F64, rallies: Rallies, told: I64) -> None:
     """Fill in winners ``[R]`` that are not known: two known scores tell who won between them where one player did."""
-    start, since = (0, 0), list[int]()
+    start, since = np.zeros(2), list[int]()
     for r, (fresh, after) in enumerate(zip(rallies.fresh[rallies.first], points, strict=True)):
-        start, since = ((0, 0), [r]) if fresh else (start, [*since, r])
-        if after is not None:
+        start, since = (np.zeros(2), [r]) if fresh else (start, [*since, r])
+        if not np.isnan(after).any():
             known = np.where(winner[since] < 0, told[since], winner[since])
-            gained = [after[who] - start[who] - int((known == who).sum()) for who in (0, 1)]
-            if min(gained) == 0 and sum(gained) == (known < 0).sum():
+            gained = after - start - [(known == who).sum() for who in (0, 1)]
+            if gained.min() == 0 and gained.sum() == (known < 0).sum():
                 winner[np.array(since)[known < 0]] = int(gained[1] > 0)
             start, since = after, []
 
 
-def _scores(sheet: Sheet, rallies: Rallies) -> list[inference.Points | None]:
-    """The score of each rally as it stands there."""
-    scores: list[inference.Points | None] = [None] * len(rallies)
+def _scores(sheet: Sheet, rallies: Rallies) -> F64:
+    """``[R, 2]`` the score of each rally as it stands there, NaN without one."""
+    scores = np.full((len(rallies), 2), np.nan)
     for row, text in enumerate(sheet.text("score")):
         if text.strip() and (score := inference.read_score(text)) is None:
             sheet.mark(row, f"score {shown(text)}; expected points such as 5-3 (did a spreadsheet make it a date?)")
         elif text.strip():
-            if scores[rallies.group[row]] not in (None, score):
+            if (np.abs(scores[rallies.group[row]] - score) > 0).any():
                 sheet.warn([row], inference.OTHER_SCORE)
             scores[rallies.group[row]] = score
     return scores
@@ -397,8 +393,8 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
         lost.append(f"a date in the names of {len(undated)} of {len(names)} matches, which count in the order of the table")
     if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
         lost.append("names of the players: those of the ends, which they change between games and within the last possible one")
-    strokes, doubts = with_rules(strokes, path, rules)
-    told += [Problem(path, words) for words in (*copies(strokes), *doubts)]
+    strokes, contradicted = with_rules(strokes, path, rules)
+    told += [Problem(path, words) for words in (*copies(strokes), *contradicted)]
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)
     return Cleaned(
         strokes=strokes,
@@ -443,28 +439,28 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
     sheet = rallies.sheet
     if {"game", "score", "points"} & sheet.map.columns.keys():
         return None
-    first, winner = np.flatnonzero(rallies.first), _deciders(rallies)[2]
+    first, winner = np.flatnonzero(rallies.first), rallies.deciders[2]
     fresh, number = rallies.fresh[first], rallies.rally[first]
+    matches = np.split(winner, np.flatnonzero(fresh)[1:])
     names: list[RulesName] = [*RULES] if rules is None else [rules]
-    scores = {name: _course(fresh, winner, RULES[name]) for name in names}
-    longest = int(np.diff([*np.flatnonzero(fresh), len(first)]).max())
-    unsure = bool(np.any(~fresh[1:] & ((winner[:-1] < 0) | (np.diff(number) != 1))))
+    courses = {name: [_course(won, RULES[name]) for won in matches] for name in names}
+    longest = max(map(len, matches))
     usual: RulesName = rules or "21"
-    if not any(each.finished for each in scores[usual]) or (unsure and longest <= 2 * RULES[usual].cap - 1):
+    unsure = bool(np.any(~fresh[1:] & ((winner[:-1] < 0) | (np.diff(number) != 1))))
+    if not any(scores[-1].finished for scores, _ in courses[usual]) or (unsure and longest <= 2 * RULES[usual].cap - 1):
         return None
-    ends = [(k, (0, 1) if winner[k] < 0 else (int(winner[k]),)) for k in np.flatnonzero(np.r_[fresh[1:], True])]
-    over = {name: [any(found[k].after(won).over for won in each) for k, each in ends] for name, found in scores.items()}
-    going = {name: np.add.reduceat([each.over for each in found], np.flatnonzero(fresh)) == 0 for name, found in scores.items()}
-    possible = [name for name in scores if going[name].all()]
-    finished = np.any([np.array(over[name]) & going[name] for name in scores], axis=0)  # by some rules
-    best = [name for name in possible if np.array(over[name])[finished].all()]
+    ends = {name: [end for _, end in of_matches] for name, of_matches in courses.items()}
+    possible = [name for name in names if None not in ends[name]]
+    finished = [any(of_match) for of_match in zip(*ends.values(), strict=True)]  # by some rules
+    best = [name for name in possible if all(end or not some for end, some in zip(ends[name], finished, strict=True))]
     usually = [name for name in ("21", "15", "11") if name in best] or best
     if unsure or len(usually) != 1:
         why = "who won some rallies is not known" if unsure else f"by {', '.join(usually) or 'all rules'} they differ"
         why = "their numbers begin again" if np.any(~fresh[1:] & (np.diff(number) < 0)) else why
         sheet.add(f"{longest} rallies are more than one game, and {why}: number the games in a column game, or give --rules")
         return None
-    games, played = np.array([[sum(each.games), sum(map(sum, each.finished))] for each in scores[usually[0]]])[rallies.group].T
+    scores = [score for before, _ in courses[usually[0]] for score in before]
+    games, played = np.array([[sum(each.games), sum(map(sum, each.finished))] for each in scores])[rallies.group].T
     for column, values in ((_GAME, games + 1), (_COUNTED, rallies.rally - played)):
         sheet.columns[column] = tuple(map(str, values.tolist()))
     sheet.map = dataclasses.replace(sheet.map, columns={**sheet.map.columns, "game": _GAME, "rally": _COUNTED})
@@ -474,22 +470,23 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
     return sheet.take(np.ones(len(sheet), dtype=bool)), [told], doubts
 
 
-def _course(fresh: Bools, winner: I64, rules: Rules) -> list[Score]:
-    """Scores before the R rallies of matches: whether each begins a match, and which side won it, -1 not known."""
-    found, after = list[Score](), Score(rules=rules)
-    for begins, won in zip(fresh, winner.tolist(), strict=True):
-        found.append(Score(rules=rules) if begins else after)
-        after = found[-1].after(won) if won >= 0 else found[-1]
-    return found
+def _course(winners: I64, rules: Rules) -> tuple[list[Score], bool | None]:
+    """Scores before the rallies of a match, and whether it may be over after them; None: it goes on after its end.
+
+    Args:
+        winners: side that won each rally, -1 not known.
+    """
+    scores = [Score(rules=rules)]
+    for side in winners.tolist():
+        scores.append(scores[-1].after(side) if side >= 0 else scores[-1])
+    *before, after = scores
+    ends = [after, *(after.after(side) for side in (0, 1) if winners[-1] < 0)]
+    return before, None if before[-1].over else any(end.over for end in ends)
 
 
 def _rules_of(sheet: Sheet) -> list[RulesName | None]:
     """Rules that a column gives; None: those that the scores tell."""
-    if "rules" not in sheet:
-        return [None] * len(sheet)
-    codes = {text: [*RULES, ""].index(whole(text)) for text in set(sheet.text("rules")) if whole(text) in (*RULES, "")}
-    found = sheet.codes("rules", codes, len(RULES), lambda _: f"expected one of {', '.join(RULES)}")
-    return [[*RULES, None][code] for code in found]
+    return [[*RULES, None][code] for code in sheet.words("rules")]
 
 
 def _seen_by_left_handers(strokes: pa.Table) -> pa.Table:

@@ -4,7 +4,6 @@ Each gives a table of text, a :class:`~shuttle_marl.data.sheet.Sheet`, with head
 (:mod:`shuttle_marl.data.words`), which :func:`shuttle_marl.data.own.clean` checks and converts.
 """
 
-import bisect
 import fractions
 import itertools
 import math
@@ -19,7 +18,7 @@ from shuttle_marl.data import sheet
 from shuttle_marl.data.elan import is_badminton_db, read_badminton_db, read_elan
 from shuttle_marl.data.inference import UNKNOWN_END, at_ends, end_of, ends_in, ends_note
 from shuttle_marl.data.schema import DataError, Problem
-from shuttle_marl.data.sheet import Sheet, line_of, listed, parse_json, parse_xml, read_csv, scalar, spans_around, text_of
+from shuttle_marl.data.sheet import Sheet, in_video, line_of, listed, parse_json, parse_xml, read_csv, scalar, text_of
 from shuttle_marl.data.shuttleset import SINGLE_GAME, read_single_game
 from shuttle_marl.data.words import ColumnMap, Words, bare
 
@@ -168,17 +167,30 @@ class _Strokes:
                 self.shifts |= {column for column in ("seconds", "frame") if column in scalars and column in around}
                 return [{**around, **scalars}]
             ending, others = scalars.pop("ending", ""), set[str]()  # of the rally, so of its last stroke
+            rates = set[str]()
             for name, child in node.items():
                 inside = self.below(child, {**around, **scalars}, name, depth + 1)
                 found += inside
-                nested = isinstance(child, dict | list) and name not in values and not _PLAYERS.match(name)
+                of_video = set[str]() if inside else self._rates(child)
+                rates |= of_video
+                nested = isinstance(child, dict | list) and not (name in values or of_video or _PLAYERS.match(name))
                 others |= {name} if child and nested and not inside else set()
             if found:
                 self._name(node, found)
                 self.unread |= others | {name for name in values if not self._column(name) and not end_of(name)}
             if found and ending:
                 found[-1].setdefault("ending", ending)
+            for entry in found if len(rates) == 1 else ():
+                entry.setdefault("fps", *rates)
+            self.twice |= {"fps"} if found and len(rates) > 1 else set()
         return found
+
+    def _rates(self, node: Any, depth: int = 0) -> set[str]:
+        """Rates of frames in an object without strokes, such as one on the video."""
+        if not isinstance(node, dict) or depth > _DEEPEST:
+            return set()
+        own = {scalar(child) for key, child in node.items() if self._column(key) == "fps"} - {""}
+        return own.union(*(self._rates(child, depth + 1) for child in node.values()))
 
     def _name(self, node: Mapping[str, Any], strokes: list[_Entry]) -> None:
         """Names of the ends in an object, or in one of the players in it."""
@@ -198,11 +210,10 @@ def _read_sportscode(path: Path, content: bytes, value: ET.Element) -> Sheet:
     """
     columns = Words("column", ())
     kinds = {kind: Words(kind, (label.text or "" for label in value.iter("text"))) for kind in _KINDS}
-    spans: dict[str, list[tuple[float, float]]] = {"game": [], "rally": []}
+    spans: dict[str, list[tuple[float, float, str]]] = {"game": [], "rally": [], "ending": []}
     strokes: list[tuple[float, float, int, dict[str, str]]] = []
     twice: list[Problem] = []
     others, unread, codes = 0, set[str](), set[str]()
-    endings: list[tuple[float, str]] = []
     for instance in value.iterfind(_INSTANCE):
         code = text_of(instance, "code")
         entry: dict[str, str] = {}
@@ -224,38 +235,25 @@ def _read_sportscode(path: Path, content: bytes, value: ET.Element) -> Sheet:
             continue
         others += 1
         span = columns.meaning(code.rstrip("0123456789 "))
-        if span in spans:
-            spans[span].append((start, end))
+        if span in ("game", "rally"):
+            spans[span].append((start, end, ""))
         elif kinds["ending"].meaning(code):
-            endings.append((start, code))
+            spans["ending"].append((start, start, code))
         else:
             codes.add(code)
     strokes.sort(key=lambda stroke: stroke[:2])
-    if endings:  # a word such as net is one too, where its button was pressed during a stroke
+    if spans["ending"]:  # a word such as net is one too, where its button was pressed during a stroke
         for before, stroke in itertools.pairwise([*strokes]):
             code = stroke[3]["shot"]
             if stroke[0] < before[1] and kinds["ending"].meaning(code):
-                endings.append((stroke[0], code))
+                spans["ending"].append((stroke[0], stroke[0], code))
                 strokes.remove(stroke)
                 others += 1
-    begins = [start for start, *_ in strokes]
-    for start, code in endings:
-        if at := bisect.bisect_right(begins, start):
-            strokes[at - 1][3].setdefault("ending", code)
-    middles = [(start + end) / 2 for start, end, *_ in strokes]
-    numbers = {name: spans_around(sorted(within), middles) for name, within in spans.items()}
-    entries = []
-    for i, (start, _, _, entry) in enumerate(strokes):
-        entry["seconds"] = f"{start:.3f}"
-        for name, number in numbers.items():
-            if number[i]:
-                entry.setdefault(name, str(number[i]))
-        entries.append(entry)
     lost = ["times of the strokes: those of the start of their instances, which may be earlier"]
     lost += listed("labels that are no columns here", sorted(unread))
     lost += listed("codes that are no strokes, endings or spans", sorted(codes))
     about: dict[str, Any] = {"format": "Sportscode XML", "source": "Sportscode", "lost": lost, "others": others}
-    return Sheet.of(path, content, entries, [line for _, _, line, _ in strokes], warnings=twice, **about)
+    return in_video(path, content, strokes, spans, warnings=twice, **about)
 
 
 def _seconds(path: Path, instance: ET.Element, tag: str) -> float:

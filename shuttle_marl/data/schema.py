@@ -312,19 +312,20 @@ def _rules(strokes: pa.Table) -> Iterator[_Rule]:
     for name, (low, high) in RANGES.items():
         yield f"{name} lies between {low} and {high}", (name,), (t[name] < low) | (t[name] > high)
     simulated = pc.equal(strokes["source"], "simulated").to_numpy()
-    yield "all known hands of a player are the same", ("player", "hand"), _other_hand(t, simulated)
+    player = t["player"] + np.where(simulated, (1 + t["match"]) * 2.0**32, 0)  # of a simulated match alone
+    yield "all known hands of a player are the same", ("player", "hand"), _differs(t["hand"], player)
+    yield "all known rules of a match are the same", ("rules",), _differs(t["rules"], t["match"])
     yield from _order(t, n)
     yield from _endings(t, n)
     yield from _points(t)
 
 
-def _other_hand(t: Mapping[str, Array], simulated: Bools) -> Bools:
-    """``[n]`` rows with another hand than the first known one of the player; simulated players have one in each match."""
-    hand, player = t["hand"], t["player"] + np.where(simulated, (1 + t["match"]) * 2.0**32, 0)
-    known = np.flatnonzero(~np.isnan(hand))
-    _, first, number = np.unique(player[known], return_index=True, return_inverse=True)
-    bad = np.zeros(len(hand), dtype=bool)
-    bad[known] = hand[known] != hand[known][first][number]
+def _differs(values: Array, owner: Array) -> Bools:
+    """``[n]`` rows with another value than the first known one of their owner."""
+    known = np.flatnonzero(~np.isnan(values))
+    _, first, number = np.unique(owner[known], return_index=True, return_inverse=True)
+    bad = np.zeros(len(values), dtype=bool)
+    bad[known] = values[known] != values[known][first][number]
     return bad
 
 

@@ -4,6 +4,7 @@ Every problem of a value is recorded with file, line and value. XML has no docum
 elsewhere.
 """
 
+import bisect
 import csv
 import dataclasses
 import functools
@@ -30,7 +31,8 @@ _MOST_PROBLEMS: Final = 10_000
 _LONGEST: Final = 1000  # most characters of a value in a file of another program
 DELIMITERS: Final = (",", ";", "\t", "|")
 _SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')  # first line with which spreadsheets state the delimiter
-_MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand")
+_MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand", "rules")
+_FEW: Final = 3  # examples in a sentence
 _MOST_HINTS: Final = 50  # unknown words of a column for which a similar one is looked up
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -352,16 +354,51 @@ def listed(why: str, names: Sequence[str]) -> list[str]:
     return [f"{why}: {', '.join(map(repr, names[:20]))}"] if names else []
 
 
-def spans_around(spans: Sequence[tuple[float, float]], moments: Sequence[float]) -> list[int]:
+def in_video(
+    path: Path,
+    content: bytes,
+    strokes: list[tuple[float, float, int, dict[str, str]]],
+    spans: Mapping[str, Sequence[tuple[float, float, str]]],
+    **about: Any,
+) -> Sheet:
+    """The table of strokes at times in a video, with the values of the spans around their middles.
+
+    An ending or a winner is that of the last stroke within its span, or else before it.
+
+    Args:
+        strokes: start, end, line and values of each.
+        spans: start, end and value of those of a column, in any order; an empty value is the number of the span.
+    """
+    strokes = sorted(strokes, key=lambda stroke: stroke[:2])
+    begins, middles, beside = [start for start, *_ in strokes], [(start + end) / 2 for start, end, *_ in strokes], list[str]()
+    for name, unordered in spans.items():
+        within, inside = sorted(unordered), dict[int, list[int]]()
+        for i, k in enumerate(_around(within, middles)):
+            inside.setdefault(k, []).append(i)
+        for k, (start, _, value) in enumerate(within, 1):
+            at = inside.get(k, [])
+            if name in ("ending", "winner"):
+                at = at[-1:] or [*range(bisect.bisect_right(begins, start))][-1:]
+            for i in at:
+                strokes[i][3].setdefault(name, value if value or name not in ("game", "rally") else str(k))
+            beside += [] if at else [f"{name} {value}".strip()]
+    for start, _, _, entry in strokes:
+        entry["seconds"] = f"{start:.3f}"
+    lost = [*about.pop("lost", ()), *listed(f"{len(beside)} annotations without a stroke, such as", beside[:_FEW])]
+    about |= {"lost": lost}
+    return Sheet.of(path, content, [entry for *_, entry in strokes], [line for _, _, line, _ in strokes], **about)
+
+
+def _around(spans: Sequence[tuple[float, float, str]], moments: Sequence[float]) -> list[int]:
     """Number, from 1, of the last span that each moment lies in, 0 for none.
 
     Args:
-        spans: start and end of each, in order of time.
+        spans: in order of time.
         moments: in any order.
     """
     order, number = np.argsort(moments), np.zeros(len(moments), dtype=np.int64)
     times = np.asarray(moments)[order]
-    begins, ends = np.asarray(spans, dtype=np.float64).reshape(-1, 2).T
+    begins, ends = np.array([span[:2] for span in spans], np.float64).reshape(-1, 2).T
     within = zip(np.searchsorted(times, begins), np.searchsorted(times, ends, "right"), strict=True)
     for k, (first, end) in enumerate(within, 1):
         number[order[first:end]] = k

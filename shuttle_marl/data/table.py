@@ -53,10 +53,13 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
         strokes = _of_folder(path)
         return strokes if rules is None else with_rules(strokes, path, rules)[0]
     cleaned = _cleaned(path, None if columns is None else Path(columns), rules)
-    for told in cleaned.warnings if cleaned is not None else ():
-        warnings.warn(told, stacklevel=2)
     strokes = _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
-    return strokes if rules is None else with_rules(strokes, path, rules)[0]
+    doubts = () if cleaned is None else cleaned.warnings
+    if rules is not None and (cleaned is None or path.is_dir()):
+        strokes, doubts = with_rules(strokes, path, rules)
+    for told in doubts:
+        warnings.warn(told, stacklevel=2)
+    return strokes
 
 
 def _of_folder(root: Path) -> pa.Table:
@@ -174,7 +177,7 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
             columns.append(schema.unnamed(field.name, column) if field.name in NAMES else column.cast(field.type))
         except pa.ArrowException as error:
             raise DataError(path, f"column {field.name!r} is no {field.type} ({error}); {advice}") from error
-        if field.name == "rules" and (odd := {*column.unique().to_pylist()} - {None, *RULES}):
+        if field.name == "rules" and (odd := {*columns[-1].unique().to_pylist()} - {None, *RULES}):
             raise DataError(path, f"rules {min(map(str, odd))!r:.60}; expected one of {', '.join(RULES)}")
         if column.null_count and not field.nullable:
             raise DataError(path, f"column {field.name!r} lacks {column.null_count} values; {advice}")

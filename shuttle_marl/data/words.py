@@ -116,6 +116,7 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "forced": ("unforced", "forced"),
     "discipline": DISCIPLINES,
     "side": ("near", "far"),
+    "rules": tuple(RULES),
 }
 _CHOICES: Final = {
     "discipline": ("", *DISCIPLINES),

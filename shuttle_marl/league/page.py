@@ -31,7 +31,7 @@ _NUMBER: Final = (int, float)
 _MOST_MISFITS: Final = 40
 _LEAST_SHOWN: Final = 0.0005
 _NOT_A_SETTING: Final = ("seed", "record")
-_RATING: Final = ("rank", "rating", "rating_low", "rating_high", "rating_exact")
+_RATING: Final = ("rank", "rating", "rating_low", "rating_high", "rating_exact", "group")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -165,7 +165,7 @@ def page(
         | {what: sum(seat[what] for r in played for seat in r.seats) for what in ("matches", "rallies", "strokes")},
         summary=_summary(standings),
         ranking=ranking(standings, assessment.styles),
-        rating_chart=_rating_chart((s.player, s.rating, s.rating_low, s.rating_high, s.rating_exact) for s in standings),
+        rating_chart=_rating_chart(map(dataclasses.asdict, standings)),
         payoff_chart=charts.heat_map([s.player for s in standings], assessment.win[order][:, order]),
         curves=learning_charts(curves),
         people=PEOPLE,
@@ -180,10 +180,6 @@ def page(
         pairings=_pairings(results, logs, numbered=every == 1),
         forfeits=table([result for result in results if result.forfeit], _FORFEITS),
     )
-
-
-def _rating_chart(rows: Iterable[tuple[str, float, float, float, float]]) -> Markup:
-    return charts.bars([charts.Bar(*row) for row in rows], "Ratings with 95 % intervals", wide=True)
 
 
 def _summary(standings: Sequence[Standing]) -> str:
@@ -338,22 +334,30 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
     for run, ranked in rankings.items():
         columns += _rating_columns(run, ranked)
     players = dict.fromkeys(player for ranked in rankings.values() for player in ranked)
-    rated = {
-        run: [(player, *(row[figure] for figure in _RATING[1:])) for player, row in rows.items()]
-        for run, rows in rankings.items()
-    }
     return {
         "ratings": table(players, columns) if rankings else None,
-        "rating_charts": [(run, _rating_chart(rows)) for run, rows in rated.items()],
+        "rating_charts": [(run, _rating_chart(ranked.values())) for run, ranked in rankings.items()],
     }
+
+
+def _rating_chart(rows: Iterable[Mapping[str, Any]]) -> Markup:
+    """Ratings with their intervals; of several groups, which are not compared, each with its number."""
+    rows = [*rows]
+    apart = len({row["group"] for row in rows}) > 1
+    names = [f"{row['player']} (group {row['group']:.0f})" if apart else str(row["player"]) for row in rows]
+    bars = [charts.Bar(name, *(row[figure] for figure in _RATING[1:5])) for name, row in zip(names, rows, strict=True)]
+    return charts.bars(bars, "Ratings with 95 % intervals", wide=True)
 
 
 def _rating_columns(run: str, ranking: Mapping[str, Mapping[str, float]]) -> list[Column[str]]:
     def figure(player: str, key: str) -> float:
         return ranking[player][key] if player in ranking else math.nan
 
+    groups = {row["group"] for row in ranking.values()}
+    apart = [Column[str]("group", lambda player: number(figure(player, "group"), ".0f"), about="groups are not compared")]
     return [
         Column(f"{run}: rank", lambda player: number(figure(player, "rank"), ".0f"), ascending=True),
+        *(apart if len(groups) > 1 else ()),
         Column("rating", lambda player: number(figure(player, "rating"), "+.0f")),
         Column("95 % interval", lambda player: interval(figure(player, "rating_low"), figure(player, "rating_high"), "+.0f")),
         Column("exact", lambda player: number(figure(player, "rating_exact"), "+.0f")),

@@ -30,6 +30,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError, Sampling
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, arrow_schema, existing_parts, from_arrow, part_path, to_arrow
 
+_ENOUGH: Final = 20
+"""Rallies that two files share if they hold the same ones."""
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
     ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
     ".csv": pyarrow.csv.CSVWriter,
@@ -46,9 +48,9 @@ class RallyLog:
     """All rallies of a file or a folder; a context manager that closes the files.
 
     A file includes its further parts: ``rallies.mcap`` includes ``rallies.1.mcap``, and so on. A folder includes every rally log
-    directly in it, in the order of their names: rallies are numbered consecutively, and policies and pairings are merged.
-    Unfinished files (``.part``) are ignored. A batch that does not match its checksum or the index is a :class:`DamagedLogError`
-    where it is read.
+    directly in it, in the order of their names: rallies are numbered consecutively, and policies and pairings are merged. Of
+    two logs that hold the same rallies the larger one is read, with a warning. Unfinished files (``.part``) are ignored. A batch
+    that does not match its checksum or the index is a :class:`DamagedLogError` where it is read.
 
     Attributes:
         logs: offset of the numbers of the rallies, and files, of each log.
@@ -222,22 +224,40 @@ def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[list[LogFil
         if not any(path == file.path for log in logs for file in log):
             with contextlib.suppress(OtherFileError):  # such as a scene
                 parts = _open_parts(path, opened)
-                if same := [log[0].path.name for log in logs if _same(log[0], parts[0])]:
-                    warnings.warn(f"{path}: left out, because it holds the rallies of {same[0]}", stacklevel=3)
-                    continue
                 logs.append(parts)
+                for log in logs[:-1]:
+                    if _same(log[0], parts[0]) or _same(parts[0], log[0]):
+                        left, kept = sorted((parts, log), key=lambda files: sum(int(file.rallies.sum()) for file in files))
+                        told = f"{left[0].path}: left out, because it holds the rallies of {kept[0].path.name}"
+                        warnings.warn(told, stacklevel=3)
+                        logs.remove(left)
+                        break
     if not logs:
         raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does")
     return logs
 
 
 def _same(one: LogFile, other: LogFile) -> bool:
-    """Whether two files hold equal rallies: of one run, and with an equal first batch."""
-    if one.header != other.header or not (len(one.rallies) and len(other.rallies)):
+    """Whether the first rallies of a file are in another one, and both of one seed, game and form."""
+    alike = ("seed", "game", "strokes", "rules", "draws", "columns")
+    if any(getattr(one.header, name) != getattr(other.header, name) for name in alike):
         return False
-    rows = [to_arrow(file.batch(0)[1], len(file.header.strokes)) for file in (one, other)]
-    n = min(map(len, rows))
-    return bool(rows[0].slice(0, n).equals(rows[1].slice(0, n)))
+    first = _told_apart(other, 0)[:_ENOUGH] if len(other.rallies) else []
+    keys = {key: number << 32 for number, key in enumerate(one.header.pairings)}
+    places = np.array([keys[key] | match for key, match, *_ in first if key in keys], np.uint64)[:, None]
+    batches = np.flatnonzero(((one.first_match <= places) & (places <= one.last_match)).any(axis=0)).tolist()
+    return bool(batches) and {*first} <= set().union(*(_told_apart(one, i) for i in batches))
+
+
+def _told_apart(file: LogFile, i: int) -> list[tuple[Any, ...]]:
+    """What tells each rally of a batch from others: pairing, match, number, policies, and strokes."""
+    rallies, header = file.batch(i)[1], file.header
+    strokes = np.split(rallies.stroke, rallies.first_stroke[1:-1])
+    numbers = (getattr(rallies, name).tolist() for name in ("pairing", "match", "rally", "policy"))
+    return [
+        (header.pairings[pairing], match, rally, *(header.policies[each] for each in policies), played.tobytes())
+        for pairing, match, rally, policies, played in zip(*numbers, strokes, strict=True)
+    ]
 
 
 def rally_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:

@@ -63,12 +63,13 @@ def rows_of(
         folders: run folders, which may be those of strangers.
         results: JSON file with ``rows`` of this package, which are taken as they are; None: none.
         game, seed: see :func:`shuttle_marl.suite.results.verify_run`.
-        failed: receives the reason why a folder is left out: it is refused, is no finished run, or names no author.
+        failed: receives the reason why a folder is left out: it is refused, is no finished run, names no author, or
+            holds the units of an earlier one.
 
     Raises:
         SuiteError: the file cannot be read.
     """
-    rows: list[Row] = []
+    rows, known = list[Row](), dict[tuple[str, ...], Path]()
     with cache.forgotten():
         for folder in folders:
             try:
@@ -77,7 +78,11 @@ def rows_of(
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
                 if not found.summary["author"]:
                     raise SuiteError(f"the run has no author; name one in {CARD}")
-                rows.append(found.summary)
+                row = found.summary
+                if (same := known.get((row["author"], row["method"], row["play"]))) is not None:
+                    raise SuiteError(f"left out, because it holds the units of {same}")
+                known[row["author"], row["method"], row["play"]] = folder
+                rows.append(row)
             except Exception as error:
                 failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
     if results is not None:

@@ -386,8 +386,9 @@ def _remarks(task: Task, config: RunConfig, card: Card, units: Sequence[Entry]) 
         found.append(f"{config.seeds} of {task.seeds} seeds")
     if task.budgets and any(entry.strokes is None for entry in units):
         return [*found, "strokes not declared"]
-    if config.seeds > 1 and all(each.policies == units[0].policies and each.answers == units[0].answers for each in units):
-        found.append("all units are equal")
+    distinct = {repr((sorted(each.policies.items()), sorted(each.answers.items()))) for each in units}
+    if config.seeds > 1 and len(distinct) < len(units):
+        found.append(f"{len(units) - len(distinct)} of {len(units)} units equal another one")
     used = max(entry.strokes or 0 for entry in units)
     smaller = [budget for budget in task.budgets if used <= budget < (config.budget or 0)]
     return found + [f"fits the budget of {budget:,} strokes" for budget in smaller[:1]]

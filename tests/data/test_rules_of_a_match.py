@@ -161,5 +161,5 @@ def test_a_column_names_the_rules(tmp_path: Path) -> None:
     assert set(told("15")["rules"].to_pylist()) == {"15"}
     assert set(told("15.0")["rules"].to_pylist()) == {"15"}, "as a spreadsheet writes it"
     assert told("15", ("winner",))["game"].to_pylist()[-1] == rallies[-1][0], "they number the games"
-    with pytest.raises(DataError, match=r"unknown rules '16'; expected one of 21, 15, 11"):
+    with pytest.raises(DataError, match=r"unknown rules '16'; map it in \[values.rules\] to one of 21, 15, 11"):
         told("16")

@@ -227,3 +227,16 @@ class TestFolders:
         (tmp_path / "a.mcap").write_bytes((tmp_path / "b.mcap").read_bytes()[:-100])
         with pytest.raises(DamagedLogError, match=r"a\.mcap: damaged"):
             RallyLog(tmp_path)
+
+    def test_rallies_that_two_logs_share_count_once(self, tmp_path: Path, rallies, header) -> None:
+        """The larger log is read, also where the other one begins later; a run of another seed is another one."""
+        logs = {"a": (header(record="sample:2"), rallies(200).slice(40, 100)), "b": (header(), rallies(200))}
+        logs["c"] = header(seed=8), rallies(200)
+        for name, (about, played) in logs.items():
+            with RallyLogWriter(tmp_path / f"{name}.mcap", about, batch_rallies=64) as log:
+                log.append(played)
+        with pytest.warns(UserWarning, match=r"a\.mcap: left out, because it holds the rallies of b\.mcap"):
+            both = RallyLog(tmp_path)
+        with both:
+            assert [file.path.name for file in both.files] == ["b.mcap", "c.mcap"]
+            assert both.n_rallies == 400

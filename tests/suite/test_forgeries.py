@@ -154,6 +154,13 @@ def test_no_folder_stops_a_board(honest: Path, tmp_path: Path) -> None:
     assert not [line for line in left if "Error:" in line]
 
 
+def test_a_run_in_two_folders_counts_once(honest: Path, tmp_path: Path) -> None:
+    again = copied(honest, tmp_path / "again")
+    (row,), left = rows(honest, again)
+    assert row["author"] == "alice"
+    assert left == [f"{again}: left out, because it holds the units of {honest}"]
+
+
 def test_values_that_a_method_wrote_into_the_cache_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     folder = run(TASK, "random", tmp_path / "run")
