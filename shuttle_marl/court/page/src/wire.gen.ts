@@ -153,14 +153,8 @@ export interface RallyFacts {
   players: [PlayerFacts, PlayerFacts];
 }
 
-/** The score after a rally; ``changes_ends``: whether the players change ends before the next one. */
-export interface ScoreFacts {
-  points: [number, number];
-  games: [number, number];
-  over: boolean;
-  game_won: boolean;
-  changes_ends: boolean;
-}
+/** The score after a rally. */
+export interface ScoreFacts { points: [number, number]; games: [number, number]; over: boolean; game_won: boolean; }
 
 /** A stroke of a rally. */
 export interface Stroke extends StrokeFacts {
@@ -171,11 +165,8 @@ export interface Stroke extends StrokeFacts {
   hurried: boolean;
   waited: number | null;
   effort: number | null;
-  opponent_effort: number | null;
-  duel: number | null;
   support: number | null;
   time: number;
-  frame: number;
   contact: Vec3;
   end: string;
   end_time: number;
@@ -214,13 +205,7 @@ export interface PlayerFacts { athlete: string; hand: string; }
 export interface AnalysisRequest extends Query {  }
 
 /** Reply to AnalysisRequest; ``factor``: share of an advantage that real matches realise, and its interval. */
-export interface Analysis {
-  number: number;
-  factor: Vec3 | null;
-  strokes: StrokeValue[];
-  win_after: number | null;
-  match_after: number | null;
-}
+export interface Analysis { number: number; factor: Vec3 | null; strokes: StrokeValue[]; win_after: number | null; }
 
 /** Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins. */
 export interface StrokeValue {
