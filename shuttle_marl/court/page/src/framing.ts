@@ -5,15 +5,15 @@ import type * as THREE from "three";
 
 export type Picture = [number, number, number, number];
 
-const RATE = 20; // moments a second at which the rally is looked at
-const AROUND = 8; // moments before and after, which the picture holds as well: so it moves slowly
-const MARGIN = 0.03; // free space around, of the height
+const RATE = 25; // moments a second at which the rally is looked at
+const AROUND = 7; // moments before and after, which the picture holds as well: so it moves slowly
+const MARGIN = 0.02; // free space around, of height and width
 const BELOW = 0.65; // part of the free height that lies below: floor instead of hall
 const LEAST = 0.33; // height of the closest picture
 
 /** The picture of a shape that is as wide as `aspect` and contains another. */
 function fitted([left, right, bottom, top]: Picture, aspect: number): Picture {
-  const high = Math.max((top - bottom) * (1 + 2 * MARGIN), ((right - left) * (1 + MARGIN)) / aspect, LEAST);
+  const high = Math.max((1 + 2 * MARGIN) * Math.max(top - bottom, (right - left) / aspect), LEAST);
   const middle = bottom - BELOW * (high - (top - bottom)) + high / 2;
   return around((left + right) / 2, middle, high, aspect);
 }

@@ -338,7 +338,7 @@ export class Stage {
     if (camera !== "broadcast") {
       return [];
     }
-    const [end, aside] = [this.flipped ? -1 : 1, this.eye.aspect > ACROSS ? x : 1];
+    const [end, aside] = [this.flipped ? -1 : 1, this.eye.aspect > ACROSS ? x : 0];
     return [at(-aside, -end * y * 0.5, 0), at(aside, -end * y * 0.5, 0), at(0, end * y * 0.6, 2.8)];
   }
 
@@ -348,7 +348,9 @@ export class Stage {
       athlete.pose(motion, time, seat);
       return [...athlete.body(), athlete.strings()];
     });
-    return [...players, at(...motion.shuttleAt(time, [0, 0, 0]))];
+    // Between two moments, the shuttle may turn at a racket.
+    const shuttle = [-0.02, 0, 0.02].map((step) => at(...motion.shuttleAt(time + step, [0, 0, 0])));
+    return [...players, ...shuttle];
   }
 
   /** Sets the lens to a picture. */
@@ -373,9 +375,13 @@ export class Stage {
         return { eye: at(hips[0] * 0.85, hips[1] - end * 4.4, 2.55), look: at(hips[0] * 0.5, end * 2.5, 1.35), from: 0.1 };
       }
       default:
-        return this.raised
-          ? { eye: at(0, -end * 15, 8.5), look: at(0, 0, 0), from: 7 }
-          : { eye: at(0, -end * 16, 4), look: at(0, 0, 4.8), from: 7 };
+        if (this.raised) {
+          return { eye: at(0, -end * 15, 8.5), look: at(0, 0, 0), from: 7 };
+        }
+        // In a narrow picture, which both players fill from side to side, the closer eye sees the near one larger.
+        return this.eye.aspect > ACROSS
+          ? { eye: at(0, -end * 16, 4), look: at(0, 0, 6), from: 7 }
+          : { eye: at(0, -end * 13, 4), look: at(0, 0, 7), from: 4 };
     }
   }
 
