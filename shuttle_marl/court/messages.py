@@ -198,7 +198,6 @@ class PositionFacts(Struct):
 class RacketFacts(Struct):
     """Dimensions of a racket [m]."""
 
-    length: float
     sweet_spot: float
     butt: float
     head: tuple[float, float]
@@ -274,8 +273,6 @@ class TagFacts(Struct):
 class Hello(Struct):
     """Reply to :class:`HelloRequest`."""
 
-    version: str
-    game: str
     hall: HallFacts
     policies: list[str]
     plan: Plan

@@ -32,9 +32,7 @@ def hall_facts() -> messages.HallFacts:
             messages.PositionFacts(box=position_box(i), place=(round(x, 4), round(-y, 4)))
             for i, (x, y) in enumerate(waiting_places().tolist())
         ],
-        racket=messages.RacketFacts(
-            length=body.RACKET_LENGTH, sweet_spot=body.SWEET_SPOT, butt=body.RACKET_BUTT, head=body.RACKET_HEAD
-        ),
+        racket=messages.RacketFacts(sweet_spot=body.SWEET_SPOT, butt=body.RACKET_BUTT, head=body.RACKET_HEAD),
         shuttle=messages.ShuttleFacts(scale=body.SHUTTLE_SCALE, cork=body.CORK, feathers=body.FEATHERS, feather=body.FEATHER),
         bones=list(body.BONES),
         athletes={name: {hand: _athlete(name, hand == "right") for hand in court.HANDS} for name in body.ATHLETES},

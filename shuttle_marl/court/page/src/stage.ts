@@ -65,6 +65,9 @@ export class Stage {
   raised = false;
   /** Whether the last pointer gesture was a drag. */
   dragged = false;
+  /** What the last frame shows, and its target area; null before the first. */
+  shot: Shot | null = null;
+  targetArea: Box | null = null;
   private readonly renderer: THREE.WebGLRenderer;
   private readonly scene = new THREE.Scene();
   private readonly backdrop: Backdrop;
@@ -80,9 +83,7 @@ export class Stage {
   private framing: { key: string; motion: Motion; of: Framing } | null = null;
   private picture: Picture = [-1, 1, -0.5, 0.5];
   private turning: { from: Picture; began: number } | null = null;
-  private shownCamera: Shot | null = null;
   private blend: { motion: Motion; time: number; began: number } | null = null;
-  private area: Box | null = null;
   private drawn = 0; // time of the last frame
   private late = 0; // consecutive slow frames
 
@@ -240,10 +241,10 @@ export class Stage {
     const colour = this.colours[stroke?.seat ?? 0]!;
     const pixels = this.canvas.height / this.renderer.getPixelRatio() / (this.picture[3] - this.picture[2]);
     this.shuttle.show(motion, time, flying ? stroke : null, paused, colour, this.eye.position, pixels);
-    this.area = target ?? (flying ? stroke.box : null);
+    this.targetArea = target ?? (flying ? stroke.box : null);
     this.marks.showFlight(flight);
     this.marks.showLegal(legal, OFFERED);
-    this.marks.area.show(this.area, target ? new THREE.Color("#fbbf24") : colour);
+    this.marks.area.show(this.targetArea, target ? new THREE.Color("#fbbf24") : colour);
     const receiver = 1 - (stroke?.seat ?? 0);
     const place = (position: number) => placeOf(this.facts, rally, receiver, position);
     const seen = flying ? waiting : null;
@@ -258,7 +259,7 @@ export class Stage {
       this.easeOff(paused); // before the picture, which a new resolution clears
     }
     // Software rendering draws the static background once per view.
-    if (this.lite && this.framing && this.shownCamera !== "free" && this.shownCamera !== "follow") {
+    if (this.lite && this.framing && this.shot !== "free" && this.shot !== "follow") {
       const whole = this.framing.of.whole(this.eye.aspect);
       this.backdrop.render(
         this.scene,
@@ -286,8 +287,8 @@ export class Stage {
   private aimAt(rally: RallyFacts, motion: Motion, time: number): void {
     const { eye, controls } = this;
     const camera = this.camera === "director" ? directed(rally, time, eye.aspect) : this.camera;
-    const changed = this.shownCamera !== camera;
-    this.shownCamera = camera;
+    const changed = this.shot !== camera;
+    this.shot = camera;
     // Touch scrolls the page unless it turns the view.
     controls.enabled = this.camera === "free" || !TOUCHED.matches;
     this.canvas.style.touchAction = controls.enabled ? "none" : "pan-y";
@@ -436,15 +437,6 @@ export class Stage {
   /** Window coordinates of a point of the floor. */
   windowAt(x: number, y: number): [number, number] {
     return this.windowOf(...this.fractions(at(x, y, 0)));
-  }
-
-  /** What the last frame shows; null before the first. */
-  get shot(): Shot | null {
-    return this.shownCamera;
-  }
-
-  get targetArea(): Box | null {
-    return this.area;
   }
 
   get figures(): { draw_calls: number; triangles: number; geometries: number; textures: number } {

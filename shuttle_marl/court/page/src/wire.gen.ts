@@ -15,8 +15,6 @@ export type HelloRequest = object;
 
 /** Reply to HelloRequest. */
 export interface Hello {
-  version: string;
-  game: string;
   hall: HallFacts;
   policies: string[];
   plan: Plan;
@@ -63,7 +61,7 @@ export interface AreaFacts { name: string; box: [[number, number], [number, numb
 export interface PositionFacts { box: [[number, number], [number, number]]; place: [number, number]; }
 
 /** Dimensions of a racket [m]. */
-export interface RacketFacts { length: number; sweet_spot: number; butt: number; head: [number, number]; }
+export interface RacketFacts { sweet_spot: number; butt: number; head: [number, number]; }
 
 /** Dimensions of a shuttle [m]; ends of a feather: distance from the axis, half width, distance behind the cork. */
 export interface ShuttleFacts { scale: number; cork: number; feathers: number; feather: [Vec3, Vec3]; }
