@@ -14,7 +14,6 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from shuttle_marl import __version__
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.court import WatchError, messages, staging
@@ -154,8 +153,6 @@ class Answers:
         """Reply to the first request of a page: the hall, the policies, and the rallies that are shown."""
         recorded, known = self._recorded, registry.names(self._game.seats[0])
         return messages.Hello(
-            version=__version__,
-            game=self._game.hash[:12],
             hall=hall_facts(),
             policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *known])),
             plan=self._plan,

@@ -198,7 +198,6 @@ class PositionFacts(Struct):
 class RacketFacts(Struct):
     """Dimensions of a racket [m]."""
 
-    length: float
     sweet_spot: float
     butt: float
     head: tuple[float, float]
@@ -274,8 +273,6 @@ class TagFacts(Struct):
 class Hello(Struct):
     """Reply to :class:`HelloRequest`."""
 
-    version: str
-    game: str
     hall: HallFacts
     policies: list[str]
     plan: Plan
@@ -308,11 +305,8 @@ class Stroke(StrokeFacts, kw_only=True):
     hurried: bool  # its striker was late or stretched
     waited: int | None  # position of its receiver; None: they had no choice, or it is not known
     effort: int | None
-    opponent_effort: int | None
-    duel: int | None
     support: float | None
     time: float
-    frame: int
     contact: Point
     end: str
     end_time: float
@@ -340,13 +334,12 @@ class Turn(Struct):
 
 
 class ScoreFacts(Struct):
-    """The score after a rally; ``changes_ends``: whether the players change ends before the next one."""
+    """The score after a rally."""
 
     points: Pair
     games: Pair
     over: bool
     game_won: bool
-    changes_ends: bool
 
 
 class PlayerFacts(Struct):
@@ -446,7 +439,6 @@ class Analysis(Struct):
     factor: tuple[float, float, float] | None
     strokes: list[StrokeValue]
     win_after: float | None
-    match_after: float | None
 
 
 class OptionsReply(Struct):

@@ -12,7 +12,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl import __version__
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court import messages
 from shuttle_marl.court.match import CourtRally, PolicyTables, play_rally
@@ -69,8 +68,6 @@ def shared(rallies: Sequence[tuple[CourtRally, Game]], players: Players | None) 
         shown |= dict.fromkeys(rally.athletes)
         count += 1
     hello = messages.Hello(
-        version=__version__,
-        game=rallies[0][1].hash[:12] if rallies else "",
         hall=hall_facts(),
         policies=[ELITE.policy],
         plan=Plan(seed=0, sides=(ELITE, ELITE)),

@@ -32,9 +32,7 @@ def hall_facts() -> messages.HallFacts:
             messages.PositionFacts(box=position_box(i), place=(round(x, 4), round(-y, 4)))
             for i, (x, y) in enumerate(waiting_places().tolist())
         ],
-        racket=messages.RacketFacts(
-            length=body.RACKET_LENGTH, sweet_spot=body.SWEET_SPOT, butt=body.RACKET_BUTT, head=body.RACKET_HEAD
-        ),
+        racket=messages.RacketFacts(sweet_spot=body.SWEET_SPOT, butt=body.RACKET_BUTT, head=body.RACKET_HEAD),
         shuttle=messages.ShuttleFacts(scale=body.SHUTTLE_SCALE, cork=body.CORK, feathers=body.FEATHERS, feather=body.FEATHER),
         bones=list(body.BONES),
         athletes={name: {hand: _athlete(name, hand == "right") for hand in court.HANDS} for name in body.ATHLETES},
@@ -85,7 +83,7 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
         after = rally.score.after(winner)
         game_won = len(after.finished) > len(rally.score.finished)
         points = after.finished[-1] if game_won else after.points
-        result = messages.ScoreFacts(points, after.games, after.over, game_won, after.changes_ends)
+        result = messages.ScoreFacts(points, after.games, after.over, game_won)
     named = ("number", "server", "from_right", "ends_changed", "points", "games")
     return messages.RallyFacts(
         **{name: getattr(rally, name) for name in named},
@@ -137,11 +135,8 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
         hurried=bool(rally.hurried[i]),
         waited=waited_at(rally, game, i, state),
         effort=int(game.effort(state)) if game.levels > 1 else None,
-        opponent_effort=int(game.opponent_effort(state)) if game.levels > 1 else None,
-        duel=int(game.duel(state)) if game.counts_duels else None,
         support=_support(game, pair),
         time=round(float(trajectory.time[i]), 4),
-        frame=int(motion.contact_frame[i]),
         contact=np.round(trajectory.contact[i], 4).tolist(),
         end=staging.ENDS[trajectory.end[i]],
         end_time=round(float(trajectory.end_time[i]), 4),
@@ -204,7 +199,6 @@ class StrokeValues:
             factor=None if factor is None else (factor.value, factor.low, factor.high),
             strokes=[self._stroke(rally, i, *about) for i, about in enumerate(strokes)],
             win_after=float(found.rally_win[-1]) if over else None,
-            match_after=float(found.match_win[-1]) if over else None,
         )
 
     def _stroke(self, rally: Rally, number: int, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:

@@ -119,6 +119,27 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     assert viewer.state("strokes") == again
 
 
+def test_keys_of_other_keyboards_count_by_their_place(viewer: Any, served: Any) -> None:
+    """A Cyrillic keyboard, and a keypad without NumLock."""
+    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1&stroke=1")
+
+    def fire(code: str, key: str, shift: bool = False) -> None:
+        viewer.page.evaluate(
+            "(about) => document.body.dispatchEvent(new KeyboardEvent('keydown', { bubbles: true, ...about }))",
+            {"code": code, "key": key, "shiftKey": shift},
+        )
+
+    begun = viewer.state("time")
+    fire("Period", "ю")
+    assert viewer.state("time") == pytest.approx(begun + 1 / 50)
+    fire("Comma", "Б", shift=True)
+    assert viewer.page.locator(".speed").input_value() == "0.5"
+    fire("Numpad2", "ArrowDown")
+    viewer.until(lambda: viewer.page.locator(".cameras").input_value() == "side")
+    fire("KeyW", "ц")
+    assert viewer.page.locator("body.text").count() == 1
+
+
 KEYS = {
     "short-serve": "s", "long-serve": "g", "clear": "c", "lift": "l", "drop": "d", "smash": "s", "half-smash": "a", "drive": "v",
     "push": "p", "net-kill": "k", "net-shot": "n", "block": "b", "cross-court-net-shot": "x",
@@ -661,7 +682,6 @@ HELD = """() => {
 def test_every_camera_of_the_director_holds_the_players_and_the_shuttle(viewer: Any, served: Any) -> None:
     """In every third frame of twenty rallies, at three shapes of the window; the near player is large in the broadcast."""
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc").press(" ")
-    near: dict[tuple[int, int], list[float]] = {}
     windows = ((1440, 900), (1024, 768), (390, 844))
     for window, _ in zip(windows, sized(viewer, windows), strict=True):
         for number in range(20):
@@ -674,11 +694,7 @@ def test_every_camera_of_the_director_holds_the_players_and_the_shuttle(viewer: 
                 if camera == "1":
                     first, second = found[:, 3] - found[:, 1], found[:, 7] - found[:, 5]
                     is_near = found[:, 3] > found[:, 7]  # whose feet are lower in the picture
-                    near.setdefault(window, []).extend(np.where(is_near, first, second))
-    for window, heights in near.items():
-        least = 0.25 if window[0] > window[1] else 0.2  # a tall window holds the width of the court
-        assert np.median(heights) >= least, window
-        assert np.mean(np.array(heights) >= least) >= 0.75, window
+                    assert np.where(is_near, first, second).min() >= 0.25, (number, window)
 
 
 def test_nothing_is_told_before_it_is_played(viewer: Any, served: Any) -> None:
@@ -723,7 +739,7 @@ def test_choice_and_result_are_told_apart(viewer: Any, served: Any) -> None:
         rows = viewer.analysed().page.locator(".moves li .what")
         viewer.until(lambda rows=rows: rows.locator(".judged").count() == rows.count())
         verdicts = [row.locator(".judged > span").all_inner_texts() for row in rows.all()]
-        choices = r"(brilliant|strong|right|fair|doubtful) choice|mistake|blunder|few pros play this; the model guesses"
+        choices = r"(brilliant|strong|right|good|fair|doubtful) choice|mistake|blunder|few pros play this; the model guesses"
         results = r"(killed|attacked|came back|winner|out|into the net|the rally ends) "
         assert all(re.match(choices, choice) and re.match(results, result) for choice, result in verdicts)
         shots = rows.locator("b").all_inner_texts()

@@ -5,7 +5,7 @@ import { hurriedTag, term } from "./glossary";
 import { nameAt, shown } from "./names";
 import { choiceWords, verdict } from "./verdict";
 import type { Analysis, RallyFacts, Stroke } from "./wire.gen";
-import { decimal, type Key, listed, say, words } from "./words";
+import { decimal, type Key, listed, points, say, words } from "./words";
 
 /** Probability that seat 0 wins the rally, over the time of so many strokes, and to its end if there are not as many. */
 function winSteps(rally: RallyFacts, analysis: Analysis, named: number): { time: number; win: number }[] {
@@ -207,11 +207,6 @@ function sure(support: number | null): string {
 function realised(factor: Analysis["factor"]): string {
   const [share, low, high] = (factor ?? []).map((part) => `${Math.round(100 * part)}%`) as [string, string, string];
   return factor ? say("page.realised", { share, low, high }) : "";
-}
-
-/** A probability in percent with one decimal, so that close strokes differ. */
-function points(p: number): string {
-  return `${decimal(100 * p, 1)} %`;
 }
 
 export class OptionTable {

@@ -22,8 +22,9 @@ function turned(q: Quat | ArrayLike<number>, i = 0, out = new THREE.Quaternion()
 
 export class Athlete {
   readonly root = new THREE.Group();
-  readonly sweetSpot = new THREE.Object3D();
+  private readonly sweetSpot = new THREE.Object3D();
   private readonly bones: (THREE.Object3D | undefined)[];
+  private readonly crown = new THREE.Object3D(); // top of the head
   private readonly racketBone: number;
   private readonly racket: THREE.Group;
   private readonly rotations: Float64Array;
@@ -67,6 +68,10 @@ export class Athlete {
     this.sweetSpot.position.copy(at(...me.shaft).multiplyScalar(facts.racket.sweet_spot));
     this.racket.add(this.sweetSpot);
     this.bones[hand]!.add(this.racket);
+    const head = facts.bones.indexOf("Head");
+    this.crown.position.copy(at(0, 0, me.height - me.rest[head]![2]));
+    this.bones[head]!.add(this.crown);
+    this.root.updateMatrixWorld(true);
     if (shirt) {
       printName(shirt, model.getObjectByName("Spine2")!, name);
     }
@@ -79,6 +84,17 @@ export class Athlete {
     this.bones.forEach((bone, i) => turned(this.rotations, i * 4, (i === this.racketBone ? this.racket : bone!).quaternion));
   }
 
+  /** The joints and the top of the head, in the axes of the scene. */
+  body(): THREE.Vector3[] {
+    return [...this.bones, this.crown].filter((part) => part !== undefined).map(placeOf);
+  }
+
+  /** The middle of the strings, in the axes of the scene. */
+  strings(): THREE.Vector3 {
+    placeOf(this.racket);
+    return placeOf(this.sweetSpot);
+  }
+
   /** Blends the pose with that of another motion; `share` is the weight of the current pose. */
   moveFrom(motion: Motion, time: number, seat: number, share: number): void {
     motion.rotationsAt(time, seat, this.rotations);
@@ -88,6 +104,12 @@ export class Athlete {
       (i === this.racketBone ? this.racket : bone!).quaternion.slerp(turned(this.rotations, i * 4, old), 1 - share),
     );
   }
+}
+
+/** Where a part is, whose parent is up to date. */
+function placeOf(part: THREE.Object3D): THREE.Vector3 {
+  part.updateWorldMatrix(false, false);
+  return new THREE.Vector3().setFromMatrixPosition(part.matrixWorld);
 }
 
 /** Prints a name between the shoulder blades of a shirt in its rest pose; it moves with the chest. */

@@ -2,7 +2,7 @@
 
 import { h, percent, replaceChildren, sideColour } from "./dom";
 import { term } from "./glossary";
-import { Pad } from "./recover";
+import { KEYPAD, Pad } from "./recover";
 import type { HallFacts, Option, OptionsReply, RallyFacts, Turn, TurnStroke } from "./wire.gen";
 import { type Key, listed, say, words } from "./words";
 
@@ -184,7 +184,7 @@ export class Board {
           "aria-pressed": String(area === this.area),
           "data-key": `area ${area}`,
           "aria-label": listed([words(area), ...facts.filter((fact) => fact !== null)]),
-          title: `${words(area)} (${keypad(place)})`,
+          title: `${words(area)} (${KEYPAD[place]!})`,
           style: mine.length ? `background:${shade(share)}` : "",
           onclick: () => this.choose({ area }),
         },
@@ -338,7 +338,7 @@ export class Board {
       this.choose({ technique: there[(there.indexOf(this.technique) + 1) % there.length] ?? this.technique });
       return true;
     }
-    const place = [7, 8, 9, 4, 5, 6, 1, 2, 3].indexOf(Number(key));
+    const place = KEYPAD.indexOf(Number(key));
     if (/^[1-9]$/.test(key)) {
       const area = this.hall.areas[this.order[place]!]!.name;
       if (this.offered.some((s) => s.area === area)) {
@@ -364,9 +364,4 @@ function played({ support, p_succ }: TurnStroke): number {
 function shade(p: number): string {
   const hue = Math.round(120 * p ** 3);
   return `light-dark(hsl(${hue} 60% 86%), hsl(${hue} 55% 22%))`;
-}
-
-/** Numeric keypad key of a cell of the area grid. */
-function keypad(place: number): number {
-  return [7, 8, 9, 4, 5, 6, 1, 2, 3][place]!;
 }

@@ -101,10 +101,14 @@ export function keyTable(
   };
 }
 
-/** The key of an event: digits, and letters of another alphabet, count by their place. */
-export function keyOf({ code, key }: KeyboardEvent): string {
+/** Keys without and with Shift, by their place. */
+const PLACES: Record<string, [string, string]> = { Comma: [",", "<"], Period: [".", ">"] };
+
+/** The key of an event: digits count by their place, and so do letters and points on a keyboard of another alphabet. */
+export function keyOf({ code, key, shiftKey }: KeyboardEvent): string {
   const [, digit, letter] = /^(?:(?:Numpad|Digit)(\d)|Key([A-Z]))$/.exec(code) ?? [];
-  return digit ?? (letter && !/^[\x20-\x7e]$/.test(key) ? letter.toLowerCase() : key);
+  const place = letter ? [letter.toLowerCase(), letter] : PLACES[code];
+  return digit ?? (place && !/^[\x20-\x7e]$/.test(key) ? place[Number(shiftKey)]! : key);
 }
 
 /** Calls `act` with every key that no control handles; it returns whether it handled the key. */

@@ -5,11 +5,12 @@ import { hurriedTag, term } from "./glossary";
 import { facing } from "./hall";
 import { displayName, nameAt } from "./names";
 import type { Analysis, HallFacts, Place, RallyFacts, Turn } from "./wire.gen";
-import { decimal, type Key, listed, say, words } from "./words";
+import { type Key, listed, points, say, words } from "./words";
 
 /** Positions as the player who waits sees them, the net above, by their hand; a position is named by the side of the forehand. */
 const GRID = { right: [2, 1, 0, 5, 4, 3, 8, 7, 6], left: [0, 1, 2, 3, 4, 5, 6, 7, 8] } as const;
-const KEYPAD = [7, 8, 9, 4, 5, 6, 1, 2, 3];
+/** Keys of nine places, as they lie on a keypad. */
+export const KEYPAD = [7, 8, 9, 4, 5, 6, 1, 2, 3];
 
 /** Signs of x and y between the frame of a player, mirrored for a left-hander, and that of the court. */
 function signs(rally: RallyFacts, seat: number): [number, number] {
@@ -193,11 +194,6 @@ export class Pad {
     }
     return true;
   }
-}
-
-/** Loss or probability with one decimal. */
-function points(p: number): string {
-  return `${decimal(100 * p, 1)} %`;
 }
 
 /** Where the receiver of a stroke could wait, and what each position costs. */

@@ -47,8 +47,6 @@ export interface Acts extends Hooks {
   retry(): void;
 }
 
-const NARROW = 900; // width of a court on which players may be below the score [px]
-const COVERED = 90; // height of the score and its distance to the edge [px]
 const BEFORE = 0.03; // time before a contact at which a question stops the playback [s]
 
 export class Screen {
@@ -178,17 +176,11 @@ export class Screen {
         this.learn.answerAt(...place);
       }
     });
-    new ResizeObserver(() => this.resize()).observe(this.layout.court);
-    this.resize();
-  }
-
-  resize(): void {
-    const { clientWidth, clientHeight } = this.layout.court;
-    if (clientWidth && clientHeight) {
-      if (this.stage) {
-        this.stage.covered = clientWidth < NARROW ? Math.min(0.3, COVERED / clientHeight) : 0;
-      }
-      this.frames.resize(clientWidth, clientHeight);
+    if (stage) {
+      const { canvas } = stage;
+      const resize = () => canvas.clientWidth && frames.resize(canvas.clientWidth, canvas.clientHeight);
+      new ResizeObserver(resize).observe(canvas);
+      resize();
     }
   }
 

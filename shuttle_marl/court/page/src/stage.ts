@@ -5,7 +5,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
-import { Framing, mixed, type Picture } from "./framing";
+import { around, Framing, mixed, type Picture } from "./framing";
 import { at, Backdrop, BEHIND, buildHall, DARK, facing, simplify } from "./hall";
 import type { Motion } from "./motion";
 import { placeOf } from "./recover";
@@ -30,6 +30,7 @@ const LATE = 80; // frame time above which software rendering lowers the resolut
 const ATTACKS = new Set(["smash", "half-smash", "net-kill"]);
 const BEFORE = 0.5; // time before an attack at which the director shows the side [s]
 const WIDE = 1.5; // shape of a window from which on the side is shown
+const ACROSS = 1.2; // shape of a window that holds the width of the court
 const TURNING = 600; // time in which the picture follows another motion [ms]
 const LANDED = 2.1; // time for which the landing point is marked [s]
 const OFFERED = new THREE.Color(0xe6edf7); // of areas that may be chosen
@@ -62,10 +63,11 @@ export class Stage {
   flipped = false;
   /** Whether a person plays: the camera stands higher and holds the whole court, so that they can point at it. */
   raised = false;
-  /** Part of the height that the score covers: the picture leaves it free. */
-  covered = 0;
   /** Whether the last pointer gesture was a drag. */
   dragged = false;
+  /** What the last frame shows, and its target area; null before the first. */
+  shot: Shot | null = null;
+  targetArea: Box | null = null;
   private readonly renderer: THREE.WebGLRenderer;
   private readonly scene = new THREE.Scene();
   private readonly backdrop: Backdrop;
@@ -81,9 +83,7 @@ export class Stage {
   private framing: { key: string; motion: Motion; of: Framing } | null = null;
   private picture: Picture = [-1, 1, -0.5, 0.5];
   private turning: { from: Picture; began: number } | null = null;
-  private shownCamera: Shot | null = null;
   private blend: { motion: Motion; time: number; began: number } | null = null;
-  private area: [number, number, number, number] | null = null;
   private drawn = 0; // time of the last frame
   private late = 0; // consecutive slow frames
 
@@ -223,6 +223,7 @@ export class Stage {
     if (share >= 1) {
       this.blend = null;
     }
+    this.aimAt(rally, motion, time);
     this.athletes.forEach((athlete, seat) => {
       athlete.pose(motion, time, seat);
       if (this.blend) {
@@ -238,13 +239,12 @@ export class Stage {
     const stroke = rally.strokes[current];
     const flying = stroke !== undefined && time < stroke.end_time + 0.25;
     const colour = this.colours[stroke?.seat ?? 0]!;
-    this.aimAt(rally, motion, time);
     const pixels = this.canvas.height / this.renderer.getPixelRatio() / (this.picture[3] - this.picture[2]);
     this.shuttle.show(motion, time, flying ? stroke : null, paused, colour, this.eye.position, pixels);
-    this.area = target ?? (flying ? stroke.box : null);
+    this.targetArea = target ?? (flying ? stroke.box : null);
     this.marks.showFlight(flight);
     this.marks.showLegal(legal, OFFERED);
-    this.marks.area.show(this.area, target ? new THREE.Color("#fbbf24") : colour);
+    this.marks.area.show(this.targetArea, target ? new THREE.Color("#fbbf24") : colour);
     const receiver = 1 - (stroke?.seat ?? 0);
     const place = (position: number) => placeOf(this.facts, rally, receiver, position);
     const seen = flying ? waiting : null;
@@ -259,8 +259,8 @@ export class Stage {
       this.easeOff(paused); // before the picture, which a new resolution clears
     }
     // Software rendering draws the static background once per view.
-    if (this.lite && this.framing && this.shownCamera !== "free" && this.shownCamera !== "follow") {
-      const whole = this.framing.of.whole(this.eye.aspect, this.covered);
+    if (this.lite && this.framing && this.shot !== "free" && this.shot !== "follow") {
+      const whole = this.framing.of.whole(this.eye.aspect);
       this.backdrop.render(
         this.scene,
         this.eye,
@@ -287,8 +287,8 @@ export class Stage {
   private aimAt(rally: RallyFacts, motion: Motion, time: number): void {
     const { eye, controls } = this;
     const camera = this.camera === "director" ? directed(rally, time, eye.aspect) : this.camera;
-    const changed = this.shownCamera !== camera;
-    this.shownCamera = camera;
+    const changed = this.shot !== camera;
+    this.shot = camera;
     // Touch scrolls the page unless it turns the view.
     controls.enabled = this.camera === "free" || !TOUCHED.matches;
     this.canvas.style.touchAction = controls.enabled ? "none" : "pan-y";
@@ -303,31 +303,55 @@ export class Stage {
       return;
     }
     // From above, the court lies across a wide window.
-    eye.up.copy(camera === "top" && eye.aspect > 1.2 ? at(this.flipped ? -1 : 1, 0, 0) : THREE.Object3D.DEFAULT_UP);
+    eye.up.copy(camera === "top" && eye.aspect > ACROSS ? at(this.flipped ? -1 : 1, 0, 0) : THREE.Object3D.DEFAULT_UP);
     const view = this.view(camera, rally, motion, time);
     eye.position.copy(view.eye);
     controls.target.copy(view.look);
     eye.lookAt(view.look);
     eye.updateMatrixWorld();
     eye.near = view.from;
-    this.picture = camera === "follow" ? centred(1, eye.aspect) : this.framed(camera, motion, time);
+    this.picture = camera === "follow" ? around(0, 0, 1, eye.aspect) : this.framed(camera, motion, time);
     this.look(this.picture);
   }
 
   /** The picture of a camera that stands still; it follows another motion from where it was. */
   private framed(camera: Shot, motion: Motion, time: number): Picture {
     const { aspect, matrixWorldInverse } = this.eye;
-    const key = [camera, this.flipped, this.raised, camera === "top" && aspect > 1.2].join();
+    const key = [camera, this.flipped, this.raised, aspect > ACROSS].join();
     if (this.framing?.key !== key || this.framing.motion !== motion) {
       const follows = this.framing?.key === key && !this.still && !this.lite;
       this.turning = follows ? { from: this.picture, began: performance.now() } : null;
-      const { half_width: x, half_length: y } = this.facts.court;
-      const corners: [number, number][] = [[-x, -y], [x, -y], [-x, y], [x, y]]; // biome-ignore format: a line
-      this.framing = { key, motion, of: new Framing(motion, matrixWorldInverse, this.raised ? corners : []) };
+      const always = this.always(camera);
+      const seen = (time: number) => [...this.seen(motion, time), ...always];
+      this.framing = { key, motion, of: new Framing(motion.duration, seen, matrixWorldInverse) };
     }
-    const wanted = this.framing.of.at(time, aspect, this.covered);
+    const wanted = this.framing.of.at(time, aspect);
     const share = this.turning ? (performance.now() - this.turning.began) / TURNING : 1;
     return share < 1 ? mixed(this.turning!.from, wanted, share * share * (3 - 2 * share)) : wanted;
+  }
+
+  /** What a picture holds at every time: the court, for who points at it; else the middle of it, so that the lens often rests. */
+  private always(camera: Shot): THREE.Vector3[] {
+    const { half_width: x, half_length: y } = this.facts.court;
+    if (this.raised) {
+      return [at(-x, -y, 0), at(x, -y, 0), at(-x, y, 0), at(x, y, 0)];
+    }
+    if (camera !== "broadcast") {
+      return [];
+    }
+    const [end, aside] = [this.flipped ? -1 : 1, this.eye.aspect > ACROSS ? x : 0];
+    return [at(-aside, -end * y * 0.5, 0), at(aside, -end * y * 0.5, 0), at(0, end * y * 0.6, 2.8)];
+  }
+
+  /** What a picture holds at a time: bodies, rackets and the shuttle. Poses the athletes. */
+  private seen(motion: Motion, time: number): THREE.Vector3[] {
+    const players = this.athletes!.flatMap((athlete, seat) => {
+      athlete.pose(motion, time, seat);
+      return [...athlete.body(), athlete.strings()];
+    });
+    // Between two moments, the shuttle may turn at a racket.
+    const shuttle = [-0.02, 0, 0.02].map((step) => at(...motion.shuttleAt(time + step, [0, 0, 0])));
+    return [...players, ...shuttle];
   }
 
   /** Sets the lens to a picture. */
@@ -352,49 +376,52 @@ export class Stage {
         return { eye: at(hips[0] * 0.85, hips[1] - end * 4.4, 2.55), look: at(hips[0] * 0.5, end * 2.5, 1.35), from: 0.1 };
       }
       default:
-        return this.raised
-          ? { eye: at(0, -end * 15, 8.5), look: at(0, 0, 0), from: 7 }
-          : { eye: at(0, -end * 16.5, 4.4), look: at(0, 0, 1), from: 7 };
+        if (this.raised) {
+          return { eye: at(0, -end * 15, 8.5), look: at(0, 0, 0), from: 7 };
+        }
+        // In a narrow picture, which both players fill from side to side, the closer eye sees the near one larger.
+        return this.eye.aspect > ACROSS
+          ? { eye: at(0, -end * 16, 4), look: at(0, 0, 6), from: 7 }
+          : { eye: at(0, -end * 13, 4), look: at(0, 0, 7), from: 4 };
     }
   }
 
-  /** Where players, as the rectangles of their joints, and the shuttle are in the picture: fractions, from the upper left. */
+  /** Where players, as the rectangles of their bodies, and the shuttle are in the picture: fractions, from the upper left. */
   held(rally: RallyFacts, motion: Motion, time: number): { players: Box[]; shuttle: [number, number] } {
-    this.athletes?.forEach((athlete, seat) => athlete.pose(motion, time, seat));
     this.turning = null;
     this.aimAt(rally, motion, time);
-    const { x, y } = at(...motion.shuttleAt(time, [0, 0, 0])).project(this.eye);
-    return { players: [0, 1].map((seat) => this.joints(seat)!), shuttle: [(x + 1) / 2, (1 - y) / 2] };
+    this.athletes?.forEach((athlete, seat) => athlete.pose(motion, time, seat));
+    const shuttle = this.fractions(at(...motion.shuttleAt(time, [0, 0, 0])));
+    return { players: [0, 1].map((seat) => this.body(seat)!), shuttle };
   }
 
-  private joints(seat: number): Box | null {
-    const out: Box = [Infinity, Infinity, -Infinity, -Infinity];
-    this.athletes?.[seat]?.root.traverse((part) => {
-      if (part instanceof THREE.Bone) {
-        const { x, y } = part.getWorldPosition(new THREE.Vector3()).project(this.eye);
-        const [u, v] = [(x + 1) / 2, (1 - y) / 2];
-        [out[0], out[1], out[2], out[3]] = [Math.min(out[0], u), Math.min(out[1], v), Math.max(out[2], u), Math.max(out[3], v)];
-      }
-    });
-    return this.athletes ? out : null;
+  /** Where a point is in the picture. */
+  private fractions(point: THREE.Vector3): [number, number] {
+    const { x, y } = point.project(this.eye);
+    return [(x + 1) / 2, (1 - y) / 2];
+  }
+
+  private body(seat: number): Box | null {
+    const points = this.athletes?.[seat]?.body().map((point) => this.fractions(point));
+    const [u, v] = [0, 1].map((k) => points?.map((point) => point[k]!) ?? []) as [number[], number[]];
+    return points ? [Math.min(...u), Math.min(...v), Math.max(...u), Math.max(...v)] : null;
   }
 
   /** Centre of the string bed of a player, in court axes. */
   sweetSpot(seat: number): Vec3 | null {
-    const athlete = this.athletes?.[seat];
-    if (!athlete) {
-      return null;
-    }
-    const v = athlete.sweetSpot.getWorldPosition(new THREE.Vector3());
-    return [-v.x, v.z, v.y];
+    const v = this.athletes?.[seat]?.strings();
+    return v ? [-v.x, v.z, v.y] : null;
   }
 
-  /** Smallest rectangle of the window that contains the joints of a player; null before the first. */
+  /** Smallest rectangle of the window that contains the body of a player; null before the first. */
   outline(seat: number): Box | null {
+    const found = this.body(seat);
+    return found && [...this.windowOf(found[0], found[1]), ...this.windowOf(found[2], found[3])];
+  }
+
+  private windowOf(u: number, v: number): [number, number] {
     const box = this.canvas.getBoundingClientRect();
-    const found = this.joints(seat);
-    const [x, y] = [(u: number) => box.left + u * box.width, (v: number) => box.top + v * box.height];
-    return found && [x(found[0]), y(found[1]), x(found[2]), y(found[3])];
+    return [box.left + u * box.width, box.top + v * box.height];
   }
 
   /** Point of the floor at window coordinates, or null. */
@@ -409,18 +436,7 @@ export class Stage {
 
   /** Window coordinates of a point of the floor. */
   windowAt(x: number, y: number): [number, number] {
-    const box = this.canvas.getBoundingClientRect();
-    const seen = at(x, y, 0).project(this.eye);
-    return [box.left + ((seen.x + 1) / 2) * box.width, box.top + ((1 - seen.y) / 2) * box.height];
-  }
-
-  /** What the last frame shows; null before the first. */
-  get shot(): Shot | null {
-    return this.shownCamera;
-  }
-
-  get targetArea(): [number, number, number, number] | null {
-    return this.area;
+    return this.windowOf(...this.fractions(at(x, y, 0)));
   }
 
   get figures(): { draw_calls: number; triangles: number; geometries: number; textures: number } {
@@ -433,10 +449,6 @@ export class Stage {
 function directed(rally: RallyFacts, time: number, aspect: number): Shot {
   const attacks = ({ shot, time: begins, end_time }: Stroke) => ATTACKS.has(shot) && time >= begins - BEFORE && time < end_time;
   return aspect >= WIDE && rally.strokes.some(attacks) ? "side" : "broadcast";
-}
-
-function centred(height: number, aspect: number): Picture {
-  return [(-height * aspect) / 2, (height * aspect) / 2, -height / 2, height / 2];
 }
 
 /** A picture as a part of another: its corner and its size, as fractions. */

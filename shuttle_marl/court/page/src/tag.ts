@@ -8,6 +8,7 @@ import { Film } from "./film";
 import { keyOf } from "./keys";
 import { languageMenu } from "./layout";
 import { shown } from "./names";
+import { KEYPAD } from "./recover";
 import {
   CORNER_NAMES,
   CORNERS,
@@ -573,9 +574,7 @@ export class Tagging {
       blocks.push(h("div", { class: "both" }, h("div", { class: "letters" }, ...grid), h("div", {}, ...suggested)));
     }
     if (phase === "place") {
-      const cells = [7, 8, 9, 4, 5, 6, 1, 2, 3].map((cell) =>
-        key(String(cell), "", () => this.enter({ kind: "cell", cell, time: this.film.at })),
-      );
+      const cells = KEYPAD.map((cell) => key(String(cell), "", () => this.enter({ kind: "cell", cell, time: this.film.at })));
       blocks.push(h("div", { class: "cells", role: "group", "aria-label": say("tag.half") }, ...cells));
     }
     if (phase === "place" || (phase === "shot" && current(this.state).strokes.length)) {

@@ -4,7 +4,7 @@ import { h, signed } from "./dom";
 import type { Analysis, RallyFacts, StrokeValue } from "./wire.gen";
 import { type Key, say } from "./words";
 
-const RIGHT = 0.005; // loss to the best choice up to which a choice is right
+const RIGHT = 0.005; // loss to the best choice up to which a choice is right, and gain from which it is good
 const NAMES: Record<string, string> = { "!!": "brilliant", "!": "strong", "?!": "doubtful", "?": "mistake", "??": "blunder" };
 const ATTACKS = new Set(["smash", "half-smash", "drive", "push"]);
 
@@ -18,7 +18,7 @@ export function choiceWords({ change, mark, loss, win, chosen }: StrokeValue, se
   if (change === null) {
     return say("verdict.guess", { share: signed(own(chosen, seat) - own(win, seat)) });
   }
-  const name = NAMES[mark] ?? (loss <= RIGHT ? "right" : "fair");
+  const name = NAMES[mark] ?? (loss <= RIGHT ? "right" : change > RIGHT ? "good" : "fair");
   return say(`verdict.${name}` as Key, { share: signed(change) });
 }
 

@@ -15,8 +15,6 @@ export type HelloRequest = object;
 
 /** Reply to HelloRequest. */
 export interface Hello {
-  version: string;
-  game: string;
   hall: HallFacts;
   policies: string[];
   plan: Plan;
@@ -63,7 +61,7 @@ export interface AreaFacts { name: string; box: [[number, number], [number, numb
 export interface PositionFacts { box: [[number, number], [number, number]]; place: [number, number]; }
 
 /** Dimensions of a racket [m]. */
-export interface RacketFacts { length: number; sweet_spot: number; butt: number; head: [number, number]; }
+export interface RacketFacts { sweet_spot: number; butt: number; head: [number, number]; }
 
 /** Dimensions of a shuttle [m]; ends of a feather: distance from the axis, half width, distance behind the cork. */
 export interface ShuttleFacts { scale: number; cork: number; feathers: number; feather: [Vec3, Vec3]; }
@@ -153,14 +151,8 @@ export interface RallyFacts {
   players: [PlayerFacts, PlayerFacts];
 }
 
-/** The score after a rally; ``changes_ends``: whether the players change ends before the next one. */
-export interface ScoreFacts {
-  points: [number, number];
-  games: [number, number];
-  over: boolean;
-  game_won: boolean;
-  changes_ends: boolean;
-}
+/** The score after a rally. */
+export interface ScoreFacts { points: [number, number]; games: [number, number]; over: boolean; game_won: boolean; }
 
 /** A stroke of a rally. */
 export interface Stroke extends StrokeFacts {
@@ -171,11 +163,8 @@ export interface Stroke extends StrokeFacts {
   hurried: boolean;
   waited: number | null;
   effort: number | null;
-  opponent_effort: number | null;
-  duel: number | null;
   support: number | null;
   time: number;
-  frame: number;
   contact: Vec3;
   end: string;
   end_time: number;
@@ -214,13 +203,7 @@ export interface PlayerFacts { athlete: string; hand: string; }
 export interface AnalysisRequest extends Query {  }
 
 /** Reply to AnalysisRequest; ``factor``: share of an advantage that real matches realise, and its interval. */
-export interface Analysis {
-  number: number;
-  factor: Vec3 | null;
-  strokes: StrokeValue[];
-  win_after: number | null;
-  match_after: number | null;
-}
+export interface Analysis { number: number; factor: Vec3 | null; strokes: StrokeValue[]; win_after: number | null; }
 
 /** Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins. */
 export interface StrokeValue {

@@ -81,6 +81,11 @@ export function decimal(value: number, digits: number): string {
   return format.format(value);
 }
 
+/** A probability in percent with one decimal, so that close ones differ. */
+export function points(p: number): string {
+  return `${decimal(100 * p, 1)} %`;
+}
+
 /** Several texts with commas between them. */
 export function listed(items: string[]): string {
   return items.join(texts.language.comma);
