@@ -35,7 +35,7 @@ _FIRST_MINUTE: Final = (
     "recording scene league/rallies.mcap --out scene.mcap",
     "suite run exploit-entrance-v1 --method begins:train --seeds 1 --quick --out suite --overwrite",
 )
-_CALLED: Final = "the start-up ends here"  # what the method of a user says as it is called, after which the command has started up
+_CALLED: Final = "the start-up ends here"  # said by the method of a user as it is called
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
