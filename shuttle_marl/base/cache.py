@@ -1,4 +1,8 @@
-"""The cache of computed things, a database in the user's cache folder; one that is damaged or not writable only costs time."""
+"""The cache of computed things, a database in the user's cache folder; one that is damaged or not writable only costs time.
+
+What the default tournament asks of the shipped policies is in a database of the package too, which ``python -m docs.tools.known``
+writes: computed values depend on games and policies alone, within their error bounds, so those are kept whatever the code is.
+"""
 
 import contextlib
 import contextvars
@@ -15,6 +19,9 @@ import platformdirs
 from shuttle_marl.base.files import content_hash, verify
 
 NAME: Final = "computed.sqlite"
+KNOWN: Final = Path(__file__).parents[1] / "models" / "known.sqlite"  # by the first bytes of their keys
+_OPENED: Final = f"{KNOWN.as_uri()}?mode=ro&immutable=1"
+_CONTENT: Final = 32  # bytes of a key that tell what a result is of; the others tell by which code
 _ROOMS: Final = ("exact", "game", "kernel", "policy")  # rooms of the code between the tables of a game and a cached result
 _WAIT_S: Final = 20.0
 _HASH: Final = 64
@@ -55,7 +62,12 @@ def key_of(*parts: str, rooms: tuple[str, ...] = ()) -> bytes:
         parts: everything else that the result depends on.
         rooms: that compute it, beside those between the tables of a game and a policy.
     """
-    return hashlib.sha256(" ".join((*parts, _sources_hash((*_ROOMS, *rooms)))).encode()).digest()
+    return hashlib.sha256(" ".join(parts).encode()).digest() + bytes.fromhex(_sources_hash((*_ROOMS, *rooms)))
+
+
+def known_key(key: bytes) -> bytes:
+    """The key of a result in :data:`KNOWN`."""
+    return key[:_CONTENT]
 
 
 class Cache:
@@ -73,24 +85,32 @@ class Cache:
         """The results that are stored undamaged, by key."""
         if (memory := _MEMORY.get()) is not None:
             return {key: memory[key] for key in keys if key in memory}
-        folder = cache_folder()
-        if folder is None:
-            return {}
-        path, found = folder / NAME, {}
+        wanted, found, folder = list(keys), dict[bytes, bytes](), cache_folder()
+        with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(_OPENED, uri=True)) as known:
+            found = self._found(known, {known_key(key): key for key in wanted})
+        if folder is None or not (missing := {key: key for key in wanted if key not in found}):
+            return found
+        path = folder / NAME
         try:
             if path.is_file():
                 with self._opened(path) as database:
-                    for key in keys:
-                        row = database.execute(f"SELECT content FROM {self._kind} WHERE key = ?", (key,)).fetchone()
-                        if row and isinstance(row[0], bytes):
-                            with contextlib.suppress(ValueError):  # damaged: computed again
-                                verify(row[0][:_HASH].decode(), [key, row[0][_HASH:]])
-                                found[key] = row[0][_HASH:]
+                    found |= self._found(database, missing)
         except (sqlite3.OperationalError, OSError) as error:
             _warn_once(f"{path}: {error}. Results are recomputed")
         except sqlite3.DatabaseError:  # damaged: created again
             with contextlib.suppress(OSError):
                 path.unlink()
+        return found
+
+    def _found(self, database: sqlite3.Connection, keys: Mapping[bytes, bytes]) -> dict[bytes, bytes]:
+        """Undamaged results, from keys in the database to keys of results."""
+        found = {}
+        for stored, key in keys.items():
+            row = database.execute(f"SELECT content FROM {self._kind} WHERE key = ?", (stored,)).fetchone()
+            if row and isinstance(row[0], bytes):
+                with contextlib.suppress(ValueError):  # damaged: computed again
+                    verify(row[0][:_HASH].decode(), [stored, row[0][_HASH:]])
+                    found[key] = row[0][_HASH:]
         return found
 
     def store(self, results: Mapping[bytes, bytes]) -> None:

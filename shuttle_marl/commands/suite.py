@@ -11,6 +11,7 @@ import tyro
 from shuttle_marl import suite
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.runs import read_json
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
 from shuttle_marl.exact.fixed_point import TOLERANCE
@@ -81,8 +82,10 @@ def run(config: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fals
     Args:
         config: settings of the run.
     """
+    from shuttle_marl.suite.results import RESULTS  # noqa: PLC0415  numba
+
     folder = suite.run_method(config, cli.console(stderr=True))
-    found = suite.summarise(folder, config.game, config.seed)
+    found = read_json(folder / RESULTS, dict[str, Any])
     cli.show({"folder": str(folder), **found}, json_output, cli.named("Scores", found["scores"]))
 
 

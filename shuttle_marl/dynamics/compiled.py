@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from scipy.stats import beta
+import scipy  # its statistics are imported when first used
 
 from shuttle_marl.base.arrays import F32, F64, I16, I64, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import OptionError, ShuttleError
@@ -229,7 +229,7 @@ def support_of(rows: Rows, targets: F64, game: Game, *, opposite: bool = False) 
         # Jeffreys prior: an event that was never observed is still possible.
         a, b = a + 0.5, b + 0.5
         tail = (1 - CREDIBLE) / 2
-        ranges.append(np.stack([beta.ppf(tail, a, b), beta.ppf(1 - tail, a, b)], axis=1))
+        ranges.append(np.stack([scipy.stats.beta.ppf(tail, a, b), scipy.stats.beta.ppf(1 - tail, a, b)], axis=1))
     strokes, faults, winners = (_cell_sums(rows_in, part, edges_in) for part in (weight, fault, winner))
     ranges[0][stroke == n] = ranges[1][stroke == n] = (0.0, 1.0)
     return Support(strokes=strokes, faults=faults, winners=winners, fault_range=ranges[0], winner_range=ranges[1])

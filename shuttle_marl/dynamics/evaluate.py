@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy  # its statistics are imported when first used
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from scipy.stats import rankdata
 
 from shuttle_marl.base.arrays import F64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
@@ -71,7 +71,7 @@ def area_under_curve(label: Bools, p: F64) -> float:
     negative = len(label) - positive
     if not positive or not negative:
         return float("nan")
-    return float((rankdata(p)[label].sum() - positive * (positive + 1) / 2) / (positive * negative))
+    return float((scipy.stats.rankdata(p)[label].sum() - positive * (positive + 1) / 2) / (positive * negative))
 
 
 def scores(label: Bools, p: F64) -> dict[str, Any]:

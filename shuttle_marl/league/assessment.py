@@ -2,12 +2,14 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, TypedDict
 
+import msgspec
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Intp
+from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.meta_games import alpha_rank, maximal_lottery, nash_average
 from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
@@ -22,6 +24,7 @@ _MOST_CYCLES: Final = 20
 _SURE: Final = 5e-7
 _DECIMALS: Final = 6
 _TOLERANCE: Final = 1e-7
+_CACHE: Final = Cache("styles", 4096)  # about 2 MB
 PEOPLE: Final = "bc"
 AXES: Final[dict[str, tuple[str, ...]]] = {
     "smash": ("smash", "half-smash"),
@@ -178,13 +181,28 @@ def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
 
 
 def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style]:
-    """Styles of policies by name; empty if the game has no ``bc``."""
-    from shuttle_marl.exact import moved, visits  # noqa: PLC0415  numba
-
+    """Styles of policies by name, from the cache if they are known; empty if the game has no ``bc``."""
     try:
         (people,) = tabulated(PEOPLE, game)
     except PolicyError:
         return {}
+    keys = {
+        name: key_of("style", game.hash, game.opposite.hash, people.hash, table.hash, rooms=("league",))
+        for name, table in tables.items()
+    }
+    known = _CACHE.read(keys.values())
+    unknown = {name: table for name, table in tables.items() if keys[name] not in known}
+    if unknown:
+        solved = _solved_styles(game, people, unknown.values())
+        new = {keys[name]: msgspec.json.encode(style) for name, style in zip(unknown, solved, strict=True)}
+        _CACHE.store(new)
+        known |= new
+    return {name: msgspec.json.decode(known[key], type=Style) for name, key in keys.items()}
+
+
+def _solved_styles(game: Game, people: TabulatedPolicy, tables: Iterable[TabulatedPolicy]) -> list[Style]:
+    from shuttle_marl.exact import moved, visits  # noqa: PLC0415  numba
+
     usual = people.pair_probabilities()
     theirs = people if game.opposite is game else moved(people, game.opposite)
     met = visits(people, theirs, tolerance=_TOLERANCE).states
@@ -203,7 +221,7 @@ def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style
             },
         )
 
-    return dict(zip(tables, in_threads(style, tables.values()), strict=True))
+    return list(in_threads(style, list(tables)))
 
 
 def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, Any]:

@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import binomtest, chi2
+from scipy.special import chdtrc
 
 from shuttle_marl.base.arrays import F64, Bools, Intp
+from shuttle_marl.base.intervals import wilson
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
@@ -229,7 +230,7 @@ def misfit(cells: F64, pairs: Intp, theta: F64) -> Misfit:
     group = groups(pairs, len(theta))
     degrees = len(pairs) - int((group > 0).sum()) + int(group.max(initial=0))
     statistic = float((z**2).sum())
-    p = float(chi2.sf(statistic, degrees)) if degrees else _NAN
+    p = float(chdtrc(degrees, statistic)) if degrees else _NAN
     return Misfit(share=share, expected=expected, z=z, statistic=statistic, degrees=degrees, p=p)
 
 
@@ -367,7 +368,7 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
         own = [result.seen_by(name) for result in met]
         count = {c: sum(counts[c] for counts in own) for c in COUNTS}
         matches, wins = count["matches"], count["wins"]
-        low, high = binomtest(wins, matches).proportion_ci(method="wilson") if matches else (_NAN, _NAN)
+        low, high = wilson(wins, matches) if matches else (_NAN, _NAN)
         found.append(
             Standing(
                 rank=1 + sum(standing.group == int(group[i]) for standing in found),
@@ -382,8 +383,8 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
                 matches=matches,
                 wins=wins,
                 share=_ratio(wins, matches),
-                share_low=float(low),
-                share_high=float(high),
+                share_low=low,
+                share_high=high,
                 rally_share=_ratio(count["points_won"], count["rallies"]),
                 serving=_ratio(count["served_won"], count["served"]),
                 receiving=_ratio(count["points_won"] - count["served_won"], count["rallies"] - count["served"]),

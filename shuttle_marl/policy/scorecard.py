@@ -12,8 +12,8 @@ from statistics import NormalDist
 from typing import Any, Final
 
 import numpy as np
-from scipy.stats import binomtest
 
+from shuttle_marl.base.intervals import wilson
 from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.occupancy import Visits, policy_regret, visits
 from shuttle_marl.exact.odds import Spread, best_odds, normalised_score, over
@@ -221,7 +221,6 @@ class Scorer:
         share = float(won.sum() / rallies.sum())
         # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent, unlike rallies.
         spread = _Z * math.sqrt(float(((won - share * rallies) ** 2).sum())) / float(rallies.sum())
-        interval = binomtest(wins, matches).proportion_ci(method="wilson")  # Wilson, J. Am. Stat. Assoc. 1927
         return Scorecard(
             policy=name,
             sampled=True,
@@ -231,7 +230,7 @@ class Scorer:
             rally_length_vs_bc=strokes / int(rallies.sum()),
             matches=matches,
             rally_interval=(max(0.0, share - spread), min(1.0, share + spread)),
-            match_interval=(float(interval.low), float(interval.high)),
+            match_interval=wilson(wins, matches),
         )
 
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final
 
 import msgspec
 import numpy as np
-from scipy.stats import spearmanr
+import scipy  # its statistics are imported when first used
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.files import FractionOrZero, content_hash
@@ -219,7 +219,7 @@ def covered(log: Log, policies: Sequence[TabulatedPolicy]) -> F64:
 def errors(estimated: Any, true: Any, trained: Sequence[bool]) -> dict[str, float]:
     """Figures of estimates ``[K]`` against true values ``[K]``, in points; ``trained``: which policies were trained on a log."""
     off = POINTS * (estimated - true)
-    rank = spearmanr(estimated, true).statistic if np.ptp(estimated) > 0 else 0.0
+    rank = scipy.stats.spearmanr(estimated, true).statistic if np.ptp(estimated) > 0 else 0.0
     return {
         "error": float(np.sqrt(np.mean(off**2))),
         "bias": float(np.mean(off)),

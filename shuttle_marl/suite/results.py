@@ -13,7 +13,6 @@ from typing import Annotated, Any, Final, NotRequired, TypedDict
 
 import msgspec
 import numpy as np
-from scipy.stats import trim_mean
 
 from shuttle_marl.base import cache, runs
 from shuttle_marl.base.errors import ShuttleError, did_you_mean, printable
@@ -28,7 +27,7 @@ from shuttle_marl.base.files import (
     replace_file,
     replace_sealed,
 )
-from shuttle_marl.base.intervals import RESAMPLES, TRIMMED
+from shuttle_marl.base.intervals import RESAMPLES, trim_mean
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.game.shipped import RECOVERY, drawn_game, is_shipped, resolve_game
 from shuttle_marl.game.tables import Game
@@ -415,7 +414,7 @@ def aggregate(units: Units) -> Bounds:
         sample = np.array(_middles(cases) if len(cases) > 1 else next(iter(cases.values())))
         known &= len(sample) > 1
         drawn = np.vstack([sample, sample[rng.integers(len(sample), size=(RESAMPLES, len(sample)))]])
-        means.append(len(cases) * (drawn.mean(axis=1) if len(cases) > 1 else trim_mean(drawn, TRIMMED, axis=1)))
+        means.append(len(cases) * (drawn.mean(axis=1) if len(cases) > 1 else trim_mean(drawn, axis=1)))
     value, *resampled = np.sum(means, axis=0) / sum(map(len, units.values()))
     low, high = np.percentile(resampled, (2.5, 97.5)).tolist() if known else (None, None)
     return {"value": float(value), "low": low, "high": high}
@@ -423,7 +422,7 @@ def aggregate(units: Units) -> Bounds:
 
 def _middles(cases: Mapping[str, Sequence[float]]) -> list[float]:
     """The interquartile mean over seeds of each case."""
-    return [float(trim_mean(seeds, TRIMMED)) for seeds in cases.values()]
+    return [float(trim_mean(seeds)) for seeds in cases.values()]
 
 
 def difference(ours: Row, theirs: Row) -> Bounds:

@@ -3,14 +3,20 @@
 import importlib.util
 import sqlite3
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from shuttle_marl import exact
 from shuttle_marl.base import cache
 from shuttle_marl.exact import odds
-from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game import default_game
+from shuttle_marl.game.policy import TabulatedPolicy, tabulate
+from shuttle_marl.league.assessment import Style, styles
+from shuttle_marl.policy.computed import best_response_policy
+from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
 
 
@@ -70,6 +76,24 @@ def test_a_cache_that_cannot_be_used_only_costs_time(
     unwritable = exact.crossplay(policies).serving
     with cache.forgotten():
         np.testing.assert_allclose(unwritable, exact.crossplay(policies).serving, atol=1e-12)
+
+
+def test_results_of_the_package_are_the_computed_ones(stored: Path) -> None:
+    game = default_game()
+
+    def results() -> tuple[npt.NDArray[Any], list[float], dict[str, Style], str]:
+        tables = {name: tabulate(resolve(name, game), game) for name in ("bc", "random", "safe")}
+        gains = [each.value for each in odds.best_odds([tables["safe"]])]
+        best = best_response_policy(tables["bc"]).hash
+        return exact.crossplay([*tables.values()]).serving, gains, styles(game, {"safe": tables["safe"]}), best
+
+    shipped = results()
+    assert not stored.exists(), "nothing was computed"
+    with cache.forgotten():
+        computed = results()
+    np.testing.assert_allclose(shipped[0], computed[0], atol=1e-9)
+    assert shipped[1] == pytest.approx(computed[1], abs=1e-9)
+    assert shipped[2:] == computed[2:]
 
 
 @pytest.mark.parametrize("file", ["exact/sweeps.py", "game/rally.py", "kernel/core.py", "policy/network.py"])
