@@ -469,7 +469,7 @@ def _costly(
     rated = rater.rated(state)
     position = rated.start + found.rank[row]
     incoming, contact, stroke = rater.game.incoming(state), rater.game.contact(state), rated.stroke[position]
-    bad = np.array(["?" in mark for mark in rated.marks])[position]
+    bad = np.array(["?" in mark for mark in rated.marks], dtype=np.bool_)[position]
     who = seat[row]
     stake = stakes[who, rally[row]]
     catalogue = rater.game.catalogue
@@ -477,7 +477,7 @@ def _costly(
     fair = (technique == technique[position][rated.row]) & (rated.behind >= RELIABLE)
     fair &= ~is_short(catalogue.shot, catalogue.area)[rated.stroke]
     alike = np.where(fair, rated.change, -np.inf)
-    better = np.array([s + part.argmax() for s, part in zip(rated.start, np.split(alike, rated.start[1:]), strict=True)])
+    better = rated.largest(alike)
     bad &= (stake > 0) & (number <= _LATE) & (alike[better] > rated.change[position])
     seen: set[tuple[int, int, int]] = set()
     out, told = list[Choice](), [*before]

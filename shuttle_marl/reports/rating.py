@@ -87,10 +87,13 @@ class Rated:
     def best(self) -> I64:
         """``[N]`` position of the best stroke with enough real strokes behind it; -1: none."""
         value = np.where(self.behind >= RELIABLE, self.change, -np.inf)
-        best = np.array(
-            [s + p.argmax() for s, p in zip(self.start, np.split(value, self.start[1:]), strict=True)], dtype=np.int64
-        )
+        best = self.largest(value)
         return np.where(value[best] > -np.inf, best, -1)
+
+    def largest(self, value: F64) -> I64:
+        """``[N]`` position of the stroke of each state with the largest of ``[P]`` values."""
+        ends = [*self.start[1:].tolist(), len(value)]
+        return np.array([s + value[s:e].argmax() for s, e in zip(self.start.tolist(), ends, strict=False)], dtype=np.int64)
 
     @property
     def known(self) -> Bools:

@@ -326,6 +326,16 @@ def test_a_costly_decision_is_one_of_a_lost_rally_and_keeps_the_technique(report
         assert choice.stroke <= 30
 
 
+def test_a_match_without_places(match: pa.Table, model: str) -> None:
+    for name in [name for name in match.column_names if name.endswith(("_x", "_y")) or name in ("area", "in_court")]:
+        field = match.schema.field(name)
+        match = match.set_column(match.schema.get_field_index(name), field, pa.nulls(len(match), field.type))
+    report = match_report(match, game=resolve_game(model))
+    assert report.choices == []
+    assert report.page1.of(0, "answer")
+    assert "No single choice was clearly worse" in read(match_page(report))[1]
+
+
 def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, reported: MatchReport) -> None:
     assert "By the score" not in read(match_page(reported))[1]
     keep = pc.invert(pc.is_in(match["rally"], value_set=pa.array([3, 4, 9], match.schema.field("rally").type)))
