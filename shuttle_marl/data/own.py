@@ -393,8 +393,8 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
         lost.append(f"a date in the names of {len(undated)} of {len(names)} matches, which count in the order of the table")
     if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
         lost.append("names of the players: those of the ends, which they change between games and within the last possible one")
-    strokes, contradicted = with_rules(strokes, path, rules)
-    told += [Problem(path, words) for words in (*copies(strokes), *contradicted)]
+    strokes, unsure = with_rules(strokes, path, rules)
+    told += [Problem(path, words) for words in (*copies(strokes), *unsure)]
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)
     return Cleaned(
         strokes=strokes,
