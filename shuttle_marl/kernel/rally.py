@@ -34,6 +34,7 @@ from shuttle_marl.kernel.rows import (
     Tape,
     begin,
     choose_uniform,
+    code_of,
     draw_strokes,
     find_places,
     find_ranks,
@@ -41,7 +42,6 @@ from shuttle_marl.kernel.rows import (
     new_rows,
     new_tape,
     note,
-    note_more,
     observe,
     observe_rows,
     part_of,
@@ -80,11 +80,13 @@ class _Work(NamedTuple):
     row: I64
     reward: F32
     state: I64
+    code: U64  # of strokes that are noted
 
 
 @inlined
 def _new_work(size: int) -> _Work:
-    return _Work(core.new_block(size), np.empty(size, np.int64), np.zeros(size, np.float32), np.empty(size, np.int64))
+    number, reward = np.empty(size, np.int64), np.zeros(size, np.float32)
+    return _Work(core.new_block(size), number, reward, np.empty(size, np.int64), np.empty(size, np.uint64))
 
 
 # Arrays of these tuples are read where they are used: a local name for one, across branches, costs a count of its references.
@@ -152,8 +154,7 @@ def _reply(
             k = table_choice(opponents.players, opponents.opponent[at], s, legal.pair, block.bits[r])
             core.put_stroke(tables, block, r, legal, k, rows.striker[at])
             if tape is not None:
-                note(tables, tape, int64(at), s, legal, k, 0, rows.striker[at])
-                note_more(tape, int64(at), 24, opponents.opponent[at])
+                work.code[r] = code_of(tables, s, legal, k, 0, rows.striker[at], opponents.opponent[at])
         core.strike(tables, state, block, replies)
         again = 0
         for r in range(replies):
@@ -162,7 +163,7 @@ def _reply(
             rows.stroke[at] += 1
             rows.striker[at] ^= 1
             if tape is not None:
-                _note_outcome(matches, tape, int64(at), block.outcome[r])
+                _note(matches, tape, int64(at), work.code[r], block.outcome[r])
             reward = _end_stroke(rows, matches, int64(opponents.seat[at]), int64(at), block.outcome[r])
             work.reward[at - np.uint64(first)] += reward
             block.listed[again] = at
@@ -171,13 +172,14 @@ def _reply(
 
 
 @inlined
-def _note_outcome(matches: MatchRows | None, tape: Tape, i: int, outcome: int) -> None:
-    """Note the outcome of the last stroke of row i, and in a match the score before the rally that it ends."""
-    note_more(tape, i, 16, outcome)
+def _note(matches: MatchRows | None, tape: Tape, i: int, code: np.uint64, outcome: int) -> None:
+    """Note a stroke of row i with its outcome, and in a match with the score before the rally that it ends."""
+    code |= np.uint64(outcome) << np.uint64(16)
     if matches is not None and outcome < OPEN:
         for seat in range(2):
-            note_more(tape, i, 32 + 8 * seat, matches.points[i, seat])
-            note_more(tape, i, 48 + 8 * seat, matches.games[i, seat])
+            code |= np.uint64(matches.points[i, seat]) << np.uint64(32 + 8 * seat)
+            code |= np.uint64(matches.games[i, seat]) << np.uint64(48 + 8 * seat)
+    note(tape, i, code)
 
 
 @inlined
@@ -321,14 +323,13 @@ def _step(
             block.place[j] = places[j]
         if tape is not None:
             for j in range(size):
-                legal = core.legal_strokes(tables, part.state[j])
-                note(tables, tape, first + j, part.state[j], legal, ranks[j], places[j], part.striker[j])
-                if opponents is not None:
-                    note_more(tape, first + j, 24, opponents.opponent[first + j])
+                s, opponent = part.state[j], 0 if opponents is None else opponents.opponent[first + j]
+                legal = core.legal_strokes(tables, s)
+                work.code[j] = code_of(tables, s, legal, ranks[j], places[j], part.striker[j], opponent)
         play(tables, part, block)
         if tape is not None:
             for j in range(size):
-                _note_outcome(matches, tape, first + j, block.outcome[j])
+                _note(matches, tape, first + j, work.code[j], block.outcome[j])
         if opponents is not None:
             _count(tables, rows, matches, opponents, tape, work, first, results)
         else:
@@ -478,7 +479,7 @@ class RallyBatch:
 
         An illegal action of learners is theirs, so that a rally without strokes was to be served by them.
         """
-        if self.tape is None:
+        if self.tape is None or not len(rows):
             return
         code = CUT | np.uint64(reason << 20) | self.opponents.seat[rows].astype(np.uint64) << np.uint64(19)
         code |= self.opponents.opponent[rows].astype(np.uint64) << np.uint64(24)

@@ -65,21 +65,19 @@ def new_tape(batch: int) -> Tape:
 
 
 @inlined
-def note(tables: Tables, tape: Tape, i: int, s: int, legal: core.Legal, k: int, place: int, seat: int) -> None:
-    """Note the k-th legal stroke of a state in row i, before it is decided."""
+def code_of(tables: Tables, s: int, legal: core.Legal, k: int, place: int, seat: int, opponent: int) -> np.uint64:
+    """What is known of the k-th legal stroke of a state before it is decided, for :func:`note`."""
     code = np.uint64(core.stroke_of(tables, legal, k)) | np.uint64(core.position_at(tables, s, place)) << np.uint64(11)
     code |= np.uint64(core.hurried_in(s)) << np.uint64(15) | np.uint64(seat) << np.uint64(19)
-    if tape.used[i] < tape.code.shape[1]:
-        tape.code[i, tape.used[i]] = code
-    tape.used[i] += 1
+    return np.uint64(code | np.uint64(opponent) << np.uint64(24))
 
 
 @inlined
-def note_more(tape: Tape, i: int, shift: int, number: int) -> None:
-    """Add a number to the last stroke of row i, from a bit on."""
-    last = tape.used[i] - 1
-    if last < tape.code.shape[1]:
-        tape.code[i, last] |= np.uint64(number) << np.uint64(shift)
+def note(tape: Tape, i: int, code: np.uint64) -> None:
+    """Note a stroke of row i."""
+    if tape.used[i] < tape.code.shape[1]:
+        tape.code[i, tape.used[i]] = code
+    tape.used[i] += 1
 
 
 class Serving(NamedTuple):
