@@ -16,7 +16,7 @@ _NONE: Final = (
     "`python -m experiments.suite --tasks {task} --json experiments/results/suite.json`."
 )
 _SIMPLE: Final[dict[str, Sequence[str]]] = {
-    "exploit": ("constant", "constant-by-incoming", "minimax", "ppo-self-play", "bc", "random"),
+    "exploit": ("constant", "constant-by-incoming", "minimax", "restricted-bc", "ppo-self-play", "bc", "random"),
     "equilibrium": ("minimax-deterministic",),
     "offline": ("shipped-minimax", "shipped-best-response"),
     "evaluate": ("behaviour",),

@@ -42,9 +42,9 @@ class Shared(NamedTuple):
 class Cluster:
     """Runs tasks on a Ray cluster, which starts lost ones again."""
 
-    def __init__(self, ray: Any, versions: Mapping[str, str]) -> None:
+    def __init__(self, ray: Any, versions: Mapping[str, str], calls: int = 0) -> None:
         self._ray, self._versions = ray, versions
-        self._call = ray.remote(num_cpus=1, max_retries=_RETRIES, scheduling_strategy="SPREAD")(_call)
+        self._call = ray.remote(num_cpus=1, max_retries=_RETRIES, max_calls=calls, scheduling_strategy="SPREAD")(_call)
 
     @property
     def slots(self) -> int:
@@ -80,13 +80,14 @@ class Cluster:
 
 
 @contextlib.contextmanager
-def open_cluster(address: str, packages: Sequence[str]) -> Iterator[Cluster]:
+def open_cluster(address: str, packages: Sequence[str], calls: int = 0) -> Iterator[Cluster]:
     """Connect to a Ray cluster, and disconnect at the end.
 
     Args:
         address: ``local`` starts Ray on this machine, ``auto`` finds the cluster that this machine belongs to; else HOST:PORT of
             its head, or ``ray://HOST:PORT``.
         packages: distributions whose versions affect results; workers with other versions reject tasks.
+        calls: number of tasks after which a worker ends; 0: none ends.
 
     Raises:
         ClusterError: Ray is not installed, or there is no cluster.
@@ -109,7 +110,7 @@ def open_cluster(address: str, packages: Sequence[str]) -> Iterator[Cluster]:
                 "this machine"
             ) from error
     try:
-        yield Cluster(ray, _versions(tuple(packages)))
+        yield Cluster(ray, _versions(tuple(packages)), calls)
     finally:
         if joined:
             ray.shutdown()
@@ -176,7 +177,7 @@ def in_processes(
         ClusterError: processes cannot be started, or the cluster cannot be used.
     """
     if ray is not None:
-        with open_cluster(ray, packages) as cluster:
+        with open_cluster(ray, packages, int(apart)) as cluster:
             yield from (result() for result in [cluster.submit(function, each) for each in arguments])
         return
     check_processes(processes)

@@ -36,13 +36,14 @@ TYPICAL_TAU: Final = 0.05
 _CACHE: Final = Cache("tables", 256)  # some hundred MB
 
 
-def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -> TabulatedPolicy:
+def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy], *, rooms: tuple[str, ...] = ()) -> TabulatedPolicy:
     """A table from the cache, or computed and stored there.
 
     Args:
         key: everything that the result depends on besides the game and the source code of game, solvers and policies.
+        rooms: that compute it too, see :func:`shuttle_marl.base.cache.key_of`.
     """
-    name = key_of(game.hash, key)
+    name = key_of(game.hash, key, rooms=rooms)
     for content in _CACHE.read([name]).values():
         with contextlib.suppress(ValueError, zstandard.ZstdError, PolicyError):  # written by another version
             return TabulatedPolicy.unpacked(content, game, key)

@@ -4,7 +4,6 @@ Rows are self-reported: their scores are recomputed from stored policies and ans
 """
 
 import dataclasses
-import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypedDict
@@ -15,11 +14,11 @@ from shuttle_marl.base import cache
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.reports.html import escaped
 from shuttle_marl.suite.options import ACCESS, SPLITS, SuiteError
-from shuttle_marl.suite.results import CARD, NOT_VERIFIED, TASKS, Bounds, Row, difference, read, verify_run
+from shuttle_marl.suite.results import CARD, DIGITS, NOT_VERIFIED, TASKS, Bounds, Row, difference, distinct, read, verify_run
 from shuttle_marl.suite.task import Task
 
 _LONGEST: Final = 60  # characters of a name that are shown
-_DIGITS: Final = 6  # decimal places in which scores differ; verification allows less
+_LONGEST_AUTHOR: Final = 24  # the same of an author, so that the method behind it is seen
 
 
 def render(rows: Sequence[Row]) -> str:
@@ -32,20 +31,20 @@ def render(rows: Sequence[Row]) -> str:
 
 
 def shown(name: str, longest: int = _LONGEST) -> str:
-    """A stranger's name in ASCII, so that it looks like no other one, and short."""
-    plain = unicodedata.normalize("NFKC", printable(name))
+    """A stranger's name, short, and in ASCII, so that letters of other scripts look like no Latin ones."""
+    plain = printable(name).translate({ord(c): f"\\x{ord(c):x}" for c in "`|"})  # which end code, and cells, in Markdown
     text = " ".join(plain.encode("ascii", "backslashreplace").decode().split()) or "(no name)"
     return text if len(text) <= longest else f"{text[:longest]}..."
 
 
 def code(name: str, longest: int = _LONGEST) -> str:
     """The same as code in a table of Markdown, in which nothing is an address or a mention."""
-    return "`" + shown(name, longest).replace("`", "'").replace("|", "\\|") + "`"
+    return f"`{shown(name, longest)}`"
 
 
 def called(row: Row) -> str:
     """Name of a method; that of a stranger's has the author before it, so that none is called like one of this package."""
-    return f"{row['author']}/{row['method']}" if row["author"] else row["method"]
+    return f"{shown(row['author'], _LONGEST_AUTHOR)}/{row['method']}" if row["author"] else row["method"]
 
 
 def rows_of(
@@ -63,8 +62,7 @@ def rows_of(
         folders: run folders, which may be those of strangers.
         results: JSON file with ``rows`` of this package, which are taken as they are; None: none.
         game, seed: see :func:`shuttle_marl.suite.results.verify_run`.
-        failed: receives the reason why a folder is left out: it is refused, is no finished run, names no author, or
-            holds the units of an earlier one.
+        failed: receives the reason why a folder is left out: it is refused, is no finished run, names no author, or was there.
 
     Raises:
         SuiteError: the file cannot be read.
@@ -78,11 +76,10 @@ def rows_of(
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
                 if not found.summary["author"]:
                     raise SuiteError(f"the run has no author; name one in {CARD}")
-                row = found.summary
-                if (same := known.get((row["author"], row["method"], row["play"]))) is not None:
+                own = found.summary["author"], found.summary["method"], repr(found.summary["units"])
+                if (same := known.setdefault(own, folder)) is not folder:
                     raise SuiteError(f"left out, because it holds the units of {same}")
-                known[row["author"], row["method"], row["play"]] = folder
-                rows.append(row)
+                rows.append(found.summary)
             except Exception as error:
                 failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
     if results is not None:
@@ -134,12 +131,15 @@ def _board(task: Task, rows: list[Row], title: str) -> Board:
     sign = -1 if task.higher_is_better else 1
 
     def order(row: Row) -> tuple[int, float]:
-        return ACCESS.index(row["access"]), round(sign * row["score"], _DIGITS)
+        return ACCESS.index(row["access"]), round(sign * row["score"], DIGITS)
 
-    rows.sort(key=lambda row: (*order(row), called(row)))
+    def units(row: Row) -> dict[str, set[float]]:
+        return {case: distinct(seeds) for cases in row["units"].values() for case, seeds in cases.items()}
+
+    rows.sort(key=lambda row: (*order(row), bool(row["author"]), called(row)))
     for row in rows:
-        if same := [called(each) for each in rows if each is not row and each["play"] == row["play"]]:
-            row["remarks"] = [*row["remarks"], f"the same play as {', '.join(same)}"]
+        if same := [called(each) for each in rows if each is not row and units(each) == units(row)]:
+            row["remarks"] = [*row["remarks"], f"the same scores as {', '.join(same)}"]
     ranked = [row for row in rows if row["kind"] == "method"]
     for row in ranked:
         row["rank"] = 1 + sum(each["access"] == row["access"] and order(each) < order(row) for each in ranked)

@@ -53,6 +53,7 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         **_all("players", "ppo-restricted", "ppo-self-play"),
         **_all("players", "restricted-counts", "best-response-counts = restricted-counts:1", access="tables"),
         **_all("players", "model-boosted"),
+        **_all("players", "restricted-bc", access="tables", kind="reference"),
         **_all("players", "constant", "constant-by-incoming", access="opponent", kind="reference"),
         **_KNOWN,
         **_all("players", "best-response = restricted:1", "restricted", access="opponent", kind="reference"),

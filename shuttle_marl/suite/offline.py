@@ -11,14 +11,13 @@ import numpy as np
 import scipy  # its statistics are imported when first used
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.base.files import FractionOrZero, content_hash
+from shuttle_marl.base.files import FractionOrZero
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.odds import best_odds, pair_odds
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import cached_table, mixture
-from shuttle_marl.recording import logs
 from shuttle_marl.recording.logs import Log, blank, play_log
 from shuttle_marl.suite import tabular
 from shuttle_marl.suite.method import Method, called, find, made
@@ -241,14 +240,6 @@ def _targets(arena: Arena, behaviour_name: str, strokes: int, seed: int) -> dict
     found = {name: behaviour(arena, _of_split(name, arena)) for name in NAMED}
     for name in TRAINED:
         train = functools.partial(lambda name: fitted(find(Offline.name, name), log, setting, name), name)
-        table = cached_table(log.game, f"{log.hash} {name} {seed} {_sources()}", train)
+        table = cached_table(log.game, f"{log.hash} {name} {seed}", train, rooms=("recording", "suite"))
         found[name] = in_game(table, arena.game)
     return found
-
-
-@functools.cache
-def _sources() -> str:
-    """Hash of the code of the methods that train targets."""
-    here = Path(__file__).parent
-    files = [*here.glob("*.py"), *(here / "methods").glob("*.py"), Path(logs.__file__), Path(tabular.__file__)]
-    return content_hash(b"".join(path.read_bytes() for path in sorted(files)))

@@ -7,6 +7,7 @@
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, NotRequired, TypedDict
@@ -14,19 +15,8 @@ from typing import Annotated, Any, Final, NotRequired, TypedDict
 import msgspec
 import numpy as np
 
-from shuttle_marl.base import cache, runs
+from shuttle_marl.base import cache, files, runs
 from shuttle_marl.base.errors import ShuttleError, did_you_mean, printable
-from shuttle_marl.base.files import (
-    MAX_JSON,
-    FileReadError,
-    Sha256,
-    StoredCount,
-    T,
-    content_hash,
-    read_json,
-    replace_file,
-    replace_sealed,
-)
 from shuttle_marl.base.intervals import RESAMPLES, trim_mean
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.game.shipped import RECOVERY, drawn_game, is_shipped, resolve_game
@@ -35,6 +25,7 @@ from shuttle_marl.policy.computed import StoredPolicies, policy_file
 from shuttle_marl.recording.logs import write_minari
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.exploit import Equilibrium, Exploit, ExploitEntrance
+from shuttle_marl.suite.method import baseline_of
 from shuttle_marl.suite.offline import OPPONENT, Evaluate, LogTask, Offline, log_of_unit
 from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
 from shuttle_marl.suite.population import rng_of
@@ -111,7 +102,7 @@ POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]  # a name in a file of a stranger
-Author = Annotated[str, msgspec.Meta(pattern=r"[^\W\d_]", max_length=1000)]  # a name with at least one letter
+Author = Annotated[str, msgspec.Meta(pattern=r"^[^/]*[^\W\d_][^/]*$", max_length=1000)]  # with a letter, and without /
 Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]  # a score in a file of a stranger; neither infinite nor NaN
 
 
@@ -123,21 +114,18 @@ class RunConfig:
     method: Name
     split: Split
     quick: bool
-    budget: StoredCount | None = None
+    budget: files.StoredCount | None = None
     seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]  # seeds from 0
     model: Name  # name or folder of the model of the game
-    game: Sha256  # hash of its tables
+    game: files.Sha256  # hash of its tables
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Card:
     """Content of ``card.json``."""
 
-    method: Name | None = None
     author: Author | None = None  # whose row it is; boards refuse a run without one
-    paper: Name | None = None
-    tuning_strokes: StoredCount | Name | None = None  # strokes or runs that were used for tuning; None: not stated
-    kind: Kind = "method"
+    tuning_strokes: files.StoredCount | Name | None = None  # strokes or runs that were used for tuning; None: not stated
     access: Access | None = None  # what it reads; None: not stated
 
 
@@ -150,24 +138,24 @@ class Entry:
     """
 
     case: Name
-    seed: StoredCount
-    fingerprint: Sha256  # of the case, see `Task.fingerprint`
-    policies: Mapping[str, Sha256]
+    seed: files.StoredCount
+    fingerprint: files.Sha256  # of the case, see `Task.fingerprint`
+    policies: Mapping[str, files.Sha256]
     answers: Mapping[str, Any]
     scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
     seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]  # time of the method, without scoring
-    strokes: StoredCount | None = None
+    strokes: files.StoredCount | None = None
 
 
-def read(path: Path, kind: type[T], advice: str = "", *, sealed: bool = False, limit: int = MAX_JSON) -> T:
+def read(path: Path, kind: type[files.T], advice: str = "", *, sealed: bool = False, limit: int = files.MAX_JSON) -> files.T:
     """Read a JSON file, see :func:`shuttle_marl.base.files.read_json`.
 
     Raises:
         SuiteError: it is missing, damaged, or was changed.
     """
     try:
-        return read_json(path, kind, sealed=sealed, limit=limit)
-    except FileReadError as error:
+        return files.read_json(path, kind, sealed=sealed, limit=limit)
+    except files.FileReadError as error:
         raise SuiteError(f"{path}: {error}{advice}") from error
 
 
@@ -185,8 +173,8 @@ def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, b
     """Write the packed policies of a unit by their hashes, and then its entry."""
     for digest, content in policies.items():
         if not (target := policy_file(folder / POLICIES, digest)).exists():
-            replace_file(target, content)
-    replace_sealed(path, dataclasses.asdict(entry))
+            files.replace_file(target, content)
+    files.replace_sealed(path, dataclasses.asdict(entry))
 
 
 def read_entry(path: Path) -> Entry:
@@ -245,8 +233,9 @@ def checked(entry: Entry, case: Case) -> Entry:
     return entry
 
 
+DIGITS: Final = 6  # decimal places in which scores differ; verification allows less
 TOLERANCE: Final = 1e-7  # largest difference between a recomputed score and the stored one, in the unit of the score
-NOT_VERIFIED: Final = ("strokes used", "tuning", "seconds", "access", "that the method produced these policies")
+NOT_VERIFIED: Final = ("names", "strokes", "tuning", "seconds", "access", "independent seeds", "what made the policies")
 """What no recomputation can show."""
 Units = dict[str, dict[str, list[float]]]  # figures by stratum, case and seed
 
@@ -265,7 +254,6 @@ class Row(TypedDict):
     Attributes:
         cases: hash of the fingerprints of the units of the first seed, from which the others follow; rows of a board have the
             same ones, whether they have one seed, as references, or several.
-        play: hash of what was played and answered in all units.
         metric, score, low, high: the main score with its interval.
         seconds, strokes: sums over all units, as they are declared.
     """
@@ -274,7 +262,6 @@ class Row(TypedDict):
     author: str  # from the card; empty in the rows of this package
     method: str
     cases: str
-    play: str
     split: Split
     quick: bool
     budget: int | None
@@ -331,36 +318,35 @@ def summarise(folder: Path, game: str | None = None, seed: str | None = None) ->
     """
     config, card = read_config(folder), read_card(folder)
     task, arena, cases = task_of_run(config, game, seed)
-    entries = {
-        (case.name, number): read_unit(folder, place, case, number)
-        for place, case in enumerate(cases)
-        for number in range(config.seeds)
-    }
-    units = list(entries.values())
-    names = units[0].scores.keys()
-    if task.metric not in names or any(entry.scores.keys() != names for entry in units):
-        raise SuiteError(f"{folder}: the units have different scores, or none named {task.metric}; `suite verify` says more")
+    entries = [read_unit(folder, place, case, number) for place, case in enumerate(cases) for number in range(config.seeds)]
+    return _row(config, card, task, arena, cases, entries)
+
+
+def _row(config: RunConfig, card: Card, task: Task, arena: Arena, cases: Sequence[Case], entries: Sequence[Entry]) -> Row:
+    """Aggregates of the units of all cases and seeds."""
+    names = entries[0].scores.keys()
+    if task.metric not in names or any(entry.scores.keys() != names for entry in entries):
+        raise SuiteError(f"the units have different scores, or none named {task.metric}; `suite verify` says more")
     counting = [case for case in cases if case.counts]
     scores = {name: aggregate(units_of(counting, entries, name)) for name in names}
     by_unit = units_of(counting, entries, task.metric)
     strata = units_of(cases, entries, task.metric)
     scores |= {f"{task.metric} {name}": aggregate({name: those}) for name, those in strata.items() if len(those) > 1}
-    if (risk := scores.get("exploitability")) and risk["low"] is not None:
-        risk["low"] = max(0.0, risk["low"])
-    main = scores[task.metric]
+    main, baseline = scores[task.metric], baseline_of(task.name, config.method)
+    # What a row is, the package says of its own alone.
+    kind: Kind = "method" if card.author or baseline is None else baseline.kind
     middles = [middle for parts in by_unit.values() for middle in _middles(parts)]
     return {
         "task": task.name,
         "author": card.author or "",
         "method": config.method,
-        "cases": content_hash("".join(entries[case.name, 0].fingerprint for case in cases).encode()),
-        "play": content_hash(repr([(sorted(each.policies.items()), sorted(each.answers.items())) for each in units]).encode()),
+        "cases": files.content_hash("".join(entry.fingerprint for entry in entries if entry.seed == 0).encode()),
         "split": config.split,
         "quick": config.quick,
         "budget": config.budget,
         "seeds": config.seeds,
         "game": arena.base,
-        "kind": card.kind,
+        "kind": kind,
         "access": card.access or ACCESS[-1],
         "tuning_strokes": card.tuning_strokes,
         "metric": task.metric,
@@ -368,38 +354,38 @@ def summarise(folder: Path, game: str | None = None, seed: str | None = None) ->
         "low": main["low"],
         "high": main["high"],
         "worst": min(middles) if task.higher_is_better else max(middles),
-        "seconds": float(sum(entry.seconds for entry in units)),
-        "strokes": sum(entry.strokes or 0 for entry in units),
+        "seconds": float(sum(entry.seconds for entry in entries)),
+        "strokes": sum(entry.strokes or 0 for entry in entries),
         "scores": scores,
         "units": by_unit,
-        "remarks": _remarks(task, config, card, units),
+        "remarks": ["a quick run"] * config.quick + ([] if kind == "reference" else _remarks(task, config, by_unit, entries)),
     }
 
 
-def _remarks(task: Task, config: RunConfig, card: Card, units: Sequence[Entry]) -> list[str]:
-    """What a reader should know."""
-    found = ["a quick run"] if config.quick else []
-    if card.kind == "reference":
-        return found
-    if config.seeds < task.seeds:
-        found.append(f"{config.seeds} of {task.seeds} seeds")
-    if task.budgets and any(entry.strokes is None for entry in units):
+def _remarks(task: Task, config: RunConfig, scores: Units, entries: Sequence[Entry]) -> list[str]:
+    """What a reader should know of what is not a reference."""
+    found = [f"{config.seeds} of {task.seeds} seeds"] if config.seeds < task.seeds else []
+    different = min(len(distinct(seeds)) for cases in scores.values() for seeds in cases.values())
+    if different < config.seeds:
+        found.append(f"{different} of {config.seeds} seeds differ")
+    if task.budgets and any(entry.strokes is None for entry in entries):
         return [*found, "strokes not declared"]
-    distinct = {repr((sorted(each.policies.items()), sorted(each.answers.items()))) for each in units}
-    if config.seeds > 1 and len(distinct) < len(units):
-        found.append(f"{len(units) - len(distinct)} of {len(units)} units equal another one")
-    used = max(entry.strokes or 0 for entry in units)
-    smaller = [budget for budget in task.budgets if used <= budget < (config.budget or 0)]
+    used = max(entry.strokes or 0 for entry in entries)
+    smaller = [budget for budget in (0, *task.budgets) if used <= budget < (config.budget or 0)]
     return found + [f"fits the budget of {budget:,} strokes" for budget in smaller[:1]]
 
 
-def units_of(cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], name: str) -> Units:
+def distinct(scores: Sequence[float]) -> set[float]:
+    """Different scores, to the digits in which scores differ."""
+    return {round(score, DIGITS) for score in scores}
+
+
+def units_of(cases: Sequence[Case], entries: Sequence[Entry], name: str) -> Units:
     """Figures of a score by stratum, case and seed."""
     found: Units = {}
     for case in cases:
-        found.setdefault(case.stratum or case.name, {})[case.name] = [
-            entry.scores[name] for (of, _), entry in entries.items() if of == case.name
-        ]
+        figures = [entry.scores[name] for entry in entries if entry.case == case.name]
+        found.setdefault(case.stratum or case.name, {})[case.name] = figures
     return found
 
 
@@ -476,9 +462,11 @@ def verify_run(
     Raises:
         SuiteError: the folder holds no run.
     """
-    config = read_config(folder)
+    config, card = read_config(folder), read_card(folder)
     task, arena, cases = task_of_run(config, game, seed)
-    units = [(place, number) for place in range(len(cases)) for number in range(config.seeds)]
+    units = list(itertools.product(range(len(cases)), range(config.seeds)))
+    # Files are read once: they may change meanwhile.
+    entries: dict[tuple[int, int], Entry] = {}
     summary, refused = None, []
 
     def stored(place: int, number: int) -> Entry:
@@ -490,25 +478,26 @@ def verify_run(
             raise SuiteError(f"the entry has {len(other)} {what} {printable(other[0][:40])}")
         return entry
 
-    def recompute(place: int, number: int) -> None:
-        entry, case = stored(place, number), cases[place]
+    def recomputed(place: int, number: int) -> Entry:
+        entry, case = entries[place, number], cases[place]
         fingerprint = task.fingerprint(arena, case, number)
         if entry.fingerprint != fingerprint:
             raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
-        outcome = read_outcome(folder, entry, arena.game)
-        _compare(entry.scores, task.score(arena, case, number, outcome))
+        scores = task.score(arena, case, number, read_outcome(folder, entry, arena.game))
+        _compare(entry.scores, scores)
+        return dataclasses.replace(entry, scores=scores)
 
     with cache.forgotten():
-        for check in (stored, recompute):
+        for check in (stored, recomputed):
             for place, number in progress(units):
                 try:
-                    check(place, number)
+                    entries[place, number] = check(place, number)
                 except ShuttleError as error:
                     refused.append(Refusal(case=cases[place].name, seed=number, reason=str(error)))
             if refused:
                 break
         else:
-            summary = summarise(folder, game, seed)
+            summary = _row(config, card, task, arena, cases, list(entries.values()))
     return Verification(units=len(units), refused=refused, summary=summary)
 
 

@@ -62,7 +62,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     )
     card = results.read_card(Path())
     if baseline is not None:
-        card = Card(method=options.method, author=card.author, kind=baseline.kind, access=baseline.access)
+        card = Card(author=card.author, access=baseline.access)
     name = "-".join([task.name, options.method, options.split, *([] if options.budget is None else [str(options.budget)])])
     words = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
     check_processes(1 if options.ray is not None else options.workers)
@@ -139,13 +139,13 @@ def new_submission(task: str, out: Path, author: str) -> str:
         SuiteError: there is no such task, the author has no letters, or a file exists.
     """
     module, _, attribute = _METHODS[kind_of(find_task(task).name)].partition(":")
-    if not any(map(str.isalpha, author)):
-        raise SuiteError(f"--author {author!r}: expected a name with letters")
+    if "/" in author or not any(map(str.isalpha, author)):
+        raise SuiteError(f"--author {author!r}: expected a name with letters, without /")
     # Modules of the user are found by name, so that of the template must be free.
     target = out / f"my_{module}.py"
     for path in (target, out / CARD):
         if path.exists():
             raise SuiteError(f"{path}: already exists; name another folder")
     replace_file(target, (Path(__file__).parent / "templates" / "submission" / f"{module}.py").read_bytes())
-    write_card(out, Card(method=target.stem, author=author, tuning_strokes=0))
+    write_card(out, Card(author=author, tuning_strokes=0))
     return command("suite", "run", task, "--method", f"{target.stem}:{attribute}", "--quick")

@@ -133,12 +133,7 @@ def best_of(game: Game) -> Backup:
     return lambda q, states: by_state(game, q, states, np.maximum)
 
 
-def fitted_q(
-    data: Transitions,
-    backup: Backup,
-    *,
-    shrink: float = SHRINK,
-) -> F64:
+def fitted_q(data: Transitions, backup: Backup, *, shrink: float = SHRINK) -> F64:
     """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke.
 
     Args:

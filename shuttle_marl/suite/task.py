@@ -27,11 +27,9 @@ from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
 from shuttle_marl.game.layout import observations
 from shuttle_marl.game.policy import GamePolicy, States, TabulatedPolicy, tabulate
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy.foreign import FunctionPolicy
+from shuttle_marl.policy.foreign import FunctionPolicy, blaming
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.options import Access, Split, SuiteError
-
-QUICK_STROKES: Final = 20_000  # budget of a quick run, in strokes of the learner
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -91,6 +89,10 @@ class Setting:
     model: str  # name or folder of the model; the game of the setting differs from its game where that is drawn
     seed: int
     folder: Path  # folder for files of the method; it may hold those of an interrupted call
+
+    def policy(self, name: str) -> TabulatedPolicy:
+        """Table of a policy by name, such as ``random``."""
+        return named_table(self.game, name)
 
 
 class Task(abc.ABC):
@@ -196,12 +198,12 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
         PolicyError: the policy raises, reads the score, or is no distribution over the legal strokes.
         SuiteError: it is none of these.
     """
+    with blaming(f"the method of {name}: the table of its player"):
+        player = getattr(player, "table", player)
     if isinstance(player, str):
         player = resolve(player, game)
     if isinstance(player, PairPolicy):
         return tabulated_pairs(dataclasses.replace(player, game=game))
-    if hasattr(player, "table"):
-        return table_of(player.table, game, name)
     if not hasattr(player, "probabilities") and callable(getattr(player, "act", None)):
         player = FunctionPolicy(functools.partial(_acted, player.act, game))
     if callable(getattr(player, "probabilities", None)):

@@ -19,13 +19,11 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import results
 from shuttle_marl.suite.adapt import CHANGES, AdaptSetting, PlayedRally, observed
 from shuttle_marl.suite.methods.adapters import (
-    Minimax,
     Mixture,
     Population,
     PosteriorMean,
     change_point,
     mixture_weights,
-    respond,
     tilted_positions,
 )
 from shuttle_marl.suite.options import SuiteError
@@ -260,34 +258,3 @@ def test_the_posterior_is_that_of_bayes_and_forgets(arena: Arena) -> None:
         for policy in types.values()
     ]
     assert hidden.likelihood(rally) == pytest.approx(found, rel=1e-4)
-
-
-def test_estimates_from_the_posterior() -> None:
-    parts = np.stack([policy.block_probabilities(0) for policy in THREE.values()])
-    mean = PosteriorMean(setting_of(SMALL, THREE))
-    mean.log_posterior = np.log([0.4, 0.5995, 0.0005])
-    assert mean.estimate().block_probabilities(0) == pytest.approx((0.4 * parts[0] + 0.5995 * parts[1]) / 0.9995, abs=1e-6)
-    mean.log_posterior = np.log([0.4, 0.599, 0.001 * (1 + 1e-9)])
-    assert mean.estimate().block_probabilities(0) == pytest.approx(np.array([0.4, 0.599, 0.001]) @ parts, abs=1e-6)
-    assert Minimax(setting_of(SMALL, THREE)).policy_for_next_rally().hash == solve(SMALL).policy[0].hash
-
-
-def test_responses_have_a_restriction() -> None:
-    for p, expected in ((1.0, best_response(THREE["other"])), (0.5, restricted_response(THREE["other"], 0.5))):
-        assert respond(THREE["other"], p).hash == expected.policy.hash
-
-
-def test_positions_after_a_shot_are_counted_with_six_pseudo_observations() -> None:
-    rng = np.random.default_rng(0)
-    prior = rng.dirichlet(np.ones(9), SMALL.n_states)
-    state = np.array([4, 4, 7, 9], np.int32)
-    place = np.array([2, 2, 0, 8], np.int8)
-    found = tilted_positions(prior, SMALL, state, place)
-    for s in range(SMALL.n_states):
-        alike = SMALL.incoming_shot(state) == SMALL.incoming_shot(np.array(s))
-        number, expected = np.full(9, 6.0), np.full(9, 6.0)
-        for one, position in zip(state[alike], place[alike], strict=True):
-            number[position] += 1
-            expected += prior[one]
-        weight = prior[s] * number / expected
-        assert found[s] == pytest.approx(weight / weight.sum())

@@ -2,29 +2,25 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from shuttle_marl.suite.results import Bounds, aggregate
 
 
-@pytest.mark.parametrize(("cases", "seeds"), [(1, 8), (7, 8)])
-def test_intervals_of_eight_seeds_cover(cases: int, seeds: int) -> None:
+@pytest.mark.parametrize(("cases", "seeds", "covered"), [(1, 3, 0.76), (1, 8, 0.93), (7, 8, 0.95)])
+def test_intervals_cover(cases: int, seeds: int, covered: float) -> None:
     rng = np.random.default_rng(cases * seeds)
     samples = rng.normal(size=(400, cases, seeds)) * np.linspace(0.5, 1.5, cases)[:, None]
     found = [aggregate({str(i): {str(i): case} for i, case in enumerate(sample.tolist())}) for sample in samples]
-    assert 0.85 < np.mean([each["low"] <= 0 <= each["high"] for each in found if each["low"] is not None]) < 0.975
+    assert np.mean([each["low"] <= 0 <= each["high"] for each in found if each["low"] is not None]) == pytest.approx(
+        covered, abs=0.04
+    )
 
 
-def test_intervals_are_percentiles_of_a_bootstrap() -> None:
-    """As of rliable: the seeds of every case are drawn again."""
+def test_intervals_are_those_of_rliable() -> None:
+    """``get_interval_estimates`` of rliable 1.2.0, with 100,000 resamples, for ``trim_mean(runs, 0.25, axis=0).mean()``."""
     samples = np.random.default_rng(0).normal(size=(3, 8))
-
-    def mean(*cases: np.ndarray, axis: int = -1) -> np.ndarray:
-        return np.mean([stats.trim_mean(case, 0.25, axis=axis) for case in cases], axis=0)
-
-    oracle = stats.bootstrap(samples, mean, n_resamples=20_000, method="percentile", vectorized=True, rng=1).confidence_interval
     found = aggregate({str(i): {str(i): case} for i, case in enumerate(samples.tolist())})
-    assert (found["low"], found["high"]) == pytest.approx((oracle.low, oracle.high), abs=0.03)
+    assert (found["value"], found["low"], found["high"]) == pytest.approx((-0.14618618, -0.42828627, 0.20256395), abs=0.01)
 
 
 def test_a_case_that_is_lost_is_not_left_out() -> None:

@@ -17,7 +17,7 @@ def row(score: float = 0.5, **fields: Any) -> Any:
         "task": "exploit-entrance-v1", "split": "test", "budget": 10**5, "cases": "c" * 64, "game": "g" * 64, "method": "mine",
         "author": "alice", "kind": "method", "access": "samples", "score": score, "worst": score, "tuning_strokes": 0,
         "scores": {"gain": bounds(score), "best": bounds(1.0)}, "seeds": 2, "units": {"0": {"a": [score - 0.1, score + 0.1]}},
-        "remarks": [], "play": repr((score, sorted(map(repr, fields.items())))),
+        "remarks": [],
     }  # fmt: skip
     return {**plain, **fields}
 
@@ -48,14 +48,14 @@ def test_ties_share_a_rank() -> None:
     assert [(each["method"], each["rank"]) for each in found["rows"]] == [("a", 1), ("b", 1), ("c", 3)]
 
 
-def test_equal_play_is_found_whoever_sent_it() -> None:
-    (found,) = boards([row(author="alice", play="p"), row(author="mallory", method="mine2", play="p"), row(0.4, method="other")])
-    remarks = {row["author"] + row["method"]: row["remarks"] for row in found["rows"]}
-    assert remarks == {
-        "alicemine": ["the same play as mallory/mine2"],
-        "mallorymine2": ["the same play as alice/mine"],
-        "aliceother": [],
-    }
+def test_equal_scores_are_found_whoever_sent_them_and_under_how_many_seeds() -> None:
+    again = row(author="Mallory", seeds=4, units={"0": {"a": [0.6, 0.4, 0.4 + 1e-9, 0.6]}})
+    (found,) = boards([again, row(author="", method="ppo"), row(0.4, method="other")])
+    assert [(each["method"], each["remarks"]) for each in found["rows"]] == [
+        ("ppo", ["the same scores as Mallory/mine"]),
+        ("mine", ["the same scores as ppo"]),
+        ("other", []),
+    ]
 
 
 def test_less_is_better_where_the_metric_is_a_loss() -> None:
@@ -87,9 +87,11 @@ def test_boards_stand_by_task_split_budget_and_cases() -> None:
 def test_names_of_strangers_are_escaped_and_short() -> None:
     rows: list[Row] = [row(0.4, method="<b>x</b>|y `z` @all"), row(0.6, method="other", author="")]
     markdown = render(rows)
-    assert markdown.index("| 1 | `other` |") < markdown.index("| 2 | `alice/<b>x</b>\\|y 'z' @all` |")
-    shown = render([row(method=name, author="") for name in ("\u0440po", "x" * 10**6, "\u200b ")])
-    assert all(text in shown for text in ("`\\u0440po`", f"`{'x' * 60}...`", "`\\u200b`"))
+    assert markdown.index("| 1 | `other` |") < markdown.index("| 2 | `alice/<b>x</b>\\x7cy \\x60z\\x60 @all` |")
+    shown = render([row(method=name, author="") for name in ("\u0440po", "\uff50po", "x" * 10**6, "\u200b ")])
+    assert all(text in shown for text in ("`\\u0440po`", "`\\uff50po`", f"`{'x' * 60}...`", "`\\u200b`"))
+    # What stands before a method never hides it.
+    assert f"`ppo{'-' * 21}.../mine`" in render([row(author="ppo" + "-" * 57)])
 
 
 @pytest.mark.parametrize("given", [{"resume": True, "overwrite": True}, {"workers": 0}, {"workers": 513}])

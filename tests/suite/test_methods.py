@@ -59,8 +59,9 @@ def test_names_of_tasks_and_splits() -> None:
 
 
 def test_a_submission_is_new_files_and_has_an_author(tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match="--author ' 1': expected a name with letters"):
-        new_submission("exploit-v1", tmp_path, " 1")
+    for author in (" 1", "bob/best"):
+        with pytest.raises(SuiteError, match=f"--author '{author}': expected a name with letters, without /"):
+            new_submission("exploit-v1", tmp_path, author)
     assert "run exploit-v1 --method my_player:train --quick" in new_submission("exploit-v1", tmp_path / "mine", "alice")
     assert {path.name for path in (tmp_path / "mine").iterdir()} == {"my_player.py", "card.json"}
     for kept in ("my_player.py", "card.json"):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,12 @@ def noisy(setting: Any) -> TabulatedPolicy:
 class Illegal:
     def probabilities(self, states: Any) -> Any:
         return np.eye(states.game.n_strokes)[np.zeros(len(states), int)]
+
+
+class Torn:
+    @property
+    def table(self) -> Any:
+        raise KeyError("zz")
 
 
 class First:
@@ -140,6 +147,7 @@ def test_a_wrong_option_leaves_no_folder(tmp_path: Path) -> None:
 def test_references_bound_the_scale(tmp_path: Path) -> None:
     best = summary(played(tmp_path, "restricted"))["scores"]
     assert best["gain"]["value"] == pytest.approx(best["best"]["value"], abs=1e-5)
+    assert 0 < summary(played(tmp_path, "restricted-bc"))["score"] < best["gain"]["value"]
     response = best_response(table("bc@0.5")).value.odds().rally - evaluate(table("minimax"), table("bc@0.5")).odds().rally
     assert summary(played(tmp_path, "best-response"))["scores"]["score"]["value"] == pytest.approx(100 * response, abs=1e-6)
     assert summary(played(tmp_path, "minimax"))["score"] == pytest.approx(0, abs=1e-6)
@@ -168,9 +176,12 @@ def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
     assert np.array_equal(player.pair_probabilities(), first)
 
 
-def test_an_illegal_stroke_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(Exception, match="plays the illegal stroke"):
-        played(tmp_path, f"{__name__}:Illegal")
+@pytest.mark.parametrize(
+    ("method", "told"), [("Illegal", "plays the illegal stroke"), ("Torn", "table of its player raised KeyE")]
+)
+def test_an_illegal_player_is_refused(method: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match=told):
+        played(tmp_path, f"{__name__}:{method}")
 
 
 def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -197,8 +208,12 @@ def hoarding(setting: Any) -> TabulatedPolicy:
     return table("minimax" if len(LEFT) > 1 else "bc")
 
 
-def test_nothing_of_a_unit_reaches_the_next_one(tmp_path: Path) -> None:
-    folder = played(tmp_path, f"{__name__}:hoarding", seeds=2)
+@pytest.mark.parametrize("ray", [None, pytest.param("local", marks=pytest.mark.slow)])
+def test_nothing_of_a_unit_reaches_the_next_one(ray: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if ray is not None:
+        pytest.importorskip("ray")
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
+    folder = played(tmp_path, f"{__name__}:hoarding", seeds=2, ray=ray)
     entries = [results.read_entry(results.entry_path(folder, 0, seed)) for seed in (0, 1)]
     assert [entry.policies["player"] for entry in entries] == [table("bc").hash] * 2
     assert LEFT == []

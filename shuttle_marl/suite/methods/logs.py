@@ -39,18 +39,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import Log, Transitions
 from shuttle_marl.suite import tabular
-from shuttle_marl.suite.tabular import (
-    SHRINK,
-    best_of,
-    by_state,
-    cloned,
-    estimated_game,
-    expected_under,
-    fitted_q,
-    greedy,
-    pair_cells,
-    shrunk_means,
-)
 from shuttle_marl.suite.task import Setting
 
 _TOLERANCE = 1e-6
@@ -59,7 +47,7 @@ _TOLERANCE = 1e-6
 @dataclasses.dataclass(frozen=True)
 class _Method:
     setting: Setting
-    argument: str = str(SHRINK)
+    argument: str = str(tabular.SHRINK)
 
 
 class _OwnStrokes(_Method):
@@ -71,7 +59,7 @@ class Clone(_OwnStrokes):
 
     def fit(self, data: Transitions) -> PairPolicy:
         """The behaviour policy."""
-        return PairPolicy(game=data.game, probability=cloned(data.game, data.pair, shrink=float(self.argument)))
+        return PairPolicy(game=data.game, probability=tabular.cloned(data.game, data.pair, shrink=float(self.argument)))
 
 
 class OneStep(_OwnStrokes):
@@ -80,8 +68,8 @@ class OneStep(_OwnStrokes):
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the Q-values of the behaviour, estimated by the results of its rallies."""
         won = data.won.astype(np.float64)
-        q = shrunk_means(data.game, data.pair, won, prior=float(won.mean()), shrink=float(self.argument))
-        return greedy(data.game, q)
+        q = tabular.shrunk_means(data.game, data.pair, won, prior=float(won.mean()), shrink=float(self.argument))
+        return tabular.greedy(data.game, q)
 
 
 class FittedQ(_OwnStrokes):
@@ -89,7 +77,7 @@ class FittedQ(_OwnStrokes):
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the fitted Q-values."""
-        return greedy(data.game, fitted_q(data, best_of(data.game), shrink=float(self.argument)))
+        return tabular.greedy(data.game, tabular.fitted_q(data, tabular.best_of(data.game), shrink=float(self.argument)))
 
 
 class Iql(_OwnStrokes):
@@ -100,7 +88,7 @@ class Iql(_OwnStrokes):
         from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
 
         config = q_learning.QConfig(beta=float(self.argument))
-        return greedy(data.game, q_learning.implicit_q(data, config, self.setting.seed))
+        return tabular.greedy(data.game, q_learning.implicit_q(data, config, self.setting.seed))
 
 
 class Model(_Method):
@@ -121,7 +109,7 @@ class ModelPessimistic(_Method):
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the pessimistic game."""
         penalty = float(self.argument) / np.sqrt(tabular.counts(log.game, log.pair[log.own]) + 1)
-        return respond(log, tabular.estimated_game(log), SHRINK, penalty=penalty)
+        return respond(log, tabular.estimated_game(log), tabular.SHRINK, penalty=penalty)
 
 
 def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) -> TabulatedPolicy:
@@ -131,7 +119,7 @@ def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) 
         shrink: pseudo-observations of the coarser cell in the model of the opponent.
         penalty: ``[base pairs]`` by which the probability of the player's faults is raised.
     """
-    opponent = PairPolicy(game=game, probability=cloned(log.game, log.pair[~log.own], shrink=shrink))
+    opponent = PairPolicy(game=game, probability=tabular.cloned(log.game, log.pair[~log.own], shrink=shrink))
     own = game if penalty is None else tabular.with_faults(game, penalty)
     return TabulatedPolicy(game=log.game, cumulative=best_response(opponent, game=own, tolerance=_TOLERANCE).policy.cumulative)
 
@@ -141,7 +129,7 @@ class ModelBoosted(_Method):
 
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the estimated game."""
-        return respond(log, boosted_game(log, int(self.argument), self.setting.seed), SHRINK)
+        return respond(log, boosted_game(log, int(self.argument), self.setting.seed), tabular.SHRINK)
 
 
 def boosted_game(log: Log, trees: int, seed: int) -> Game:
@@ -266,7 +254,7 @@ class Dice(_EachPolicy):
     def wins(self, data: Transitions, policy: TabulatedPolicy) -> float:
         """Rewards, weighted by the ratio."""
         game = data.game
-        cell = pair_cells(game)[1]
+        cell = tabular.pair_cells(game)[1]
         size = int(cell.max()) + 1
         states, index = np.unique(game.base(data.state), return_inverse=True)
         row, pair = game.pairs(states)
@@ -284,12 +272,12 @@ class ModelValue:
 
     def game_of(self, log: Log) -> Game:
         """The estimated game."""
-        return estimated_game(log)
+        return tabular.estimated_game(log)
 
     def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
         """One number for each policy."""
         game = self.game_of(log)
-        opponent = PairPolicy(game=game, probability=cloned(log.game, log.pair[~log.own]))
+        opponent = PairPolicy(game=game, probability=tabular.cloned(log.game, log.pair[~log.own]))
         players = [TabulatedPolicy(game=game, cumulative=policy.cumulative) for policy in policies]
         return [evaluate(player, opponent, tolerance=_TOLERANCE).odds().rally for player in players]
 
@@ -302,14 +290,14 @@ class ModelBoostedValue(ModelValue):
         return boosted_game(log, 150, 0)
 
 
-def q_and_v(data: Transitions, policy: TabulatedPolicy, *, shrink: float = SHRINK) -> tuple[F64, F64]:
+def q_and_v(data: Transitions, policy: TabulatedPolicy, *, shrink: float = tabular.SHRINK) -> tuple[F64, F64]:
     """``[M]`` each: fitted value of the stroke played, and of its state."""
     game = data.game
     # Q-values do not depend on the efforts, and few policies do.
     chance = policy.block_probabilities(0)
-    q = fitted_q(data, expected_under(game, chance), shrink=shrink)
+    q = tabular.fitted_q(data, tabular.expected_under(game, chance), shrink=shrink)
     states, index = np.unique(game.base(data.state), return_inverse=True)
-    return q[data.pair % game.n_base_pairs], by_state(game, chance * q, states, np.add)[index]
+    return q[data.pair % game.n_base_pairs], tabular.by_state(game, chance * q, states, np.add)[index]
 
 
 def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:

@@ -48,6 +48,11 @@ def restricted(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
     return Trained(player=restricted_response(setting.against, float(argument)).policy, strokes=0)
 
 
+def restricted_bc(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
+    """The same response to bc, whoever plays: what is won by knowing people, and nothing of the opponent."""
+    return Trained(player=restricted_response(setting.policy("bc"), float(argument)).policy, strokes=0)
+
+
 def constant(setting: PlayerSetting, *parts: str) -> Trained:
     """The best order of preference of the strokes for all states, or for each value of some parts of the state.
 
