@@ -143,7 +143,7 @@ def tables(cache: Path) -> list[bytes]:
 
 
 def test_a_table_is_made_again_where_it_is_damaged(cache: Path) -> None:
-    folder = shipped_folder("ppo", model_folder())
+    folder = shipped_folder("ppo:attacking", model_folder())
     first = load_agent(folder, GAME)
     [whole] = tables(cache)
     for damaged in (whole, whole[:-1], whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], b""):
@@ -151,15 +151,15 @@ def test_a_table_is_made_again_where_it_is_damaged(cache: Path) -> None:
             database.execute("UPDATE tables SET content = ?", (damaged,))
         assert load_agent(folder, GAME).hash == first.hash
         assert tables(cache) == [whole]
-    load_agent(shipped_folder("a2c", model_folder()), GAME)
+    load_agent(shipped_folder("ppo:cautious", model_folder()), GAME)
     assert len(tables(cache)) == 2
 
 
 def test_agents_play_without_a_cache(cache: Path) -> None:
-    before = load_agent(shipped_folder("ppo", model_folder()), GAME).hash
+    before = load_agent(shipped_folder("ppo:attacking", model_folder()), GAME).hash
     cache.unlink()
     cache.mkdir()
-    assert load_agent(shipped_folder("ppo", model_folder()), GAME).hash == before
+    assert load_agent(shipped_folder("ppo:attacking", model_folder()), GAME).hash == before
 
 
 def test_playing_needs_no_torch() -> None:
