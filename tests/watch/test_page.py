@@ -320,10 +320,10 @@ def test_two_browsers_play_a_rally_by_link(viewer: Any, browser: Any, page_folde
         context = browser.new_context(viewport={"width": 480, "height": 700}, reduced_motion="reduce")
         guest = type(viewer)(context.new_page())
         pages = (viewer, guest)
-        viewer.page.set_viewport_size({"width": 480, "height": 700})
         viewer.open(server.address)
         viewer.page.get_by_role("button", name="Play a friend by link").click()
         link = viewer.page.get_by_label("Link to the game").input_value()
+        viewer.page.set_viewport_size({"width": 480, "height": 700})
         token = link.partition("#game=")[2]
         assert len(token) > 20
         guest.open(link).press("w")
