@@ -62,6 +62,7 @@ def test_same_results_names_what_differs(tmp_path: Path) -> None:
     assert "game/default safe" in run("experiments.same_results", saved, ROOT, "--only", "game", status=1)
 
 
+@pytest.mark.slow
 def test_no_report_of_the_sample_contradicts_its_matches() -> None:
     found = result_of("experiments.reports", "--data", SAMPLE, "--pairs", 1)
     assert (found["matches"], found["pairs"], found["languages"]) == (8, 1, 3)

@@ -286,7 +286,7 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
 
     (tmp_path / results.CARD).write_text('{"author": "alice"}')
     found = told("run", "exploit-entrance-v1", "--method", "bc", "--quick", *game)
-    assert found["remarks"] == ["a quick run"]
+    assert found["remarks"] == ["a quick run", "1 of 8 seeds"], "only rows of the package are references"
     assert told("verify", found["folder"], *game)["reproduced"] == 1
     assert main(("board", found["folder"], *game, "--out", "board.md")) == 0
     assert "alice/bc" in (tmp_path / "board.md").read_text()
