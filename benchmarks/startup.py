@@ -27,6 +27,7 @@ import tyro
 import shuttle_marl
 from docs.tools.markdown import ROOT
 from docs.tools.results import Json, show, this_machine
+from shuttle_marl.__main__ import COMMANDS
 
 _IMPORTS: Final = ("import shuttle_marl", "from shuttle_marl import rally_v0", "import shuttle_marl.dynamics")
 _FIRST_MINUTE: Final = (
@@ -62,9 +63,8 @@ def spent(command: Sequence[str], folder: Path, env: dict[str, str] | None = Non
 
 def commands(repeat: int) -> list[dict[str, Any]]:
     """CPU time of ``--help`` of the package and of each of its commands, and of the imports that users write."""
-    names = sorted(path.parent.name for path in Path(shuttle_marl.__file__).parent.glob("*/__main__.py"))
     arguments = [["-c", "pass"], *(["-c", statement] for statement in _IMPORTS), ["-m", "shuttle_marl", "--help"]]
-    arguments += [["-m", f"shuttle_marl.{name}", "--help"] for name in names]
+    arguments += [["-m", "shuttle_marl", name, "--help"] for name in COMMANDS]
     found = []
     for words in arguments:
         runs = [spent([sys.executable, *words], ROOT) for _ in range(repeat + 1)]
