@@ -196,7 +196,7 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         dialog = viewer.page.get_by_role("dialog", name="Game summary")
         dialog.wait_for()
         text = dialog.inner_text()
-        assert f"You chose {chosen} strokes: accuracy " in text
+        assert f"You chose {chosen} strokes: accuracy " in text, text
         points, low, high = map(int, re.search(r"Rating of your decisions: (\d+) \((\d+) to (\d+)\)", text).groups())
         assert low < points < high
         kept = viewer.page.evaluate("JSON.parse(localStorage.getItem('shuttle_marl.rating')).points")
