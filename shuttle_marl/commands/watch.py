@@ -179,7 +179,7 @@ def watch(
     plan, policies = match.plan(game), PolicyTables(game, match.policies(game))
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
     for name in match.policies(game) if recorded is None and tags is None else ():
-        resolve(name, policies.game)  # an unknown one is an error before the page is served
+        resolve(name, policies.game.seats[0])  # an unknown one is an error before the page is served
     try:  # last, because it may take longest
         page = building.build(lambda words: console.print(words, soft_wrap=True))
     except building.BuildError as error:

@@ -207,6 +207,12 @@ def test_server_stops_immediately_and_frees_its_port(page_folder: Any) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_two_named_players_are_served(page_folder: Any) -> None:
+    with serving("--players", "viktor-axelsen", "kento-momota") as server:
+        assert get(port_of(server), "/")[0] == 200
+
+
 def test_half_sent_requests_time_out(tmp_path: Path) -> None:
     with running(tmp_path) as address, socket.create_connection(address, timeout=60) as client:
         client.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
