@@ -49,14 +49,13 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
         DataError: missing or unreadable file or folder, another schema, or a score that the rules do not allow.
     """
     path = Path(path)
-    if path.is_dir() and columns is None:
-        strokes = _of_folder(path)
-        return strokes if rules is None else with_rules(strokes, path, rules)[0]
-    cleaned = _cleaned(path, None if columns is None else Path(columns), rules)
-    strokes = _conforming(path, _content(path)) if cleaned is None else cleaned.strokes
-    doubts = () if cleaned is None else cleaned.warnings
-    if rules is not None and (cleaned is None or path.is_dir()):
-        strokes, doubts = with_rules(strokes, path, rules)
+    raw = path.is_dir() and columns is None
+    cleaned = None if raw else _cleaned(path, None if columns is None else Path(columns), rules)
+    if cleaned is not None:  # an import follows the rules
+        strokes, doubts = cleaned.strokes, cleaned.warnings
+    else:
+        strokes = _of_folder(path) if raw else _conforming(path, _content(path))
+        strokes, doubts = (strokes, ()) if rules is None else with_rules(strokes, path, rules)
     for told in doubts:
         warnings.warn(told, stacklevel=2)
     return strokes
