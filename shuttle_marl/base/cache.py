@@ -10,15 +10,18 @@ import functools
 import hashlib
 import logging
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import platformdirs
 
 from shuttle_marl.base.files import content_hash, verify
 
 NAME: Final = "computed.sqlite"
+P = TypeVar("P")
+R = TypeVar("R")
+
 KNOWN: Final = Path(__file__).parents[1] / "models" / "known.sqlite"  # by the first bytes of their keys
 _OPENED: Final = f"{KNOWN.as_uri()}?mode=ro&immutable=1"
 _CONTENT: Final = 32  # bytes of a key that tell what a result is of; the others tell by which code
@@ -100,6 +103,22 @@ class Cache:
         except sqlite3.DatabaseError:  # damaged: created again
             with contextlib.suppress(OSError):
                 path.unlink()
+        return found
+
+    def solved(
+        self,
+        problems: Mapping[bytes, P],
+        solve: Callable[[list[P]], Iterable[R]],
+        pack: Callable[[R], bytes],
+        unpack: Callable[[bytes], R],
+    ) -> dict[bytes, R]:
+        """Results of problems by their keys: stored ones, and the others, which are solved together and stored."""
+        found = {key: unpack(content) for key, content in self.read(problems).items()}
+        missing = {key: problem for key, problem in problems.items() if key not in found}
+        if missing:
+            new = dict(zip(missing, solve(list(missing.values())), strict=True))
+            self.store({key: pack(result) for key, result in new.items()})
+            found |= new
         return found
 
     def _found(self, database: sqlite3.Connection, keys: Mapping[bytes, bytes]) -> dict[bytes, bytes]:

@@ -165,16 +165,13 @@ def restricted_odds(
 
 def _cached(keys: Sequence[bytes], problems: Sequence[T], solve: Callable[[list[T]], Iterable[Odds]]) -> list[Odds]:
     """Odds of problems by their keys: from the cache, or solved and stored there."""
-    by_key = dict(zip(keys, problems, strict=True))
-    found = {}
-    for key, content in _CACHE.read(by_key).items():
+
+    def unpacked(content: bytes) -> Odds:
         serving, receiving, bound = _NUMBERS.unpack(content)
-        found[key] = Odds(serving=serving, receiving=receiving, error_bound=bound)
-    missing = {key: problem for key, problem in by_key.items() if key not in found}
-    if missing:
-        solved = dict(zip(missing, solve(list(missing.values())), strict=True))
-        _CACHE.store({key: _NUMBERS.pack(*dataclasses.astuple(odds)) for key, odds in solved.items()})
-        found |= solved
+        return Odds(serving=serving, receiving=receiving, error_bound=bound)
+
+    by_key = dict(zip(keys, problems, strict=True))
+    found = _CACHE.solved(by_key, solve, lambda odds: _NUMBERS.pack(*dataclasses.astuple(odds)), unpacked)
     return [found[key] for key in keys]
 
 

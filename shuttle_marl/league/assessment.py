@@ -190,14 +190,13 @@ def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style
         name: key_of("style", game.hash, game.opposite.hash, people.hash, table.hash, rooms=("league",))
         for name, table in tables.items()
     }
-    known = _CACHE.read(keys.values())
-    unknown = {name: table for name, table in tables.items() if keys[name] not in known}
-    if unknown:
-        solved = _solved_styles(game, people, unknown.values())
-        new = {keys[name]: msgspec.json.encode(style) for name, style in zip(unknown, solved, strict=True)}
-        _CACHE.store(new)
-        known |= new
-    return {name: msgspec.json.decode(known[key], type=Style) for name, key in keys.items()}
+    known = _CACHE.solved(
+        {keys[name]: table for name, table in tables.items()},
+        lambda unknown: _solved_styles(game, people, unknown),
+        msgspec.json.encode,
+        lambda content: msgspec.json.decode(content, type=Style),
+    )
+    return {name: known[key] for name, key in keys.items()}
 
 
 def _solved_styles(game: Game, people: TabulatedPolicy, tables: Iterable[TabulatedPolicy]) -> list[Style]:
