@@ -558,14 +558,26 @@ Box = tuple[float, float, float, float]
 """Left, top, right, bottom [px]."""
 
 
-def box(viewer: Any, selector: str) -> Box:
-    found = viewer.page.locator(selector).first.bounding_box()
-    return found["x"], found["y"], found["x"] + found["width"], found["y"] + found["height"]
+BOXES = """(selector) => [...document.querySelectorAll(selector)]
+  .filter((e) => e.checkVisibility({ visibilityProperty: true }))
+  .map((e) => [e.className || e.textContent, e.getBoundingClientRect()])
+  .filter(([, b]) => b.width > 0 && b.height > 0)
+  .map(([name, b]) => [name, [b.left, b.top, b.right, b.bottom]])"""
+"""Visible elements and their boxes at one moment: a locator finds first and measures later, when they may be gone."""
+
+
+def named_boxes(viewer: Any, selector: str) -> list[tuple[str, Box]]:
+    found = viewer.page.evaluate(BOXES, selector)
+    assert found, selector
+    return [(name, tuple(at)) for name, at in found]
 
 
 def boxes(viewer: Any, selector: str) -> list[Box]:
-    script = "(all) => all.map((e) => { const b = e.getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; })"
-    return [tuple(found) for found in viewer.page.locator(selector).evaluate_all(script)]
+    return [at for _, at in named_boxes(viewer, selector)]
+
+
+def box(viewer: Any, selector: str) -> Box:
+    return boxes(viewer, selector)[0]
 
 
 def disjoint(a: Box, b: Box) -> bool:
@@ -597,16 +609,12 @@ LONGEST = ("bc:hans-kristian-solberg-vittinghus", "bc:anthony-sinisuka-ginting")
 
 def checked(viewer: Any, window: Box, what: object) -> None:
     """No two boxes lie over each other, and the score is seen whole."""
-    seen = (
-        viewer.page.locator(SEPARATE)
-        .locator("visible=true")
-        .evaluate_all("""(all) => all.map((e) => [e.className || e.textContent, e.getBoundingClientRect().toJSON()])""")
-    )
-    found = [(name, (at["left"], at["top"], at["right"], at["bottom"])) for name, at in seen]
+    found = named_boxes(viewer, SEPARATE)
     for i, (name, here) in enumerate(found):
         for other, there in found[:i]:
             assert disjoint(here, there), (what, name, other)
     court = box(viewer, ".court")
+    assert len(boxes(viewer, ".bug .points")) == 2, what
     for score in boxes(viewer, ".bug, .bug .points, .bug .name"):
         assert inside(score, court), what
         assert inside(score, window), what
