@@ -4,7 +4,7 @@
 
 Without ``--data`` the folder in the environment variable SHUTTLESET is used, or the simulated sample of the repository. Reports
 of all matches, and of the pairs of players with most strokes, are written in all languages. The rules that no report breaks are
-:data:`shuttle_marl.reports.page1.RULES`; here each is checked by a plain count of the strokes.
+:data:`shuttle_marl.reports.habits.RULES`; here each is checked by a plain count of the strokes.
 """
 
 import collections
@@ -25,6 +25,7 @@ import pyarrow.compute as pc
 from docs.tools.results import show
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import REASONS, Outcome, read_matches
+from shuttle_marl.data.schema import rally_numbers
 from shuttle_marl.dynamics.features import hurry_of, marked_rows
 from shuttle_marl.dynamics.habits import NONE, Plays, plays_of, questions
 from shuttle_marl.game.court import AREAS
@@ -32,12 +33,12 @@ from shuttle_marl.game.pairs import load_skill
 from shuttle_marl.game.shipped import model_folder, resolve_game
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 from shuttle_marl.reports.coach import Source
+from shuttle_marl.reports.habits import RULES
 from shuttle_marl.reports.languages import LANGUAGES, speaking
 from shuttle_marl.reports.match import MatchReport, match_report, matches_in
-from shuttle_marl.reports.page1 import RULES
 from shuttle_marl.reports.pages import match_page, scouting_page
 from shuttle_marl.reports.scouting import players_of, scout
-from shuttle_marl.reports.summary import rally_numbers, with_hands_of_model, won_or_lost
+from shuttle_marl.reports.summary import with_hands_of_model, won_or_lost
 from shuttle_marl.reports.words import words
 
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"

@@ -87,7 +87,7 @@ class TagFile:
                 raise WatchError("another page has changed the strokes; load this page again")
             if not repeated and not request.only_rows:
                 strokes.enter(request.input)
-            strokes.replace(request.first, [msgspec.structs.asdict(row) for row in request.rows])
+            strokes.replace_from(request.first, [msgspec.structs.asdict(row) for row in request.rows])
             return Saved(inputs=len(strokes.inputs), rows=len(strokes.rows), after=self._shown())
 
     def _shown(self) -> str:

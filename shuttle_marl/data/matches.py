@@ -371,7 +371,7 @@ class TaggedStrokes:
         self._film = {}
         self._enter(entered)
 
-    def replace(self, first: int, rows: Sequence[Mapping[str, Any]]) -> None:
+    def replace_from(self, first: int, rows: Sequence[Mapping[str, Any]]) -> None:
         """Replace the rows from a number on; a FileWriteError if the table cannot be written."""
         if rows or first < len(self.rows):
             self.rows[first:] = map(_line, rows)

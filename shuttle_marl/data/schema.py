@@ -173,6 +173,12 @@ def rally_starts(strokes: pa.Table) -> I64:
     return np.unique(np.r_[0, 1 + np.flatnonzero(np.any(np.diff(numbers, axis=1) != 0, axis=0)), len(strokes)])
 
 
+def rally_numbers(strokes: pa.Table) -> I64:
+    """``[N]`` index of the rally of each stroke."""
+    sizes = np.diff(rally_starts(strokes))
+    return np.repeat(np.arange(len(sizes)), sizes)
+
+
 def stroke_table(columns: Mapping[str, Any], points: Mapping[str, Floats]) -> pa.Table:
     """The table of n strokes.
 

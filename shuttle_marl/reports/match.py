@@ -15,7 +15,7 @@ from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.data.matches import RealRally, game_ends, real_rallies, rules_of, winner_of
-from shuttle_marl.data.schema import Outcome
+from shuttle_marl.data.schema import Outcome, rally_numbers
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Tally, plays_of, tally
 from shuttle_marl.exact.fixed_point import Odds
@@ -28,21 +28,28 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.reports.habits import (
     SERVING,
+    Advised,
     Change,
+    Page1,
     Results,
     Situation,
+    Statement,
+    advised,
+    answers,
     changes,
     discoveries,
     endings,
     habits,
     interval,
     is_short,
+    options,
     options_of,
     plain,
+    serves,
+    sure,
 )
-from shuttle_marl.reports.page1 import Advised, Page1, Statement, advised, answers, options, serves, sure
 from shuttle_marl.reports.rating import Rater, rater_of
-from shuttle_marl.reports.summary import AnalysisError, hand_of, rally_numbers, rally_table, with_hands_of_model, won_or_lost
+from shuttle_marl.reports.summary import AnalysisError, hand_of, rally_table, with_hands_of_model, won_or_lost
 from shuttle_marl.reports.value import NORMAL, Placed, calibrated, placed, stroke_values
 from shuttle_marl.reports.waits import Wait, differences, waits
 from shuttle_marl.reports.words import words
@@ -297,6 +304,8 @@ def match_report(
     """
     match, players = _only_match(strokes)
     rules = rules or rules_of(strokes)[match]
+    scored = [*real_rallies(strokes, {match: rules})]
+    ends, winner = game_ends(scored), winner_of(scored)
     base = resolve_game(None) if game is None else game.seats[0].average
     if game is None or game.people is None:
         played = game_of_people(base, players, date_of(match))
@@ -320,13 +329,12 @@ def match_report(
     compared = options_of(results)
     said = [each for player in (0, 1) for each in _said(player, tallies, waiting)]
     said += [each for player in (0, 1) for each in options(player, compared[player])]
-    counted = serves(strokes, players[0]), serves(strokes, players[1])
+    counted = serves(strokes, frame, players[0]), serves(strokes, frame, players[1])
     forced = [strokes["forced"].filter(pa.array(seat == player)).drop_null().to_numpy() for player in (0, 1)]
     changed = changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
     # The match.
     even = Odds(serving=0.5, receiving=0.5, error_bound=0.0)
-    scored = [*real_rallies(strokes, {match: rules})]
-    rallies, ends = _rallies(strokes, scored, frame, added, plays.area, Chances(odds or even, rules)), game_ends(scored)
+    rallies = _rallies(strokes, scored, frame, added, plays.area, Chances(odds or even, rules))
     # Only rallies that the striker lost count, each by how much it decided.
     stakes = np.array([[abs(row.swing) * (row.winner == 1 - player) for row in rallies] for player in (0, 1)])
     return MatchReport(
@@ -335,7 +343,7 @@ def match_report(
         hands=hands,
         score=tuple(points for points, *_ in ends.values()),
         inferred=tuple(game for game, (*_, added_by_rules) in ends.items() if added_by_rules),
-        winner=winner_of(scored),
+        winner=winner,
         page1=Page1(tuple(said), sum(map(len, compared)), counted),
         rules=rules,
         strokes=strokes.num_rows,

@@ -18,10 +18,9 @@ from shuttle_marl.game.scoring import wins_game
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts
-from shuttle_marl.reports.habits import Habit
+from shuttle_marl.reports.habits import Habit, clear_endings
 from shuttle_marl.reports.html import Heading, Viewer, render
 from shuttle_marl.reports.match import MatchReport, ShotValue, matches_in
-from shuttle_marl.reports.page1 import clear_endings
 from shuttle_marl.reports.scouting import ScoutingReport
 from shuttle_marl.reports.summary import met
 from shuttle_marl.reports.value import LEAST_REFITS

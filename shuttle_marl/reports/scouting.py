@@ -16,7 +16,7 @@ import pyarrow as pa
 from scipy.special import expit, logit
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.data.schema import DISCIPLINES, STROKES
+from shuttle_marl.data.schema import DISCIPLINES, STROKES, rally_numbers
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import hurry_of, marked_rows
 from shuttle_marl.dynamics.habits import Plays, Tally, load_habits, plays_of, tally
@@ -27,9 +27,30 @@ from shuttle_marl.game.shipped import PROFILES, Estimate, model_folder, resolve_
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.reports.habits import Habit, Option, Results, endings, habits, interval, options_of, plain
-from shuttle_marl.reports.page1 import Page1, answers, options, serves, sure
-from shuttle_marl.reports.summary import AnalysisError, Met, hand_of, met, rally_numbers, with_hands_of_model, won_or_lost
+from shuttle_marl.reports.habits import (
+    Habit,
+    Option,
+    Page1,
+    Results,
+    answers,
+    endings,
+    habits,
+    interval,
+    options,
+    options_of,
+    plain,
+    serves,
+    sure,
+)
+from shuttle_marl.reports.summary import (
+    AnalysisError,
+    Met,
+    hand_of,
+    met,
+    rally_table,
+    with_hands_of_model,
+    won_or_lost,
+)
 from shuttle_marl.reports.value import TOLERANCE
 from shuttle_marl.reports.waits import Stand, Wait, differences, stands, waits
 from shuttle_marl.reports.words import words
@@ -235,7 +256,7 @@ def scout(
     number = np.unique(striker.astype(str), return_inverse=True)[1]
     compared = options_of([Results(plays, won, rally_numbers(strokes), against, number)])[0] if against.any() else None
     said = (*sure(1, told, ends, differences(waiting, match=False)), *answers(1, own), *options(0, compared or ()))
-    counted = serves(strokes, opponent) if mine.any() else None
+    counted = serves(strokes, rally_table(strokes), opponent) if mine.any() else None
     found = None if player is None else pair(player, opponent)
     return ScoutingReport(
         player=people[1],

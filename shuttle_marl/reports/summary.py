@@ -99,19 +99,13 @@ def rally_table(strokes: pa.Table) -> pa.Table:
     )
 
 
-def rally_numbers(strokes: pa.Table) -> I64:
-    """``[N]`` index of the rally of each stroke."""
-    sizes = np.diff(rally_starts(strokes))
-    return np.repeat(np.arange(len(sizes)), sizes)
-
-
 def won_or_lost(strokes: pa.Table) -> F64:
     """``[N]`` whether the striker won the rally of each stroke, 1 or 0; NaN where that is not known."""
-    winner, player = (
-        table[name].to_numpy(zero_copy_only=False).astype(object)
-        for table, name in ((rally_table(strokes), "winner"), (strokes, "player"))
+    rallies = rally_table(strokes)
+    won, player = (
+        table[name].to_numpy(zero_copy_only=False).astype(object) for table, name in ((rallies, "winner"), (strokes, "player"))
     )
-    winner = winner[rally_numbers(strokes)]
+    winner = np.repeat(won, np.diff(rallies["first"].to_numpy(), append=len(strokes)))
     return np.where(winner == None, np.nan, (winner == player).astype(np.float64))  # noqa: E711  an array of objects
 
 

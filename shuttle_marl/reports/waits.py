@@ -16,6 +16,7 @@ from scipy import special
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.hands import receiver_hands
+from shuttle_marl.data.schema import rally_numbers
 from shuttle_marl.dynamics.habits import Tally
 from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.recovery import N_POSITIONS, position_of
@@ -23,7 +24,6 @@ from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 from shuttle_marl.reports.habits import FALSE_DISCOVERIES, adjusted
-from shuttle_marl.reports.summary import rally_numbers
 
 MOST: Final = 3
 LEAST_METRES: Final = 0.1  # smaller differences are of no use on court, and are not named [m]

@@ -11,13 +11,12 @@ from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.reports.habits import ENDS, Expected, Habit, Option, Situation, is_short
+from shuttle_marl.reports.habits import ENDS, Expected, Habit, Option, Situation, Statement, is_short
 from shuttle_marl.reports.languages import Language, Texts, current
 from shuttle_marl.reports.waits import Difference
 
 if TYPE_CHECKING:
     from shuttle_marl.reports.match import RallyRow
-    from shuttle_marl.reports.page1 import Statement
 
 _CENTRE: Final = 1
 AT_BODY: Final = ("smash", "half-smash", "drive", "push", "net-kill")

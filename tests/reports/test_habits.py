@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 from shuttle_marl.base.files import seal
+from shuttle_marl.data.schema import rally_numbers
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.game import court
 from shuttle_marl.game.court import AREAS
@@ -21,6 +22,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.reports.habits import (
     FALSE_DISCOVERIES,
     SERVING,
+    Advised,
     Results,
     Situation,
     discoveries,
@@ -30,9 +32,7 @@ from shuttle_marl.reports.habits import (
     options_of,
 )
 from shuttle_marl.reports.match import matches_in
-from shuttle_marl.reports.page1 import Advised
 from shuttle_marl.reports.scouting import EARNED, earned, scout
-from shuttle_marl.reports.summary import rally_numbers
 from shuttle_marl.reports.value import calibrated, error_of
 from tests.reports.conftest import A, with_hand
 

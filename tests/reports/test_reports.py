@@ -28,10 +28,9 @@ from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts, coach
-from shuttle_marl.reports.habits import Habit
+from shuttle_marl.reports.habits import Habit, Page1, Statement
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
 from shuttle_marl.reports.match import Chances, MatchReport, match_report, matches_in
-from shuttle_marl.reports.page1 import Page1, Statement
 from shuttle_marl.reports.pages import Clips, gaps, match_page, scouting_page
 from shuttle_marl.reports.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.reports.summary import AnalysisError, rally_table
