@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from shuttle_marl.reports import analyse_rally, rank_players, report, scouting_report
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, agent_network, train
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 __all__ = [
     "POSITIONS",
