@@ -30,11 +30,12 @@ def _rows(task: str) -> list[Row]:
 
 
 def task_boards(kind: str) -> str:
-    """All boards of the tasks of a kind, the task and its entrance; what several boards say stands above the first."""
+    """All boards of the tasks of a kind: the task and its entrance. What several boards have stands on the first."""
     names = [name for name in TASKS if kind_of(name) == kind]
     text = "\n\n".join(render(rows).strip() if (rows := _rows(name)) else _NONE.format(task=name) for name in names)
     parts = text.split("\n\n")
-    return "\n\n".join(part for i, part in enumerate(parts) if part[0] in "#|" or part not in parts[:i])
+    lines = "\n\n".join(part for i, part in enumerate(parts) if part[0] in "#|" or part not in parts[:i]).split("\n")
+    return "\n".join(line for i, line in enumerate(lines) if "| reference |" not in line or line not in lines[:i])
 
 
 def summary() -> str:
