@@ -30,9 +30,12 @@ def _rows(task: str) -> list[Row]:
 
 
 def task_boards(kind: str) -> str:
-    """All boards of the tasks of a kind: the task and its entrance."""
+    """All boards of the tasks of a kind: the task and its entrance. What several boards have stands on the first."""
     names = [name for name in TASKS if kind_of(name) == kind]
-    return "\n\n".join(render(rows).strip() if (rows := _rows(name)) else _NONE.format(task=name) for name in names)
+    text = "\n\n".join(render(rows).strip() if (rows := _rows(name)) else _NONE.format(task=name) for name in names)
+    parts = text.split("\n\n")
+    lines = "\n\n".join(part for i, part in enumerate(parts) if part[0] in "#|" or part not in parts[:i]).split("\n")
+    return "\n".join(line for i, line in enumerate(lines) if "| reference |" not in line or line not in lines[:i])
 
 
 def summary() -> str:
@@ -54,16 +57,14 @@ def summary() -> str:
 
 
 def frontiers() -> str:
-    """Score against exploitability of the restricted responses, for each opponent of the tasks of ``exploit``."""
-    rows = [
-        (f"`{task}`", f"`{name}`", f"{point['p']:g}", *(number(point[figure]) for figure in ("score", "exploitability", "gain")))
-        for task, opponents in saved("experiments", "suite")["frontiers"].items()
-        if _rows(task)
-        for name, points in opponents.items()
-        for point in points
-    ]
-    headings = ("task", "opponent", "restriction", "score", "exploitability", "gain")
-    return markdown(headings, rows, left=("task", "opponent")) if rows else _NONE.format(task="exploit-v1")
+    """Score against exploitability of the restricted responses to the first opponent of the first task of ``exploit``."""
+    for task, opponents in saved("experiments", "suite")["frontiers"].items():
+        if _rows(task):
+            points = next(iter(opponents.values()))
+            figures = ("score", "exploitability", "gain")
+            rows = [(f"{point['p']:g}", *(number(point[figure]) for figure in figures)) for point in points]
+            return markdown(("restriction", *figures), rows, left=())
+    return _NONE.format(task="exploit-v1")
 
 
 def depth() -> str:
