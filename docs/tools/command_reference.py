@@ -23,7 +23,7 @@ EXAMPLES: Final = tomllib.loads(Path(__file__).with_name("command_examples.toml"
 _WIDTH: Final = 110
 _OPTION: Final = re.compile(r"^  --?[a-z].*\n(?: {6,}.*\n)*", re.MULTILINE)
 _HELP: Final = "-h, --help show this help message and exit"
-_NO_DEFAULT: Final = re.compile(r"\s*\(default:\s*(?:None|False)?\)")
+_NOISE: Final = re.compile(r"\s*\(default:\s*(?:None|False)?\)|\n +-{9,}(?=\n)")  # no default, and rules
 _NAMED: Final = 10  # options that a form repeats, from which on they are counted instead of named
 _LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs", "men"]}
 """Forms of the command ``league`` with options of their own, and the arguments that choose them."""
@@ -51,7 +51,7 @@ def parts(command: str) -> list[tuple[str, list[str]]]:
 
 
 def help_of(command: str, arguments: list[str]) -> str:
-    """Output of a command with ``--help``.
+    """Output of a command with ``--help``, without its usage.
 
     Raises:
         CommandError: it prints none.
@@ -67,7 +67,8 @@ def help_of(command: str, arguments: list[str]) -> str:
             status = stop.code
     if status not in (0, None):
         raise CommandError(f"shuttle-marl {command} --help: exit status {status}, expected 0")
-    return "\n".join(line.rstrip() for line in _NO_DEFAULT.sub("", printed.getvalue().strip()).splitlines())
+    _usage, _, text = _NOISE.sub("", printed.getvalue().strip()).partition("\n\n")
+    return "\n".join(line.rstrip() for line in text.splitlines())
 
 
 def without_repeats(text: str, seen: set[str]) -> str:
@@ -76,7 +77,9 @@ def without_repeats(text: str, seen: set[str]) -> str:
     repeated = [option for option, words in options.items() if words in seen]
     seen.update(options.values())
     kept = _OPTION.sub(lambda found: "" if found[0] in repeated else found[0], f"{text}\n").strip()
-    groups = [part for part in kept.split("\n\n") if " options\n --" not in part or _OPTION.search(f"{part}\n")]
+    groups = [
+        part for part in kept.split("\n\n") if not part.partition("\n")[0].endswith(" options") or _OPTION.search(f"{part}\n")
+    ]
     names = [option.split("--")[1].split()[0].rstrip(",") for option in repeated if options[option] != _HELP]
     if names:
         many = len(names) >= _NAMED
