@@ -46,7 +46,7 @@ class PlayerOptions:
     """The players of strokes."""
 
     hand: HandsTold = ()
-    """Hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it."""
+    """Hand of a player, such as kento-momota=left. Default: strokes around the head tell it."""
     anonymous: bool = False
     """Replace the names of players and matches."""
 
