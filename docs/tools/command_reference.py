@@ -21,15 +21,16 @@ PAGE: Final = ROOT / "docs" / "commands.md"
 """The list of all commands; each has a page of its own in the folder ``commands`` beside it."""
 EXAMPLES: Final = tomllib.loads(Path(__file__).with_name("command_examples.toml").read_text(encoding="utf-8"))
 _WIDTH: Final = 110
-_OPTION: Final = re.compile(r"^  -.*\n(?: {6,}.*\n)*", re.MULTILINE)
-_EMPTY: Final = re.compile(r"^ options\n -+\n\n", re.MULTILINE)
-_REPEATED: Final = 10  # options that a form repeats, from which on they are left out
+_OPTION: Final = re.compile(r"^  --?[a-z].*\n(?: {6,}.*\n)*", re.MULTILINE)
+_HELP: Final = "-h, --help show this help message and exit"
+_NOISE: Final = re.compile(r"\s*\(default:\s*(?:None|False)?\)|\n +-{9,}(?=\n)")  # no default, and rules
+_NAMED: Final = 10  # options that a form repeats, from which on they are counted instead of named
 _LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs", "men"]}
 """Forms of the command ``league`` with options of their own, and the arguments that choose them."""
 _HEAD: Final = """# Commands
 
-These pages list the options of every command with their defaults, and an example. `shuttle-marl NAME` is short for
-`python -m shuttle_marl.NAME`. `python -m docs.tools.command_reference` writes these pages from `--help`.
+These pages list the options of every command, as `--help` does, and an example. Switches are off unless a default says
+otherwise. `shuttle-marl NAME` is short for `python -m shuttle_marl.NAME`.
 
 | command | what it does |
 | --- | --- |
@@ -50,7 +51,7 @@ def parts(command: str) -> list[tuple[str, list[str]]]:
 
 
 def help_of(command: str, arguments: list[str]) -> str:
-    """Output of a command with ``--help``.
+    """Output of a command with ``--help``, without its usage.
 
     Raises:
         CommandError: it prints none.
@@ -66,7 +67,8 @@ def help_of(command: str, arguments: list[str]) -> str:
             status = stop.code
     if status not in (0, None):
         raise CommandError(f"shuttle-marl {command} --help: exit status {status}, expected 0")
-    return "\n".join(line.rstrip() for line in printed.getvalue().strip().splitlines())
+    _usage, _, text = _NOISE.sub("", printed.getvalue().strip()).partition("\n\n")
+    return "\n".join(line.rstrip() for line in text.splitlines())
 
 
 def without_repeats(text: str, seen: set[str]) -> str:
@@ -74,17 +76,22 @@ def without_repeats(text: str, seen: set[str]) -> str:
     options = {found[0]: " ".join(found[0].split()) for found in _OPTION.finditer(f"{text}\n")}
     repeated = [option for option, words in options.items() if words in seen]
     seen.update(options.values())
-    if len(repeated) < _REPEATED:
-        return text
-    kept = _OPTION.sub(lambda found: "" if found[0] in repeated else found[0], f"{text}\n").rstrip()
-    return f"{_EMPTY.sub('', kept)}\n\n {len(repeated)} more options are as above."
+    kept = _OPTION.sub(lambda found: "" if found[0] in repeated else found[0], f"{text}\n").strip()
+    groups = [
+        part for part in kept.split("\n\n") if not part.partition("\n")[0].endswith(" options") or _OPTION.search(f"{part}\n")
+    ]
+    names = [option.split("--")[1].split()[0].rstrip(",") for option in repeated if options[option] != _HELP]
+    if names:
+        many = len(names) >= _NAMED
+        groups.append(f" {len(names)} more options are as above." if many else f" As above: --{', --'.join(names)}.")
+    return "\n\n".join(groups)
 
 
 def pages() -> Iterator[tuple[Path, str]]:
     """The pages, from the help of all commands."""
     yield PAGE, _HEAD + "".join(f"| [`{name}`](commands/{name}.md) | {about} |\n" for name, about in COMMANDS.items())
     for name, about in COMMANDS.items():
-        text, seen = f"# shuttle-marl {name}\n\n{about[0].upper()}{about[1:]}.\n", set[str]()
+        text, seen = f"# shuttle-marl {name}\n\n{about[0].upper()}{about[1:]}.\n", {_HELP}
         for form, arguments in parts(name):
             if form != name:
                 text += f"\n## {form}\n"

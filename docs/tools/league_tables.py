@@ -24,13 +24,14 @@ _NO_TORCH: Final = {name for contract in _CONTRACTS if contract["type"] == "forb
 
 
 def ranking(standings: list[Standing]) -> str:
-    """The ranked table of the default tournament, and what was played."""
+    """The ranked table of the default tournament in brief, as the console shows it, and what was played."""
     config, players = LeagueConfig(), len(standings)
     game = load_game(config.game).hash[:12]
     played = f"{players} players, {config.matches:,} matches a pair, seed {config.seed}, game `{game}`."
     shown = page.ranking(standings)
-    headings = tuple(column.heading for column in shown.columns)
-    rows = [tuple(cell.text for cell in row) for row in shown.rows]
+    brief = [i for i, column in enumerate(shown.columns) if column.brief]
+    headings = tuple(shown.columns[i].heading for i in brief)
+    rows = [tuple(row[i].text for i in brief) for row in shown.rows]
     return f"{markdown(headings, rows, left=('player',))}\n\n{played}"
 
 

@@ -56,7 +56,7 @@ def convert(root: Root, *, out: Path, hand: HandsTold = (), overwrite: bool = Fa
     Args:
         root: Folder with the raw files.
         out: Parquet file to write.
-        hand: Hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
+        hand: Hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
         overwrite: Replace an existing file.
     """
     cli.check_free(out, overwrite=overwrite)
@@ -86,7 +86,7 @@ def import_(
         columns: Column map, a TOML file; `data template` writes an example. None: headers and words in any of seven languages.
         rules: Points of a game, and best of how many, such as 15, 11 or 21x1; default: those of the map, or of the scores.
         out: Parquet file to write; None: only read and count.
-        hand: Hand of a player, such as "Anna Example=left"; may be repeated. Default: that of the column hand, or else strokes
+        hand: Hand of a player, such as "Anna Example=left". Default: that of the column hand, or else strokes
             around the head tell it.
         anonymous: Replace the names of players and matches by pseudonyms.
         overwrite: Replace an existing file.

@@ -59,7 +59,7 @@ def fit(
             default: 8, or 0 for fewer than 6 training matches. With --prior its refits are corrected too, without more fits.
         validation_share: fraction of your own matches for validation, such as 0.2; the published matches have a fixed split.
         prior: model to correct instead of a full fit, such as default; for few matches.
-        hand: hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
+        hand: hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
         jobs: number of refits at once; default: one for each core, at most 4.
         overwrite: replace an existing model.
     """

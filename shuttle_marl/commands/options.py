@@ -46,7 +46,7 @@ class PlayerOptions:
     """The players of strokes."""
 
     hand: HandsTold = ()
-    """Hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it."""
+    """Hand of a player, such as kento-momota=left. Default: strokes around the head tell it."""
     anonymous: bool = False
     """Replace the names of players and matches."""
 
@@ -58,7 +58,7 @@ class GameOptions:
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
-    """Men or women: the game of that discipline alone; default: the average of both."""
+    """Discipline of the game; default: the average of both."""
 
     def load(self) -> Game:
         """The tables of the game."""
@@ -76,7 +76,7 @@ class RallyGameOptions:
     game: str | None = None
     """Model of the game: a shipped one or a folder; default: the shipped game that the log was played on."""
     profile: Profile | None = None
-    """Men or women: the game of that discipline alone."""
+    """Discipline of the game."""
 
     def load_for(self, path: Path | None) -> Game:
         """The game of a rally log; for annotated matches the shipped one, with a notice.

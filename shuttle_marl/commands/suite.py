@@ -23,10 +23,7 @@ _SHOWN: Final = 20  # refused units that are printed
 
 
 def list_(*, json_output: Json = False) -> None:
-    """List the tasks, and the baselines of each.
-
-    Args:
-    """
+    """List the tasks, and the baselines of each."""
     from shuttle_marl.suite.method import BASELINES, kind_of  # noqa: PLC0415  numba
     from shuttle_marl.suite.results import arena_of  # noqa: PLC0415
 

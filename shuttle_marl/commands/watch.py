@@ -6,7 +6,7 @@ import functools
 import threading
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Final
 
 import tyro
 
@@ -142,7 +142,7 @@ class ServerOptions:
     host: str = "127.0.0.1"
     allowed_hosts: tuple[str, ...] = ()
     port: int = 8090
-    browser: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
+    browser: bool = True
     language: Language = "en"
 
 

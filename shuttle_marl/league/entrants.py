@@ -45,8 +45,7 @@ class LeagueConfig:
     """A tournament: a round robin, in which every pair of entrants plays the same number of matches, or another format."""
 
     pool: tuple[str, ...] = ()
-    """Entrants by name (see `docs/league.md`); default: behaviour-cloned players, scripted styles, random, trained agents, and
-    the solved anchors."""
+    """Entrants by name (docs/league.md); default: the policies of the package."""
     matches: Annotated[int, msgspec.Meta(ge=2, le=MOST_MATCHES)] = 1000
     """Matches of every pair; even, because each is played twice with the same draws and the seats swapped."""
     format: Format = "round-robin"
@@ -72,8 +71,7 @@ class LeagueConfig:
     profile: Profile | None = None
     """The game of one discipline; default: the average of both."""
     players: tuple[str, str] | None = None
-    """Two players, in whose game every pairing is played: seat 0 has the skill of the first one, seat 1 that of the second, and
-    each entrant plays both. Default: both seats strike with the same probabilities."""
+    """Two real players, in whose game every pairing is played: seats 0 and 1 have their skill, and each entrant plays both."""
     date: str | None = None
     """Day of the skill of the players, such as 2021-07-31; default: the last one known."""
     rules: RulesName = "21"
@@ -83,8 +81,7 @@ class LeagueConfig:
     workers: Annotated[int, msgspec.Meta(ge=1, le=256)] = 1
     """Threads that play pairings of policies with tables; results do not depend on it."""
     ray: str | None = None
-    """Play pairings of policies with tables on a Ray cluster: local (Ray on this machine), auto (the cluster that this machine
-    belongs to), HOST:PORT of its head, or ray://HOST:PORT; replaces --workers; results do not depend on it."""
+    """Ray cluster that plays them instead: local, auto, HOST:PORT or ray://HOST:PORT (docs/cluster.md)."""
     batch: Count = 8192
     """Matches played in lockstep; affects speed and memory; results do not depend on it."""
     policy_timeout: float = POLICY_TIMEOUT

@@ -89,11 +89,10 @@ class TrainingConfig(RunConfig):
     opponent: tuple[str, ...] = ("bc",)
     """Names of one or more opponents (see `docs/league.md`), or `self` for self-play."""
     strokes: Count | None = None
-    """Strokes of the learner in the whole run; in the game with recovery its positions count too. Default: 60 million (ppo), 40
-    million (a2c) or 8 million (sac); with --collector torchrl 4 million."""
+    """Strokes of the learner, and its positions in the game with recovery. Default: 60 million (ppo), 40 million (a2c) or 8
+    million (sac); with --collector torchrl 4 million."""
     collector: CollectorName = "kernel"
-    """What collects strokes: compiled code, which plays whole rallies from a table of the policy (kernel), or TorchRL's own
-    collector over the environment (torchrl), which takes longer."""
+    """What collects strokes: the compiled kernel, or TorchRL's own collector, which takes longer."""
     figures: str = AUTO
     """Rallies of the log whose strokes have the learner's log-probability and value, some 5 bytes a stroke: all, none, sample:N,
     or auto, the first 10,000 and one in a hundred."""
@@ -124,10 +123,9 @@ class TrainingConfig(RunConfig):
     exploitability: bool = True
     """Compute the exploitability in evaluations, which takes half of their time; always computed in self-play."""
     checkpoint_every: Count = 20
-    """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
+    """Iterations between checkpoints; changes the result, because the generator is reseeded at each."""
     eval_temperature: Fraction | None = None
-    """Softmax temperature of the trained agent, in evaluations and when it is saved. Default: 0.1; in self-play in the game
-    with recovery, where perfect play mixes, that of the last rollouts."""
+    """Softmax temperature of the trained agent. Default: 0.1; in self-play with recovery that of the last rollouts."""
     device: str = "cpu"
     """PyTorch device of the networks, such as cuda."""
     threads: Annotated[int, msgspec.Meta(ge=1, le=1024)] = 1
@@ -266,20 +264,18 @@ class PPOConfig(ActorCriticConfig):
     evaluate_every: Count = 25
     checkpoint_every: Count = 50
     variant: SelfPlayVariant = "plain"
-    """Variant of self-play: plain; rallies against best responses (best-response) or earlier policies (pool), rallies from states
-    of a best response (restarts), or regularisation towards a reference policy that is slow (magnet; emagnet: in place of the
-    entropy bonus) or periodically updated (nash)."""
+    """Variant of self-play (docs/training.md)."""
     fraction: FractionOrZero = 0.2
-    """Fraction of rallies that are not plain self-play, for the variants best-response, restarts and pool."""
+    """Fraction of rallies that are not plain self-play, of best-response, restarts and pool."""
     update_interval: Count = 40
     """Iterations between updates of the best response, the pool or the reference policy of nash."""
     pool_size: Annotated[int, msgspec.Meta(ge=1, le=64)] = 8
     """Maximum number of earlier policies in the pool."""
     magnet_coef: Weight = 0.05
-    """Weight of the KL divergence from the reference policy, for the variants magnet, emagnet and nash."""
+    """Weight of the KL divergence from the reference policy, of magnet, emagnet and nash."""
     magnet_rate: FractionOrZero = 0.025
-    """Rate per iteration of the moving average of parameters that is the reference policy of the variants magnet and emagnet; 1:
-    the policy at the start of the iteration, 0: the initial one."""
+    """Rate per iteration of the moving average that is the reference policy of magnet and emagnet; 1: the policy at the start of
+    the iteration, 0: the initial one."""
     clip: Fraction = 0.4
     """Clipping parameter epsilon of the probability ratio."""
     anneal_after: FractionOrZero | None = None

@@ -16,7 +16,7 @@ from a table of the network's outputs in each state (:mod:`shuttle_marl.kernel.s
 
 The gradient is that over all strokes. The objective of PPO, min(rho A, clip(rho) A), is linear in A for either sign of A, and all
 strokes a in s have the same rho: the sum over them is the objective of the sums. Entropy and value depend on the state alone, and
-the gradient of (V(s) - V_target)^2 on the mean of the targets. ``docs/training.md`` has an example.
+the gradient of (V(s) - V_target)^2 on the mean of the targets.
 
 :func:`normalised` turns sums over rows and weighted sums over states into means over the N strokes, :func:`minibatches` splits by
 state, and :func:`weighted_sums` reduces a loss of TorchRL.

@@ -31,8 +31,7 @@ class LeagueTrainingConfig(RunConfig):
     error: ClassVar[type[TrainingError]] = LeagueTrainingError
 
     variant: Variant = "prioritised"
-    """Opponents of the main agents: plain (themselves), fictitious (also all earlier policies, uniformly), prioritised (also
-    earlier policies that they lose to), or psro (policy space response oracles)."""
+    """Opponents of the main agents: themselves (plain), also earlier policies (fictitious, prioritised), or psro."""
     strokes: Count = 300_000_000
     """Strokes of each main agent."""
     rounds: Count | None = None
@@ -44,7 +43,7 @@ class LeagueTrainingConfig(RunConfig):
     """Oracle of psro: the exact best response, or a learner that trains against the meta-strategy."""
     meta_solver: MetaSolver | None = None
     """Meta-strategy of psro over the population: Nash equilibrium, linear (the k-th policy counts k times), or alpha-rank.
-    Default: nash, and linear in the game with recovery, whose equilibria mix in the states."""
+    Default: nash, and linear in the game with recovery."""
     main_agents: Annotated[int, msgspec.Meta(ge=1, le=16)] = 1
     """Number of main agents; the first is evaluated."""
     main_exploiters: Annotated[int, msgspec.Meta(ge=0, le=16)] = 1
@@ -76,8 +75,7 @@ class LeagueTrainingConfig(RunConfig):
     workers: Annotated[int, msgspec.Meta(ge=1, le=MOST_WORKERS)] = min(2, os.cpu_count() or 1)
     """Number of worker processes; it does not change the result."""
     ray: str | None = None
-    """Ray cluster that replaces the workers: local (Ray on this machine), auto (the cluster of this machine), HOST:PORT of its
-    head, or ray://HOST:PORT; it does not change the result."""
+    """Ray cluster that replaces the workers: local, auto, HOST:PORT or ray://HOST:PORT (docs/cluster.md)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
