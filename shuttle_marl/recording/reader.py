@@ -402,11 +402,19 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
             first, batch = file.batch(i)
             rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
             bad = _wrong_strokes(file.header, game, batch, chosen)
-            # The last striker wins by a winner and loses by a fault.
-            last = (batch.server + batch.length - 1) & 1
-            lost = np.flatnonzero(batch.finished & (batch.winner != np.where(batch.reason == WINNER, last, 1 - last)))
-            wrong.extend((offset + first + np.unique(np.r_[batch.row_of_stroke[bad], lost])).tolist())
+            wrong.extend((offset + first + np.unique(np.r_[batch.row_of_stroke[bad], _won_by_another(batch)])).tolist())
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
+
+
+def _won_by_another(rallies: Rallies) -> I64:
+    """Indices of the rallies whose winner contradicts the last stroke: its striker wins by a winner and loses by a fault."""
+    last = (rallies.server + rallies.length - 1) & 1
+    return np.flatnonzero(rallies.finished & (rallies.winner != np.where(rallies.reason == WINNER, last, 1 - last)))
+
+
+def breaks(rallies: Rallies, rules: Rules) -> I64:
+    """Indices of the rallies of a match, in order, that do not follow from the score of the one before or from their strokes."""
+    return np.union1d(np.flatnonzero(_Matches(rules).breaks(rallies)), _won_by_another(rallies))
 
 
 def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:

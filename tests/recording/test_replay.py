@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from shuttle_marl.game.stroke import parse
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.reader import Replay, check
+from shuttle_marl.reports.coach import log_strokes
 from tests.recording.conftest import read_rallies
 from tests.reduced import reduced_model
 
@@ -121,6 +123,26 @@ def test_a_log_of_unknown_draws_is_checked_for_its_winners_and_legal_strokes(who
     wrong = sorted([*np.flatnonzero(winner != some.winner).tolist(), illegal])
     with RallyLog(written(about, dataclasses.replace(some, winner=winner, stroke=stroke))) as log:
         assert replay(log, GAME).wrong == tuple(wrong)
+
+
+def test_a_report_of_rallies_that_do_not_follow_says_so(whole: tuple[LogHeader, Rallies], written) -> None:
+    header, rallies = whole
+    score, winner = rallies.score.copy(), rallies.winner.copy()
+    score[5, 0] += 1
+    winner[5] ^= 1
+    others = (
+        dataclasses.replace(rallies, score=score),
+        dataclasses.replace(rallies, winner=winner),
+        rallies.select(np.arange(len(rallies)) != 5),
+        Rallies.concatenate([rallies.slice(0, 6), rallies.slice(5, len(rallies))]),
+    )
+    first = int(rallies.pairing[0]), int(rallies.match[0])
+    for changed in others:
+        with RallyLog(written(header, changed)) as log, pytest.warns(UserWarning, match="rally [56] does not follow"):
+            log_strokes(log, *first)
+    with RallyLog(written(header, rallies)) as log, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        log_strokes(log, *first)
 
 
 def test_choices_of_another_policy_are_found(whole: tuple[LogHeader, Rallies], written) -> None:
