@@ -175,7 +175,7 @@ def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
     if not numbers:
         raise AnalysisError(f"no match {match} of pairing {pairing}; the log has {len(log.pairings)} pairings")
     rallies = Rallies.concatenate([log.rally(number) for number in numbers])
-    if len(odd := breaks(rallies, log.header.rules)):
+    if len(odd := breaks(rallies, log.header.rules, log.catalogue)):
         told = f"rally {numbers[odd[0]]} does not follow from the one before, or from its strokes, so the report may be wrong"
         warnings.warn(f"{log.path}: {told}; `{command('recording', 'check', str(log.path))}` tells more", stacklevel=2)
     names = [player.name for player in log.policies]

@@ -105,7 +105,7 @@ def test_a_changed_score_is_found_without_the_game(whole: tuple[LogHeader, Ralli
         score = rallies.score.copy()
         score[row, place] += 1
         problems = check(written(header, dataclasses.replace(rallies, score=score))).problems
-        assert problems[0] == f"rally {row} does not follow from the score of the rally before it"
+        assert problems[0] == f"rally {row} does not follow from the rally before it"
 
 
 def test_a_log_of_unknown_draws_is_checked_for_its_winners_and_legal_strokes(whole: tuple[LogHeader, Rallies], written) -> None:
@@ -130,12 +130,18 @@ def test_a_report_of_rallies_that_do_not_follow_says_so(whole: tuple[LogHeader, 
     score, winner = rallies.score.copy(), rallies.winner.copy()
     score[5, 0] += 1
     winner[5] ^= 1
+    policy, stroke = rallies.policy.copy(), rallies.stroke.copy()
+    policy[5] = policy[5][::-1]
+    stroke[rallies.first_stroke[5]] = np.flatnonzero(~GAME.catalogue.is_serve)[0]
     others = (
         dataclasses.replace(rallies, score=score),
+        dataclasses.replace(rallies, policy=policy),
+        dataclasses.replace(rallies, stroke=stroke),
         dataclasses.replace(rallies, winner=winner),
         rallies.select(np.arange(len(rallies)) != 5),
         Rallies.concatenate([rallies.slice(0, 6), rallies.slice(5, len(rallies))]),
     )
+    assert check(written(header, others[1])).problems  # another policy within a match
     first = int(rallies.pairing[0]), int(rallies.match[0])
     for changed in others:
         with RallyLog(written(header, changed)) as log, pytest.warns(UserWarning, match="rally [56] does not follow"):
@@ -197,7 +203,7 @@ def test_rallies_that_do_not_follow_are_named(
 ) -> None:
     """The number of a rally, its server, or a part of the score before it is another one."""
     rows = [list(row) for row in (*match_of(0, 0), *match_of(0, 1))]
-    for name, says in (("good", ()), ("bad", ("rally 10 does not follow from the score of the rally before it",))):
+    for name, says in (("good", ()), ("bad", ("rally 10 does not follow from the rally before it",))):
         with RallyLogWriter(tmp_path / f"{name}.mcap", header(rules=RULES), batch_rallies=batch) as log:
             log.append(rallies_of(rows))
         assert check(tmp_path / f"{name}.mcap").problems[:1] == says
@@ -213,14 +219,14 @@ def test_rallies_that_do_not_follow_are_named(
 def test_matches_begin_with_rally_0_at_love_all(wrong: Any, tmp_path: Path, header: Callable[..., LogHeader]) -> None:
     with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES)) as log:
         log.append(rallies_of([wrong]))
-    assert check(tmp_path / "a.mcap").problems == ("rally 0 does not follow from the score of the rally before it",)
+    assert check(tmp_path / "a.mcap").problems == ("rally 0 does not follow from the rally before it",)
 
 
 @pytest.mark.parametrize("batch", [7, 100])
 def test_a_rally_after_the_end_of_its_match_does_not_follow(batch: int, tmp_path: Path, header: Callable[..., LogHeader]) -> None:
     with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES), batch_rallies=batch) as log:
         log.append(rallies_of([*match_of(0, 0), (0, 0, 7, 0, 1, (0, 0, 2, 1))]))
-    assert check(tmp_path / "a.mcap").problems[:1] == ("rally 7 does not follow from the score of the rally before it",)
+    assert check(tmp_path / "a.mcap").problems[:1] == ("rally 7 does not follow from the rally before it",)
 
 
 def test_matches_may_be_interleaved(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
