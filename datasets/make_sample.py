@@ -76,8 +76,8 @@ def make_sample(*, players: tuple[str, ...] = PLAYERS, matches: int = 8, seed: i
         out: The Parquet file; CARD.md is written beside it.
     """
     game = default_game()
-    probabilities = {player_of(name): tabulate(resolve(name, game), game).pair_probabilities() for name in players}
-    strokes = simulate(game, probabilities, matches=matches, seed=seed)
+    policies = {player_of(name): tabulate(resolve(name, game), game) for name in players}
+    strokes = simulate(game, policies, matches=matches, seed=seed)
     account = Account.of(strokes)
     provenance = {
         "simulated_by": f"shuttle_marl {__version__}",

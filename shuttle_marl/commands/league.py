@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Final
@@ -67,7 +68,7 @@ def pairs(
     game: str = "default",
     date: str | None = None,
     policy: str | None = None,
-    rules: RulesName = "21",
+    rules: RulesName | None = None,
     data: Path | None = None,
     out: Path | None = None,
     json_output: Json = False,
@@ -80,17 +81,23 @@ def pairs(
         game: model of the game: a shipped one or a folder.
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
         policy: policy of all players; default: each imitated.
-        rules: of the predicted matches, such as 15, 11 or 21x1.
+        rules: of the predicted matches, such as 15, 11 or 21x1; default: those of the data if all have the same, else 21.
         data: annotated matches, for the real results: a stroke table, or a folder with the raw files.
         out: file for the predictions of all pairs, NAME.csv or NAME.parquet.
     """
     from shuttle_marl.data import read_matches  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.data.matches import rules_of  # noqa: PLC0415
     from shuttle_marl.league.pairs import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
     strokes = None if data is None else read_matches(data)
     names = players_of(pairs, game, players)
+    real = {} if strokes is None or rules is not None else rules_of(strokes)
+    kinds = [name for name, those in RULES.items() if those in real.values()]
+    rules = rules or (kinds[0] if len(kinds) == 1 else "21")
+    if len(kinds) > 1:
+        warnings.warn(f"{data}: matches by {', '.join(kinds)}; predicted by {rules}, or by --rules", stacklevel=2)
     found = predict_pairs(names, game=game, date=date, policy=policy, rules=RULES[rules])
     number = len(names) * (len(names) - 1) // 2
     predictions = list(cli.progress(found, "pairs", number))
@@ -101,10 +108,10 @@ def pairs(
         table = pairs_table(predictions)
         replace_file(out, csv_bytes(table) if out.suffix == ".csv" else parquet_bytes(table))
     met = sorted((each for each in predictions if each.matches), key=lambda each: -each.rallies)
-    real = ("real rallies", "real matches") if met else ()
+    columns = ("real rallies", "real matches") if met else ()
     points = ((name, f"{value:+.2f}") for name, value in predictions[0].reasons.items()) if len(predictions) == 1 else ()
     cli.show(
-        {"players": [dataclasses.asdict(row) for row in rows], "pairs": [*map(dataclasses.asdict, predictions)]},
+        {"rules": rules, "players": [dataclasses.asdict(row) for row in rows], "pairs": [*map(dataclasses.asdict, predictions)]},
         json_output,
         cli.table(
             "Predicted against all others",
@@ -113,13 +120,13 @@ def pairs(
         ),
         cli.table(
             "Predicted, first player against second",
-            ("players", "rallies won", "matches won", *real),
+            ("players", "rallies won", "matches won", *columns),
             (
                 (
                     " against ".join(row.players),
                     (row.rally_win, row.rally_low, row.rally_high),
                     (row.match_win, row.match_low, row.match_high),
-                    *(f"{row.rallies_won} of {row.rallies}", f"{row.matches_won} of {row.matches}")[: len(real)],
+                    *(f"{row.rallies_won} of {row.rallies}", f"{row.matches_won} of {row.matches}")[: len(columns)],
                 )
                 for row in met or predictions
             ),

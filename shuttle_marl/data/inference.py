@@ -176,7 +176,7 @@ def warn_alike(sheet: Sheet, seen: dict[str, str], names: Sequence[str], what: s
             other = next((seen[key] for key in looked_up if key in seen), name)
             for key in (*whole_names, *(f"initials of {key}" for key in short)):
                 seen.setdefault(key, name)
-            if len(name) == 1 and sum(key.startswith("match ") for key in seen) > 1:
+            if _ROLE.fullmatch(_PLACE.sub("", bare(name))) and sum(key.startswith("match ") for key in seen) > 1:
                 sheet.warn([row], f"{shown(name)} is the name of a player in several matches: is it one person in all of them?")
         if other != name and (what == "match" or player_id(other) != player_id(name)):
             sheet.warn([row], f"{shown(name)} and {shown(other)} are alike: are they one {what}?")
@@ -304,9 +304,12 @@ _MISSING: Final = frozenset((
 _ROLES: Final = frozenset(
     {"server", "receiver", "striker", "hitter", "winner", "loser", "发球方", "接发球方", "发球者", "接发球者"}
 )
+_ROLE: Final = re.compile(r"[pt]?\d|.|home|away|opponent|rival")
+"""Names that may be of another person in another match, without :data:`_PLACE`."""
 _IF_ONE: Final = "; map it in [values.player] if it is one"
-_TWO: Final = re.compile(r"[/&+;|\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(and|und|og|et|dan|vs|v|और)\.?\s", re.IGNORECASE)
+_TWO: Final = re.compile(r"[/&+;|\\\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(and|und|og|et|dan|vs|v|और)\.?\s", re.IGNORECASE)
 """Separators of two names in one cell."""
+_HYPHEN: Final = re.compile(r"(?<=[^\W\d_])[-\u2010-\u2015](?=[^\W\d_])")
 _OTHER_END: Final = {"near": "far", "far": "near", "left": "right", "right": "left"}
 _PLACE: Final = re.compile("player|court|side|half|end")
 UNKNOWN_END: Final = (
@@ -377,6 +380,9 @@ def players_of(sheet: Sheet, match: Array, game: I64) -> tuple[Array, Array]:
         if comma := next((value for value in names if "," in value), None):
             told = f"names with a comma are of one person each, surname first, such as {shown(comma)}"
             sheet.notes += [told] if told not in sheet.notes else []
+        for pair in sorted({*names} - {*sheet.map.values.get("player", {}).values()}):
+            if _of_two(pair):
+                sheet.doubt(f"{shown(pair)} is read as one person: are these two, of a game of doubles{_IF_ONE}")
         return np.array([player_id(value) for value in names], dtype=object)
 
     player = identifiers("player")
@@ -413,6 +419,14 @@ def _checked(sheet: Sheet, name: str, values: list[str]) -> list[str]:
         if value in wrong:
             sheet.mark(row, f"{sheet.named(name)} {shown(value)}; {wrong[value]}")
     return values
+
+
+def _of_two(value: str) -> bool:
+    """Whether a name may be of two persons: with a hyphen between as many words, one or two, with capitals."""
+    sides = [side.split() for side in _HYPHEN.split(value)]
+    return (
+        len(sides) == 2 and len(sides[0]) == len(sides[1]) < 3 and not any(word[0].islower() for side in sides for word in side)
+    )
 
 
 def _no_name(value: str, *, of_player: bool) -> str:

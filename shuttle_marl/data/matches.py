@@ -165,8 +165,12 @@ def _carried(strokes: pa.Table) -> dict[str, RulesName]:
     return {match: name for match, name in both if name}
 
 
-def told_rules(matches: Ends) -> tuple[dict[str, RulesName], list[str]]:
-    """Names of the rules by which the scores of each match are possible, and sentences on what is not certain.
+Doubts = list[tuple[str, str]]
+"""Matches, and what is not certain of each."""
+
+
+def told_rules(matches: Ends) -> tuple[dict[str, RulesName], Doubts]:
+    """Names of the rules by which the scores of each match are possible, and what is not certain.
 
     Those that allow most matches hold for all that they allow, of equal ones those of the sport.
     """
@@ -176,26 +180,18 @@ def told_rules(matches: Ends) -> tuple[dict[str, RulesName], list[str]]:
     votes = collections.Counter(itertools.chain(*possible.values()))
     usual = _usual([name for name in RULES if votes[name] == max(votes.values(), default=0)], fits.values())
     found = {match: usual if usual in names else _usual(names, [fits[match]]) for match, names in possible.items()}
-    kinds: dict[tuple[RulesName, tuple[RulesName, ...]], list[str]] = {}
+    told: Doubts = []
     for match, name in found.items():
         finishing = [other for other in possible[match] if fits[match][other][2] < fits[match][name][2]]
         sure = name == "21" or (name in ("15", "11") and not fits[match][name][2])
         others = finishing if finishing or sure else [other for other in possible[match] if other != name]
-        kinds.setdefault((name, () if any(least[match]) else tuple(others)), []).append(match)
-    told = []
-    for (name, also), same in kinds.items():
-        which = "the matches" if len(same) == len(found) else _of(same)
-        if also:
-            told.append(f"the rules of {which}, {name}, are not certain: {', '.join(also)} fit too; name them with --rules")
+        if others and not any(least[match]):
+            told.append((match, f"the rules, {name}, are not certain: {', '.join(others)} fit too; name them with --rules"))
         elif name != usual:
-            told.append(f"the rules of {which} are {name}, by the scores, and those of most matches {usual}")
-    if odd := [match for match in fits if least[match][0]]:
-        told.append(f"the scores of {_of(odd)} are possible by no rules: are games without a number, or two matches one?")
+            told.append((match, f"the rules are {name}, by the scores, and those of most matches {usual}"))
+        if least[match][0]:
+            told.append((match, "the scores are possible by no rules: are games without a number, or two matches one?"))
     return found, told
-
-
-def _of(matches: Sequence[str]) -> str:
-    return f"match {matches[0]!r}" + (f" and {len(matches) - 1} others" if len(matches) > 1 else "")
 
 
 def _ends(strokes: pa.Table) -> Ends:
@@ -244,13 +240,18 @@ def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) ->
             raise DataError(path, f"match {match!r}, {scores}: by the rules {name} game or match were over before; {advice}")
     told, doubts = told_rules({match: games for match, games in ends.items() if match not in given})
     found = {**told, **given}
-    doubts += _unfinished(ends, found)
-    return changed(strokes, "rules", pa.array(map(found.get, strokes["match"].to_pylist()), pa.string())), tuple(doubts)
+    groups: dict[str, list[str]] = {}
+    for match, text in (*doubts, *_unfinished(ends, found)):
+        groups.setdefault(text, []).append(match)
+    sentences = [
+        f"match {first!r}{f' and {len(others)} others' if others else ''}: {text}" for text, (first, *others) in groups.items()
+    ]
+    return changed(strokes, "rules", pa.array(map(found.get, strokes["match"].to_pylist()), pa.string())), tuple(sentences)
 
 
-def _unfinished(ends: Ends, found: Mapping[str, RulesName]) -> list[str]:
-    """Sentences on games that end before anybody has won them, or whose last rally counts and is not in the data."""
-    told: dict[str, list[str]] = {}
+def _unfinished(ends: Ends, found: Mapping[str, RulesName]) -> Doubts:
+    """Games that end before anybody has won them, or whose last rally counts and is not in the data."""
+    told: Doubts = []
     for match, games in ends.items():
         rules, (*before, last) = RULES[found[match]], games.values()
         early = [end.after for end in before if end.exact and not wins_game(max(end.after), min(end.after), rules)]
@@ -259,10 +260,10 @@ def _unfinished(ends: Ends, found: Mapping[str, RulesName]) -> list[str]:
             about = f"a game ends {early[0][0]}-{early[0][1]}, before anybody has won it by the rules {found[match]}"
             why = f"by {', '.join(whole)} none does; give other --rules if they are these"
             asked = f"are rallies missing, or are the rules none of {', '.join(RULES)}?"
-            told.setdefault(f"{about}: {why if whole else asked}", []).append(match)
+            told.append((match, f"{about}: {why if whole else asked}"))
         if not _fit(games, rules)[2] and game_end(last.after, None, rules, stopped=last.stopped)[2]:
-            told.setdefault("the last rally is not in the data, and counts as won by who led", []).append(match)
-    return [f"{_of(matches)}: {text}" for text, matches in told.items()]
+            told.append((match, "the last rally is not in the data, and counts as won by who led"))
+    return told
 
 
 def event(match: str, players: tuple[str, str]) -> str:
@@ -309,6 +310,26 @@ def copies(strokes: pa.Table) -> list[str]:
         for (first, unit), count in shared.items()
         if first != unit and count >= max(10, 0.5 * min(total[first], total[unit]))
     ]
+
+
+def absent(strokes: pa.Table) -> str:
+    """A sentence on the rows that a table lacks by its own numbers; empty if it lacks none."""
+
+    def lacking(number: str, *owner: str) -> int:
+        """Numbers from 1 to the last one that are not there."""
+        last, there = f"{number}_max", f"{number}_count_distinct"
+        each = strokes.group_by(owner).aggregate([(number, "max"), (number, "count_distinct")])
+        return int(each[last].to_numpy().sum() - each[there].to_numpy().sum())
+
+    ends = strokes["outcome"].to_numpy()[rally_starts(strokes)[1:] - 1]
+    counts = {
+        "games": lacking("game", "match"),
+        "rallies": lacking("rally", "match", "game"),
+        "strokes": lacking("stroke", "match", "game", "rally"),
+        "last strokes": int((ends == Outcome.RETURNED).sum()),
+    }
+    told = ", ".join(f"{n:,} {what}" for what, n in counts.items() if n)
+    return f"by the numbers of the rows {told} are missing; what is counted is of those that are there" if told else ""
 
 
 class TaggingError(ShuttleError):

@@ -393,6 +393,11 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
         lost.append(f"a date in the names of {len(undated)} of {len(names)} matches, which count in the order of the table")
     if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
         lost.append("names of the players: those of the ends, which they change between games and within the last possible one")
+        if strokes.group_by(["match", "game"]).aggregate([]).num_rows > 1:
+            both = "in each game another person is at an end, and all figures of an end are of both"
+            told.append(
+                Problem(path, f"the players are named by their ends: {both}; name them in [values.player], or in each row")
+            )
     strokes, unsure = with_rules(strokes, path, rules)
     told += [Problem(path, words) for words in (*copies(strokes), *unsure)]
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)

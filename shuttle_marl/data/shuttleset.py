@@ -35,7 +35,7 @@ _BAD_HOMOGRAPHY: Final = 0.2
 _NUMBERS: Final = tuple(f"{point}_{axis}" for point in POINTS for axis in "xy")
 _COLUMNS: Final = (
     "rally", "ball_round", "time", "frame_num", "roundscore_A", "roundscore_B", "player", "type", "aroundhead",
-    "backhand", "hit_height", "landing_height", "landing_area", "lose_reason", "getpoint_player", "flaw", *_NUMBERS,
+    "backhand", "hit_height", "landing_height", "landing_area", "lose_reason", "getpoint_player", *_NUMBERS,
 )  # fmt: skip
 _MATCH_COLUMNS: Final = ("id", "video", "winner", "loser", "set")
 _HOMOGRAPHY_COLUMNS: Final = ("video", "homography_matrix")
@@ -89,12 +89,12 @@ class ListedMatch:
 class RawGame:
     """Columns of all n rows of a game.
 
-    - ``line``: line in the file; ``unreadable``: whether a value was invalid and replaced by a missing one.
+    - ``unreadable``: whether a value was invalid and replaced by a missing one.
     - ``rally``, ``stroke``: numbers of the annotators, from 1; 0 missing.
     - ``by_a``: whether player A is the striker.
     - ``shot``: index into :data:`shuttle_marl.game.stroke.SHOTS`, -1 unknown.
     - ``height``, ``met_height``: contact heights of the stroke and of the receiver: 0 below, 1 above the net, -1 missing.
-    - ``backhand``, ``around_head``, ``flaw``: flags.
+    - ``backhand``, ``around_head``: flags.
     - ``label_area``: area label 1..16 of the landing as annotated, 0 missing.
     - ``reason``: index into ``schema.REASONS``, -1 missing or not at the end of a rally.
     - ``winner``: 0 for A, 1 for B, -1 missing or not at the end of a rally.
@@ -123,7 +123,7 @@ class RawGame:
         return self.columns[column]
 
     def __len__(self) -> int:
-        return len(self.columns["line"])
+        return len(self.columns["rally"])
 
     def take(self, rows: Ints) -> "RawGame":
         """Rows by index."""
@@ -201,7 +201,6 @@ def read_game(match: ListedMatch, path: Path) -> RawGame:
         _check_points(sheet, point)
     columns = {
         **point,
-        "line": sheet.line,
         "rally": sheet.integers("rally", 1, _MAX_NUMBER, missing=0),
         "stroke": sheet.integers("ball_round", 1, _MAX_NUMBER, missing=0),
         "by_a": _choices(sheet, "player", {"A": 0, "B": 1}) == 0,
@@ -210,7 +209,6 @@ def read_game(match: ListedMatch, path: Path) -> RawGame:
         "met_height": _height(sheet, "landing_height"),
         "backhand": _optional(sheet, "backhand", 1) == 1,
         "around_head": _optional(sheet, "aroundhead", 1) == 1,
-        "flaw": _optional(sheet, "flaw", 1) == 1,
         "label_area": _optional(sheet, "landing_area", 16),
         "reason": _choices(sheet, "lose_reason", _chinese("ending", ("", *REASONS[1:]))),
         "winner": _choices(sheet, "getpoint_player", {"A": 0, "B": 1, "": -1}),

@@ -11,14 +11,14 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.base.arrays import F64, I64, Bools, Floats
+from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import schema
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks, looks_of
-from shuttle_marl.game.policy import SUM_TOLERANCE, Policy, TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.policy import Policy, TabulatedPolicy
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.rules import FAULT
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
@@ -243,16 +243,12 @@ def stroke_table(
 
 
 class SimulationError(ShuttleError):
-    """Players or probabilities with which no match can be simulated."""
-
-
-Simulated = Floats | Policy
-"""``[P]`` probability of each legal pair given its state, or a policy, which may read the score and the rally so far."""
+    """Players with which no match can be simulated."""
 
 
 def simulate(
     game: Game,
-    players: Mapping[str, Simulated],
+    players: Mapping[str, Policy],
     *,
     matches: int,
     seed: int,
@@ -264,7 +260,7 @@ def simulate(
     meets all others.
 
     Args:
-        players: how each plays: probabilities as ``TabulatedPolicy.pair_probabilities`` gives them, or a policy.
+        players: the policy of each, which may read the score and the rally so far.
         seed: of all draws; the same arguments give the same table.
         looks: hands of two players by name.
 
@@ -272,7 +268,7 @@ def simulate(
         A table as of :func:`stroke_table`; matches are called ``simulated-1-PLAYER-PLAYER`` and so on.
 
     Raises:
-        SimulationError: no two players of one discipline, or probabilities that do not fit the game.
+        SimulationError: no two players of one discipline, or no match.
         PolicyError: a policy raised, or returned no distribution over the legal strokes.
     """
     rallies = simulated_rallies(game, players, matches=matches, seed=seed)
@@ -286,7 +282,7 @@ def simulate(
     )
 
 
-def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: int, seed: int) -> Rallies:
+def simulated_rallies(game: Game, players: Mapping[str, Policy], *, matches: int, seed: int) -> Rallies:
     """The rallies of :func:`simulate`, as a log has them.
 
     Match m of a pair has the draws that a league with ``matches_per_draw=1`` would give it.
@@ -297,7 +293,7 @@ def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: 
         raise SimulationError(f"{matches} matches: expected at least one")
     names = list(players)
     pairs = _pairs(names)
-    policies = [p if isinstance(p, Policy) else _table(game, name, p) for name, p in players.items()]
+    policies = [*players.values()]
     tables = [policy for policy in policies if isinstance(policy, TabulatedPolicy)]
     keys = [draws.pairing_key(*pair) for pair in pairs]
     number = np.arange(matches)
@@ -320,14 +316,3 @@ def _pairs(players: list[str]) -> list[tuple[str, str]]:
     if not pairs:
         raise SimulationError(f"players {', '.join(players) or 'none'}: expected at least two of one discipline")
     return pairs
-
-
-def _table(game: Game, name: str, p: Floats) -> TabulatedPolicy:
-    if np.shape(p) != (game.n_pairs,) or not (np.asarray(p) >= 0).all():
-        raise SimulationError(f"player {name!r}: expected {game.n_pairs} probabilities, one for each legal pair, none negative")
-    sums = game.sum_by_state(p)
-    off = np.where(game.playable, np.abs(sums - 1), 0)
-    if (off > SUM_TOLERANCE).any():
-        state = int(off.argmax())
-        raise SimulationError(f"player {name!r}: probabilities sum to {sums[state]:g}, not 1, in state: {game.describe(state)}")
-    return from_pair_probabilities(game, p)

@@ -19,7 +19,7 @@ from shuttle_marl.base.files import content_hash, hash_of, problem
 from shuttle_marl.data import schema, upstream
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.hands import telling_hands, unknown_hands, with_hands
-from shuttle_marl.data.matches import copies, with_rules
+from shuttle_marl.data.matches import absent, copies, with_rules
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import NAMES, OPTIONAL, STROKES, Account, Cleaned, DataError, Problem, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
@@ -54,7 +54,7 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
     if cleaned is not None:  # an import follows the rules
         strokes, doubts = cleaned.strokes, cleaned.warnings
     else:
-        strokes = _of_folder(path) if raw else _conforming(path, _content(path))
+        strokes = _of_folder(path) if raw else load_counted(path)[0]
         strokes, doubts = (strokes, ()) if rules is None else with_rules(strokes, path, rules)
     for told in doubts:
         warnings.warn(told, stacklevel=2)
@@ -78,12 +78,26 @@ def _of_folder(root: Path) -> pa.Table:
     return with_hands(strokes, root)[0]
 
 
+def _lack(strokes: pa.Table, account: Account | None) -> str:
+    """A sentence on the rows that a table lacks: by its account, or else by their numbers; empty if it lacks none."""
+    if account is None:
+        return absent(strokes)
+    counted = Account.of(strokes)
+    both = [(each.strokes_kept, each.rallies_kept) for each in (account, counted)]
+    if both[0] == both[1] and counted.matches <= account.matches:  # all strokes of a match may have been dropped
+        return ""
+    told = " and the table ".join(f"{n:,} strokes in {rallies:,} rallies" for n, rallies in both)
+    return f"the account has {told}: rows were taken out or added after it was written, and what is counted is of those there"
+
+
 def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
-    """Strokes as :func:`read_matches` loads them, and their account; a DataError too if a file of this package has none."""
+    """Strokes as :func:`read_matches` loads them, and their account; that of the rows where the file has none."""
     path = Path(path)
     if (cleaned := _cleaned(path)) is not None:
         return cleaned.strokes, cleaned.account
     strokes, account = _read(path)
+    if told := _lack(strokes, account):
+        warnings.warn(f"{path}: {told}", stacklevel=2)
     return strokes, account or Account.of(strokes)
 
 
@@ -116,13 +130,11 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
 def _read(path: Path) -> tuple[pa.Table, Account | None]:
     """A stroke table and its account, which those of other programs do not have."""
     content = _content(path)
-    strokes = _conforming(path, content)
-    if _written_elsewhere(content):
-        return strokes, None
+    strokes, told = _conforming(path, content), (content.schema.metadata or {}).get(_ACCOUNT)
     try:
-        return strokes, Account.from_json(json.loads(content.schema.metadata[_ACCOUNT]))
+        return strokes, None if told is None else Account.from_json(json.loads(told))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise DataError(path, f"contains no account of its strokes; {_again()}") from error
+        raise DataError(path, f"the account of its strokes is damaged; {_again()}") from error
 
 
 def _content(path: Path) -> pa.Table:
@@ -133,8 +145,7 @@ def _content(path: Path) -> pa.Table:
     except MemoryError:
         raise
     except pa.ArrowException as error:
-        own = f"; `{command('data', 'import')}` converts a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
-        raise DataError(path, f"no readable Parquet file ({error}){own}") from error
+        raise DataError(path, f"no readable Parquet file ({error})") from error
     except (OSError, ValueError) as error:
         raise DataError(path, f"cannot be read ({problem(error)})") from error
 
@@ -254,21 +265,16 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
 
 
 def _validate_table(path: Path) -> Report:
-    strokes, given = _read(path)
-    problems = [Problem(path, str(violation)) for violation in violations(strokes)]
-    counted = Account.of(strokes)
-    account = given or counted
-    for name in ("strokes", "rallies", "matches"):
-        expected, count = getattr(account, name if name == "matches" else f"{name}_kept"), getattr(counted, name)
-        # All strokes of a match may have been dropped.
-        if expected < count or (expected > count and name != "matches"):
-            problems.append(Problem(path, f"the account has {expected} {name}, the table {count}"))
-    notes = tuple(f"{path}: {copy}" for copy in copies(strokes))
-    if given is None:
-        notes += ("another program wrote this file, without an account: the counts are those of its rows",)
-    if account.strokes_kept + sum(account.dropped.values()) != account.strokes:
-        problems.append(Problem(path, "inconsistent account: kept and dropped strokes do not add up to all strokes"))
-    return Report(problems=tuple(problems), notes=notes, account=account)
+    strokes, account = _read(path)
+    lost, problems, notes = _lack(strokes, account), [*map(str, violations(strokes))], copies(strokes)
+    if account is None:
+        notes += [lost, "another program wrote this file, without an account: the counts are those of its rows"]
+    else:
+        problems.append(lost)
+        if account.strokes_kept + sum(account.dropped.values()) != account.strokes:
+            problems.append("inconsistent account: kept and dropped strokes do not add up to all strokes")
+    found, told = (tuple(Problem(path, text) for text in texts if text) for texts in (problems, notes))
+    return Report(problems=found, notes=tuple(map(str, told)), account=account or Account.of(strokes))
 
 
 def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:

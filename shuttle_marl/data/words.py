@@ -12,7 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
-from shuttle_marl.base.errors import command
+from shuttle_marl.base.errors import command, did_you_mean
 from shuttle_marl.base.files import problem, read_file
 from shuttle_marl.data.schema import DISCIPLINES, DataError
 from shuttle_marl.game import court
@@ -238,6 +238,4 @@ def _known(fields: Any, allowed: Mapping[str, Any] | Sequence[str], what: str) -
         raise TypeError(f"expected a table, not {fields!r}")
     for name in fields:
         if name not in allowed:
-            close = difflib.get_close_matches(name, list(allowed), n=1)
-            hint = f"; did you mean {close[0]}?" if close else f"; expected one of {', '.join(allowed)}"
-            raise ValueError(f"no {what} {name!r}{hint}")
+            raise ValueError(f"no {what} {name!r}{did_you_mean(name, allowed) or '; expected one of ' + ', '.join(allowed)}")

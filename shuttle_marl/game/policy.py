@@ -615,8 +615,10 @@ def from_pair_probabilities(game: Game, p: Floats) -> TabulatedPolicy:
     """Compile ``[P]`` probabilities to a table; rounds the cumulative probability to 1/65535.
 
     Raises:
-        PolicyError: those of a state do not add up to 1.
+        PolicyError: another number of them, a negative one, or those of a state do not add up to 1.
     """
+    if np.shape(p) != (game.n_pairs,) or not (np.asarray(p) >= -SUM_TOLERANCE).all():
+        raise PolicyError(f"expected {game.n_pairs} probabilities, one for each legal pair, none negative")
     # One block after the other: a policy that does not look at the efforts has the same table in all of them.
     blocks = [_cumulative(game, p[game.block_pairs(block)]) for block in range(game.n_blocks)]
     return TabulatedPolicy(game=game, cumulative=np.concatenate(blocks))
@@ -627,7 +629,8 @@ def _cumulative(game: Game, p: Floats) -> U16:
     total = np.r_[0.0, np.cumsum(p, dtype=np.float64)]
     probability = total[1:] - total[game.base_pair_start[game.base_pair_state]]
     sums = probability[game.base_pair_start[game.base_pair_state + 1] - 1]
-    if not np.allclose(sums, 1, rtol=0, atol=SUM_TOLERANCE):
-        raise PolicyError("probabilities of strokes that do not add up to 1 in every state")
+    if len(off := np.flatnonzero(~(np.abs(sums - 1) <= SUM_TOLERANCE))):
+        state = game.describe(int(game.base_pair_state[off[0]]))
+        raise PolicyError(f"probabilities sum to {sums[off[0]]:g}, not 1, in state: {state}")
     probability /= sums
     return np.asarray(np.rint(probability * CHOICE_ONE).astype(np.uint16))

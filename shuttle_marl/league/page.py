@@ -14,7 +14,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import isolated, printable
 from shuttle_marl.base.intervals import Interval, interquartile_mean, probability_of_improvement
 from shuttle_marl.league.assessment import AXES, PEOPLE, Assessment, MetaGame, Style
 from shuttle_marl.league.entrants import PAIRINGS, REPORT, Format, LeagueConfig, LeagueError
@@ -131,7 +131,7 @@ def console_table(standings: Sequence[Standing], form: Format = "round-robin") -
         shown.caption, shown.caption_justify = _summary(standings), "left"
     for standing, row in zip(standings, ranked.rows, strict=True):
         brief = (cell.text for cell, column in zip(row, ranked.columns, strict=True) if column.brief)
-        shown.add_row(*(Text(printable(text)) for text in brief), style="dim" if standing.forfeits else None)
+        shown.add_row(*(Text(isolated(printable(text))) for text in brief), style="dim" if standing.forfeits else None)
     return shown
 
 
@@ -326,6 +326,8 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
     try:
         for run, report in reports.items():
             rankings[run] = {str(row["player"]): row for row in report["ranking"]}
+            if len(rankings[run]) < len(report["ranking"]):
+                raise ValueError("a player is ranked twice")
             for row in rankings[run].values():
                 row |= {figure: math.nan if row[figure] is None else float(row[figure]) for figure in _RATING}
     except (KeyError, TypeError, ValueError) as error:

@@ -131,7 +131,9 @@ class _Run:
         path = self.folder / PAIRINGS
         try:
             results = [msgspec.convert(fields, PairResult) for fields in self.journal.read(finished=finished)]
-        except msgspec.ValidationError as error:
+            if odd := [result.pairing for result in results if not result.sound]:
+                raise ValueError(f"the counts of pairing {odd[0]} contradict each other")
+        except ValueError as error:
             raise LeagueError(f"{path}: is damaged ({error}); play the tournament again with --overwrite") from error
         expected = [(pairing.number, pairing.names) for pairing in itertools.chain(*self.stages(results))]
         found = [(result.pairing, result.names) for result in results]

@@ -62,6 +62,15 @@ class PairResult:
     forfeit: tuple[str, ...] = ()  # entrants that failed, so that the results of the pairing do not count; empty if none did
     reason: str = ""
 
+    @property
+    def sound(self) -> bool:
+        """Whether all counts are there and do not contradict each other."""
+        if any({*counts} != {*COUNTS} for counts in self.seats):
+            return False
+        total, (lost, split, won) = self.seen_by(self.names[0]), self.cells
+        matches = (total["matches"], total["wins"]) == (2 * (lost + split + won), split + 2 * won)
+        return matches and total["points_won"] + total["points_lost"] == total["rallies"]
+
     def seen_by(self, name: str) -> dict[str, int]:
         """:data:`COUNTS` over both seats, as this entrant of the two has them."""
         first = {count: self.seats[0][count] + self.seats[1][count] for count in COUNTS}

@@ -402,11 +402,24 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
             first, batch = file.batch(i)
             rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
             bad = _wrong_strokes(file.header, game, batch, chosen)
-            # The last striker wins by a winner and loses by a fault.
-            last = (batch.server + batch.length - 1) & 1
-            lost = np.flatnonzero(batch.finished & (batch.winner != np.where(batch.reason == WINNER, last, 1 - last)))
-            wrong.extend((offset + first + np.unique(np.r_[batch.row_of_stroke[bad], lost])).tolist())
+            wrong.extend((offset + first + np.unique(np.r_[batch.row_of_stroke[bad], _won_by_another(batch)])).tolist())
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
+
+
+def _won_by_another(rallies: Rallies) -> I64:
+    """Indices of the rallies whose winner contradicts the last stroke: its striker wins by a winner and loses by a fault."""
+    last = (rallies.server + rallies.length - 1) & 1
+    return np.flatnonzero(rallies.finished & (rallies.winner != np.where(rallies.reason == WINNER, last, 1 - last)))
+
+
+def breaks(rallies: Rallies, rules: Rules, catalogue: Catalogue) -> I64:
+    """Indices of the rallies of a match, in order, that do not follow from the score of the one before or from their strokes.
+
+    The first stroke and no other is a serve.
+    """
+    serves = catalogue.is_serve[rallies.stroke] != (rallies.position == 0)
+    odd = np.flatnonzero(_Matches(rules).breaks(rallies)), _won_by_another(rallies), rallies.row_of_stroke[serves]
+    return np.unique(np.concatenate(odd))
 
 
 def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
@@ -483,7 +496,7 @@ def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
             number = first + len(rallies)
             bad = np.flatnonzero(matches.breaks(rallies))
             if len(bad):
-                problems.append(f"rally {offset + first + int(bad[0])} does not follow from the score of the rally before it")
+                problems.append(f"rally {offset + first + int(bad[0])} does not follow from the rally before it")
             strange = np.flatnonzero(~sampling.keeps(header, rallies.pairing, rallies.match))
             if len(strange):
                 problems.append(f"rally {offset + first + int(strange[0])} does not belong to {header.record}")
@@ -497,7 +510,7 @@ class _Matches:
     """Scores of the matches of a log; matches may be interleaved.
 
     Attributes:
-        open_: ``[M, 9]`` last rally so far of every unfinished match, see :func:`_rows`.
+        open_: ``[M, 11]`` last rally so far of every unfinished match, see :func:`_rows`.
         in_order: whether each match ended before the next one started.
     """
 
@@ -505,7 +518,7 @@ class _Matches:
         self._rules = rules
         self.all_known = True
         self._last = np.full(2, -1, dtype=np.int64)
-        self.open_ = np.empty((0, 9), dtype=np.int64)
+        self.open_ = np.empty((0, 11), dtype=np.int64)
         self.in_order = True
 
     def breaks(self, rallies: Rallies) -> Bools:
@@ -516,8 +529,9 @@ class _Matches:
         rows, is_new = rows[order], (order >= len(self.open_))
         over, after, server = self._after(rows)
         same = (rows[1:, :2] == rows[:-1, :2]).all(axis=1)
-        continues = (rows[1:, 2] == rows[:-1, 2] + 1) & (rows[1:, 3] == server[:-1]) & (rows[1:, 5:] == after[:-1]).all(axis=1)
-        starts = (rows[:, 2] == 0) & (rows[:, 5:] == 0).all(axis=1)
+        continues = (rows[1:, 2] == rows[:-1, 2] + 1) & (rows[1:, 3] == server[:-1]) & (rows[1:, 5:9] == after[:-1]).all(axis=1)
+        continues &= (rows[1:, 9:] == rows[:-1, 9:]).all(axis=1)
+        starts = (rows[:, 2] == 0) & (rows[:, 5:9] == 0).all(axis=1)
         good = starts | (not self.all_known)
         good[1:] = np.where(same, continues & ~over[:-1], good[1:])
         in_order = np.r_[[self._last], new[:, :2]]
@@ -532,7 +546,7 @@ class _Matches:
     def _after(self, rows: I64) -> tuple[Bools, I64, I64]:
         """After each rally: whether the match is over, the score, and the next server."""
         row, winner = np.arange(len(rows)), rows[:, 4]
-        after = rows[:, 5:].copy()
+        after = rows[:, 5:9].copy()
         counted = count_rally(after[row, winner], after[row, winner ^ 1], after[row, 2 + winner], self._rules)
         after[row, winner], after[row, 2 + winner] = counted.points, counted.games
         after[counted.game_won, :2] = 0
@@ -540,7 +554,7 @@ class _Matches:
 
 
 def _rows(rallies: Rallies) -> I64:
-    """``[R, 9]`` pairing, match, rally, server, winner (-1: the match was cut off), score before the rally."""
+    """``[R, 11]`` pairing, match, rally, server, winner (-1: the match was cut off), score before the rally, policies."""
     winner = np.where(rallies.finished, rallies.winner.astype(np.int64), -1)
     columns = (rallies.pairing, rallies.match, rallies.rally, rallies.server, winner)
-    return np.concatenate([np.stack(columns, axis=1, dtype=np.int64), rallies.score.astype(np.int64)], axis=1)
+    return np.concatenate([np.stack(columns, axis=1), rallies.score, rallies.policy], axis=1, dtype=np.int64)

@@ -9,6 +9,7 @@ Example::
 import dataclasses
 import shlex
 import string
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.errors import ShuttleError, command, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.simulated import stroke_table
@@ -28,7 +29,7 @@ from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import folder_of, is_shipped, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import Rallies, RallyLog
-from shuttle_marl.recording.reader import is_log
+from shuttle_marl.recording.reader import breaks, is_log
 from shuttle_marl.reports.languages import Language, speaking
 from shuttle_marl.reports.match import MatchReport, match_report, matches_in
 from shuttle_marl.reports.pages import NO_CLIPS, Clips, gaps, log_title, match_page, scouting_page
@@ -174,6 +175,9 @@ def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
     if not numbers:
         raise AnalysisError(f"no match {match} of pairing {pairing}; the log has {len(log.pairings)} pairings")
     rallies = Rallies.concatenate([log.rally(number) for number in numbers])
+    if len(odd := breaks(rallies, log.header.rules, log.catalogue)):
+        told = f"rally {numbers[odd[0]]} does not follow from the one before, or from its strokes, so the report may be wrong"
+        warnings.warn(f"{log.path}: {told}; `{command('recording', 'check', str(log.path))}` tells more", stacklevel=2)
     names = [player.name for player in log.policies]
     return stroke_table(
         rallies,

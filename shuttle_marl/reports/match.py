@@ -69,7 +69,7 @@ class RallyRow:
         ending: one of :data:`~shuttle_marl.reports.summary.ENDINGS`.
         last_shot, last_area: shot type and target area of the last stroke; area -1: not known, as that of a fault.
         given: shot type and target area of the stroke before it; None: there was none.
-        before, after: probability that player 0 wins the match, before and after it.
+        before, after: probability that player 0 wins the match, before and after it; NaN: an earlier game is not in the data.
         decided: number of the stroke before the last one that changed the probability of winning the rally most, from 1, with the
             player who struck it, its shot type, and the change for that player; None: not known, or less than a tenth.
         seconds: time of the rally in the video [s]; None: unknown.
@@ -110,8 +110,10 @@ def _rallies(
     out: list[RallyRow] = []
     for row, rally in zip(frame.to_pylist(), found, strict=True):
         start, end, winner, server = rally.rows[0], rally.rows[-1] + 1, rally.winner, rally.score.server
-        chance = chances_of.of(rally.score)
-        after = chance if winner is None else chances_of.of(rally.score.after(winner))
+        chance, after = math.nan, math.nan
+        if len(rally.score.finished) == rally.number[0] - 1:
+            chance = chances_of.of(rally.score)
+            after = chance if winner is None else chances_of.of(rally.score.after(winner))
         decided, own = None, added[start:end]
         striker = np.array([rally.players.index(name) for name in column["player"][start:end]])
         gain = np.nan_to_num(np.where(striker == winner, own, -own))[:-1]

@@ -191,6 +191,7 @@ def _course(report: MatchReport) -> dict[str, Any]:
         "ends": [i for i in range(1, len(rows)) if rows[i].key[0] != rows[i - 1].key[0]],
         "played": sum(map(sum, report.score)),
         "by_game": by_game,
+        "absent": [game for game in range(1, max(by_game)) if game not in by_game],
         "cut": [game for game, points in ended if not wins_game(max(points), min(points), rules)],
     }
 

@@ -29,7 +29,7 @@ HEADERS = {
 def strokes_of_club(matches: int, seed: int = 0, game: Game | None = None) -> pa.Table:
     """Strokes of matches between players of no published data set, who play as elite players do."""
     game = game or default_game()
-    average = tabulate(resolve("bc", game), game).pair_probabilities()
+    average = tabulate(resolve("bc", game), game)
     return simulate(game, dict.fromkeys(("anna-beispiel", "berta-muster", "clara-probe"), average), matches=matches, seed=seed)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import DataError, read_matches
+from shuttle_marl.data import DataError, read_matches, validate, write_parquet
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Cleaned
 from shuttle_marl.data.table import load_counted
@@ -124,6 +125,26 @@ def test_import_prints_what_became_of_every_row(tmp_path: Path, capsys: pytest.C
     assert json.loads(capsys.readouterr().out) == expected
     assert load_counted(tmp_path / "o.parquet")[1].strokes == 6
     assert main(["validate", str(tmp_path / "o.parquet")]) == 0
+
+
+@pytest.mark.parametrize(("column", "gone", "told"), [
+    ("game", [1], "1 games are missing"),
+    ("rally", [1, 5, 6], "6 rallies are missing"),
+    ("stroke", [2], "[0-9]+ strokes, [0-9]+ last strokes are missing"),
+    ("outcome", ["fault"], "[0-9]+ last strokes are missing"),
+])  # fmt: skip
+def test_rows_that_were_filtered_out_are_missed(tmp_path: Path, column: str, gone: list[object], told: str) -> None:
+    case, path = Path(__file__).parent / "cases/games_without_a_column", tmp_path / "t.parquet"
+    cleaned = import_matches(case / "match.csv", case / "map.toml")
+    write_parquet(cleaned.strokes, path, account=cleaned.account, provenance={})
+    assert read_matches(path).num_rows == cleaned.strokes.num_rows
+    table = pq.read_table(path)
+    without = table.filter(pa.array([value not in gone for value in table[column].to_pylist()]))
+    for kept, why in ((without, "the account has .* strokes"), (without.replace_schema_metadata(None), told)):
+        pq.write_table(kept, path)
+        with pytest.warns(UserWarning, match=why):
+            assert read_matches(path).num_rows == without.num_rows
+        assert any(re.search(why, str(found)) for report in [validate(path)] for found in (*report.problems, *report.notes))
 
 
 def test_a_table_that_went_through_pandas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

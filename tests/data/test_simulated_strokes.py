@@ -20,7 +20,7 @@ from shuttle_marl.data.simulated import (
 from shuttle_marl.data.table import load_counted, read_matches, write_parquet
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks
-from shuttle_marl.game.policy import from_pair_probabilities
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 from shuttle_marl.game.tables import Game
@@ -32,15 +32,19 @@ from tests import golden
 from tests.reduced import reduced_game
 
 
-def uniform(game: Game) -> np.ndarray:
+def evenly(game: Game) -> np.ndarray:
     return 1.0 / np.diff(game.pair_start)[game.pair_state]
 
 
-def always(game: Game, stroke: str) -> np.ndarray:
+def uniform(game: Game) -> TabulatedPolicy:
+    return from_pair_probabilities(game, evenly(game))
+
+
+def always(game: Game, stroke: str) -> TabulatedPolicy:
     """Plays one stroke wherever it is legal, otherwise anything."""
     chosen = game.pair_stroke == game.catalogue.index(stroke)
     has = np.bincount(game.pair_state, weights=chosen, minlength=game.n_states) > 0
-    return np.where(has[game.pair_state], chosen, uniform(game))
+    return from_pair_probabilities(game, np.where(has[game.pair_state], chosen, evenly(game)))
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +53,11 @@ def small() -> Game:
 
 
 @pytest.fixture(scope="module")
-def players(small: Game) -> dict[str, np.ndarray]:
+def players(small: Game) -> dict[str, TabulatedPolicy]:
     return {"viktor-axelsen": uniform(small), "chen-long": uniform(small), "chou-tien-chen": uniform(small)}
 
 
-def test_it_is_a_sound_stroke_table(tmp_path, small: Game, players: dict[str, np.ndarray]) -> None:
+def test_it_is_a_sound_stroke_table(tmp_path, small: Game, players: dict[str, TabulatedPolicy]) -> None:
     strokes = simulate(small, players, matches=7, seed=5)
     assert strokes.schema.equals(STROKES)
     assert [str(v) for v in violations(strokes)] == []
@@ -66,13 +70,13 @@ def test_it_is_a_sound_stroke_table(tmp_path, small: Game, players: dict[str, np
     assert load_counted(tmp_path / "s.parquet")[1] == account
 
 
-def test_the_seed_decides_everything(small: Game, players: dict[str, np.ndarray]) -> None:
+def test_the_seed_decides_everything(small: Game, players: dict[str, TabulatedPolicy]) -> None:
     once, again, other = (simulate(small, players, matches=2, seed=seed) for seed in (1, 1, 2))
     assert once.equals(again)
     assert not once.equals(other)
 
 
-def test_a_log_of_the_rallies_plays_again(tmp_path: Path, small: Game, players: dict[str, np.ndarray]) -> None:
+def test_a_log_of_the_rallies_plays_again(tmp_path: Path, small: Game, players: dict[str, TabulatedPolicy]) -> None:
     players = {
         "average": always(small, small.catalogue.names[np.bincount(small.base_pair_stroke).argmax()]),
         **players,
@@ -93,8 +97,8 @@ def test_a_log_of_the_rallies_plays_again(tmp_path: Path, small: Game, players: 
         log.append(rallies)
     assert check(tmp_path / "a.mcap", small).problems == ()
     with RallyLog(tmp_path / "a.mcap") as log:
-        assert replay(log, small, {name: from_pair_probabilities(small, p) for name, p in players.items()}).wrong == ()
-        assert replay(log, small, dict.fromkeys(players, from_pair_probabilities(small, uniform(small)))).wrong != ()
+        assert replay(log, small, players).wrong == ()
+        assert replay(log, small, dict.fromkeys(players, uniform(small))).wrong != ()
         found = strokes_of_log(log, rallies=10**9)
     table = simulate(small, players, matches=8, seed=2)
     assert set(table["discipline"].to_pylist()) == {"MS", "WS"}
@@ -102,16 +106,16 @@ def test_a_log_of_the_rallies_plays_again(tmp_path: Path, small: Game, players: 
     assert found.select(decided).equals(table.select(decided))
 
 
-def test_at_least_one_match_is_simulated_and_probabilities_are_rounded(small: Game, players: dict[str, np.ndarray]) -> None:
+def test_at_least_one_match_is_simulated_and_probabilities_are_rounded(small: Game, players: dict[str, TabulatedPolicy]) -> None:
     with pytest.raises(SimulationError, match="0 matches: expected at least one"):
         simulate(small, players, matches=0, seed=0)
-    rounded = {"a": uniform(small) * (1 + 0.9e-6), "b": uniform(small) * (1 - 0.9e-6)}
+    rounded = dict(zip("ab", (from_pair_probabilities(small, evenly(small) * (1 + by)) for by in (0.9e-6, -0.9e-6)), strict=True))
     assert simulate(small, rounded, matches=1, seed=0).equals(
         simulate(small, dict.fromkeys("ab", uniform(small)), matches=1, seed=0)
     )
     for wrong in (1 + 1.1e-6, 1 - 1.1e-6):
-        with pytest.raises(SimulationError, match="player 'a': probabilities sum to"):
-            simulate(small, {"a": uniform(small) * wrong, "b": uniform(small)}, matches=1, seed=0)
+        with pytest.raises(PolicyError, match="probabilities sum to"):
+            from_pair_probabilities(small, evenly(small) * wrong)
 
 
 def every_kind() -> SimulatedStrokes:
@@ -167,7 +171,7 @@ def test_places_fit_their_outcome() -> None:
 
 
 def test_players_look_as_their_names_tell_and_left_handers_see_the_other_side(
-    small: Game, players: dict[str, np.ndarray]
+    small: Game, players: dict[str, TabulatedPolicy]
 ) -> None:
     asked: list[tuple[str, str]] = []
 
@@ -185,7 +189,7 @@ def test_players_look_as_their_names_tell_and_left_handers_see_the_other_side(
     assert np.array_equal(seen, np.where(np.array(opposed)[good], court.mirrored(usual), usual))
 
 
-def test_matches_have_their_names_and_begin_at_no_time(small: Game, players: dict[str, np.ndarray]) -> None:
+def test_matches_have_their_names_and_begin_at_no_time(small: Game, players: dict[str, TabulatedPolicy]) -> None:
     table, pairs = simulate(small, players, matches=4, seed=5), [*itertools.combinations(players, 2)]
     seats = [pairs[i % 3] for i in range(4)]
     names = [f"simulated-{i + 1}-{a}-{b}" for i, (a, b) in enumerate(seats)]

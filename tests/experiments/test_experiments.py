@@ -23,7 +23,7 @@ NAMES = ("viktor-axelsen", "kento-momota")
 def write_published(path: Path, matches: Sequence[str], seed: int) -> None:
     """Simulated matches of average players under the names of two with skill, and of published matches."""
     game = reduced_game()
-    played = baselines.load(None, game).pair_probabilities()
+    played = baselines.load(None, game)
     table = simulate(game, dict.fromkeys(NAMES, played), matches=len(matches), seed=seed)
     named = dict(zip(table["match"].unique().to_pylist(), matches, strict=True))
     at = table.schema.get_field_index("match")

@@ -246,5 +246,5 @@ def test_probabilities_of_a_state_sum_to_one(sum_of_one_state: float, fits: bool
     if fits:
         assert from_pair_probabilities(GAME, p).hash == POLICY.hash
     else:
-        with pytest.raises(PolicyError, match="do not add up to 1 in every state"):
+        with pytest.raises(PolicyError, match="probabilities sum to"):
             from_pair_probabilities(GAME, p)

@@ -13,6 +13,7 @@ import pyarrow.parquet
 import pytest
 
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import seal
 from shuttle_marl.base.runs import LOCK, MANIFEST, RunError
 from shuttle_marl.base.table_files import csv_bytes
 from shuttle_marl.commands.cli import console
@@ -196,6 +197,13 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
         with pytest.raises(ShuttleError, match=r"missing|incomplete"):
             run_league(LeagueConfig(**config, record="none", resume=True))
         assert path.read_bytes() == content
+    first = json.loads(lines[0])
+    del first["checksum"]
+    contradicting: list[list[dict[str, int]]] = [[{}, {}], [first["seats"][0] | {"wins": 21}, first["seats"][1]]]
+    for seats in contradicting:
+        path.write_bytes(seal(first | {"seats": seats}, indent=None) + b"".join(lines[1:]))
+        with pytest.raises(LeagueError, match="the counts of pairing 0 contradict each other"):
+            run_league(LeagueConfig(**config, record="none", resume=True))
 
 
 def test_names_and_reasons_are_never_markup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.data import read_matches
+from shuttle_marl.commands.league import main
+from shuttle_marl.data import read_matches, write_parquet
+from shuttle_marl.data.own import import_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import pairs as pairs_module
 from shuttle_marl.game.pairs import Skill, load_skill, pair_game
 from shuttle_marl.game.policy import tabulate
-from shuttle_marl.game.scoring import RULES
+from shuttle_marl.game.scoring import RULES, RulesName
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.pairs import Prediction, players_of, predict, ranked, with_results
@@ -111,6 +113,23 @@ def test_real_results(tmp_path: Path) -> None:
     first, second, _ = with_results(some_predictions(), read_matches(tmp_path / "matches.csv", tmp_path / "map.toml"))
     assert (first.rallies, first.rallies_won, first.matches, first.matches_won) == (3, 2, 0, 0)
     assert (second.rallies, second.matches) == (0, 0)
+
+
+def test_predictions_follow_the_rules_of_the_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case, table = Path(__file__).parents[1] / "data/cases/match_to_15", tmp_path / "t.parquet"
+    cleaned = import_matches(case / "match.csv", case / "map.toml")
+    write_parquet(cleaned.strokes, table, account=cleaned.account, provenance={})
+    told: dict[RulesName, tuple[str, ...]] = {
+        "15": ("--data", str(table)),
+        "11": ("--data", str(table), "--rules", "11"),
+        "21": (),
+    }
+    for rules, flags in told.items():
+        assert main(["--pairs", "men", "--players", A, B, "--game", str(reduced_model()), "--json", *flags]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["rules"] == rules
+        expected = predict(pair_game(A, B, game=reduced_model()), rules=RULES[rules]).match_win
+        assert found["pairs"][0]["match_win"] == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("some", [(A,), (A, A), (A, "an-se-young")])

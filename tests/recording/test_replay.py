@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from shuttle_marl.game.stroke import parse
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.reader import Replay, check
+from shuttle_marl.reports.coach import log_strokes
 from tests.recording.conftest import read_rallies
 from tests.reduced import reduced_model
 
@@ -103,7 +105,7 @@ def test_a_changed_score_is_found_without_the_game(whole: tuple[LogHeader, Ralli
         score = rallies.score.copy()
         score[row, place] += 1
         problems = check(written(header, dataclasses.replace(rallies, score=score))).problems
-        assert problems[0] == f"rally {row} does not follow from the score of the rally before it"
+        assert problems[0] == f"rally {row} does not follow from the rally before it"
 
 
 def test_a_log_of_unknown_draws_is_checked_for_its_winners_and_legal_strokes(whole: tuple[LogHeader, Rallies], written) -> None:
@@ -121,6 +123,32 @@ def test_a_log_of_unknown_draws_is_checked_for_its_winners_and_legal_strokes(who
     wrong = sorted([*np.flatnonzero(winner != some.winner).tolist(), illegal])
     with RallyLog(written(about, dataclasses.replace(some, winner=winner, stroke=stroke))) as log:
         assert replay(log, GAME).wrong == tuple(wrong)
+
+
+def test_a_report_of_rallies_that_do_not_follow_says_so(whole: tuple[LogHeader, Rallies], written) -> None:
+    header, rallies = whole
+    score, winner = rallies.score.copy(), rallies.winner.copy()
+    score[5, 0] += 1
+    winner[5] ^= 1
+    policy, stroke = rallies.policy.copy(), rallies.stroke.copy()
+    policy[5] = policy[5][::-1]
+    stroke[rallies.first_stroke[5]] = np.flatnonzero(~GAME.catalogue.is_serve)[0]
+    others = (
+        dataclasses.replace(rallies, score=score),
+        dataclasses.replace(rallies, policy=policy),
+        dataclasses.replace(rallies, stroke=stroke),
+        dataclasses.replace(rallies, winner=winner),
+        rallies.select(np.arange(len(rallies)) != 5),
+        Rallies.concatenate([rallies.slice(0, 6), rallies.slice(5, len(rallies))]),
+    )
+    assert check(written(header, others[1])).problems  # another policy within a match
+    first = int(rallies.pairing[0]), int(rallies.match[0])
+    for changed in others:
+        with RallyLog(written(header, changed)) as log, pytest.warns(UserWarning, match="rally [56] does not follow"):
+            log_strokes(log, *first)
+    with RallyLog(written(header, rallies)) as log, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        log_strokes(log, *first)
 
 
 def test_choices_of_another_policy_are_found(whole: tuple[LogHeader, Rallies], written) -> None:
@@ -175,7 +203,7 @@ def test_rallies_that_do_not_follow_are_named(
 ) -> None:
     """The number of a rally, its server, or a part of the score before it is another one."""
     rows = [list(row) for row in (*match_of(0, 0), *match_of(0, 1))]
-    for name, says in (("good", ()), ("bad", ("rally 10 does not follow from the score of the rally before it",))):
+    for name, says in (("good", ()), ("bad", ("rally 10 does not follow from the rally before it",))):
         with RallyLogWriter(tmp_path / f"{name}.mcap", header(rules=RULES), batch_rallies=batch) as log:
             log.append(rallies_of(rows))
         assert check(tmp_path / f"{name}.mcap").problems[:1] == says
@@ -191,14 +219,14 @@ def test_rallies_that_do_not_follow_are_named(
 def test_matches_begin_with_rally_0_at_love_all(wrong: Any, tmp_path: Path, header: Callable[..., LogHeader]) -> None:
     with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES)) as log:
         log.append(rallies_of([wrong]))
-    assert check(tmp_path / "a.mcap").problems == ("rally 0 does not follow from the score of the rally before it",)
+    assert check(tmp_path / "a.mcap").problems == ("rally 0 does not follow from the rally before it",)
 
 
 @pytest.mark.parametrize("batch", [7, 100])
 def test_a_rally_after_the_end_of_its_match_does_not_follow(batch: int, tmp_path: Path, header: Callable[..., LogHeader]) -> None:
     with RallyLogWriter(tmp_path / "a.mcap", header(rules=RULES), batch_rallies=batch) as log:
         log.append(rallies_of([*match_of(0, 0), (0, 0, 7, 0, 1, (0, 0, 2, 1))]))
-    assert check(tmp_path / "a.mcap").problems[:1] == ("rally 7 does not follow from the score of the rally before it",)
+    assert check(tmp_path / "a.mcap").problems[:1] == ("rally 7 does not follow from the rally before it",)
 
 
 def test_matches_may_be_interleaved(tmp_path: Path, header: Callable[..., LogHeader]) -> None:

@@ -348,6 +348,14 @@ def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, r
     assert match_report(match.filter(pa.array(~late)), game=resolve_game(model)).rallies[-1].after == reported.rallies[-1].after
 
 
+def test_a_game_that_the_data_lack_is_mentioned(match: pa.Table, model: str, reported: MatchReport) -> None:
+    assert "Game 1 is not in the data" not in read(match_page(reported))[1]
+    report = match_report(match.filter(pc.greater(match["game"], 1)), game=resolve_game(model))
+    assert report.score == reported.score[1:]
+    assert all(np.isnan([row.before, row.after]).all() for row in report.rallies)  # nobody knows who won it
+    assert "Game 1 is not in the data: the scores and all figures are of the other games alone" in read(match_page(report))[1]
+
+
 def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table) -> None:
     assert gaps(match) == ()
     n = len(match)

@@ -20,7 +20,7 @@ from shuttle_marl.data.simulated import (
     simulate,
 )
 from shuttle_marl.game import court
-from shuttle_marl.game.policy import TabulatedPolicy
+from shuttle_marl.game.policy import PolicyError, TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 from shuttle_marl.reports import charts
 
@@ -144,13 +144,17 @@ def test_what_cannot_be_simulated_is_refused(bc: TabulatedPolicy) -> None:
     pair = int(np.flatnonzero(p > 0.1)[0])
     negative, off = p.copy(), p.copy()
     negative[pair], off[pair] = -0.1, p[pair] + 0.05
+    for wrong, says in (
+        (p[:-1], f"expected {game.n_pairs} probabilities"),
+        (negative, "none negative"),
+        (off, r"probabilities sum to 1\.05, not 1, in state: "),
+    ):
+        with pytest.raises(PolicyError, match=says):
+            from_pair_probabilities(game, wrong)
     for players, matches, says in (
-        ({"a": p[:-1], "b": p}, 1, f"player 'a': expected {game.n_pairs} probabilities"),
-        ({"a": negative, "b": p}, 1, "none negative"),
-        ({"a": off, "b": p}, 1, r"player 'a': probabilities sum to 1\.05, not 1, in state: "),
-        ({"a": p, "b": p}, 0, "0 matches: expected at least one"),
-        ({"a": p}, 1, "players a: expected at least two of one discipline"),
-        ({"an-se-young": p, "chen-long": p}, 1, "expected at least two of one discipline"),
+        ({"a": bc, "b": bc}, 0, "0 matches: expected at least one"),
+        ({"a": bc}, 1, "players a: expected at least two of one discipline"),
+        ({"an-se-young": bc, "chen-long": bc}, 1, "expected at least two of one discipline"),
     ):
         with pytest.raises(SimulationError, match=says):
             simulate(game, players, matches=matches, seed=0)
