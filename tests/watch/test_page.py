@@ -759,7 +759,7 @@ def test_choice_and_result_are_told_apart(viewer: Any, served: Any) -> None:
         rows = viewer.analysed().page.locator(".moves li .what")
         viewer.until(lambda rows=rows: rows.locator(".judged").count() == rows.count())
         verdicts = [row.locator(".judged > span").all_inner_texts() for row in rows.all()]
-        choices = r"(brilliant|strong|right|good|fair|common|doubtful) choice|mistake|blunder|few pros play this; the model"
+        choices = r"(brilliant|strong|right|good|fair|debatable|doubtful) choice|mistake|blunder|few pros play this; the model"
         results = r"(killed|attacked|came back|winner|out|into the net|the rally ends) "
         assert all(re.match(choices, choice) and re.match(results, result) for choice, result in verdicts)
         shots = rows.locator("b").all_inner_texts()

@@ -5,7 +5,7 @@ import type { Analysis, RallyFacts, StrokeValue } from "./wire.gen";
 import { type Key, say } from "./words";
 
 export const RIGHT = 0.005; // loss to the best choice up to which a choice is right, and gain from which it is good
-const COMMON = -0.02; // change from which a choice without a mark is one that many make
+const DEBATABLE = -0.02; // change from which a choice is no mistake only because many make it, or because the refits disagree
 const NAMES: Record<string, string> = { "!!": "brilliant", "!": "strong", "?!": "doubtful", "?": "mistake", "??": "blunder" };
 const ATTACKS = new Set(["smash", "half-smash", "drive", "push"]);
 
@@ -19,7 +19,8 @@ export function choiceWords({ change, mark, loss, win, chosen }: StrokeValue, se
   if (change === null) {
     return say("verdict.guess", { share: signed(own(chosen, seat) - own(win, seat)) });
   }
-  const name = NAMES[mark] ?? (loss <= RIGHT ? "right" : change > RIGHT ? "good" : change > COMMON ? "fair" : "common");
+  const unmarked = loss <= RIGHT ? "right" : change > RIGHT ? "good" : "fair";
+  const name = NAMES[mark] ?? (change <= DEBATABLE ? "debatable" : unmarked);
   return say(`verdict.${name}` as Key, { share: signed(change) });
 }
 
