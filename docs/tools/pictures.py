@@ -266,7 +266,6 @@ def digest(source: str) -> str:
 
 KEPT: Final = frozenset({
     "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png", "foxglove_side.png", "strokes.png",
-    "tagging.jpg",
 })  # fmt: skip
 """Pictures whose program ended; docs/truth_record.md names it."""
 

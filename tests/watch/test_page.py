@@ -173,9 +173,12 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         viewer.until(lambda: viewer.state("names") == ["you", LADDER[-1]])
         assert viewer.state("plan")["points"] == DUEL
         viewer.press("w", ">", ">")
-        last, chosen, waited, deadline = -1, 0, 0, time.monotonic() + 600
-        while time.monotonic() < deadline:
+        last, chosen, waited, seen = -1, 0, 0, None
+        while True:
             turn, winner, after, rally, duration = viewer.state("turn", "winner", "after", "rally", "duration")
+            if seen != (rally, chosen, waited):
+                seen, deadline = (rally, chosen, waited), time.monotonic() + 180  # of each step: all take long on a busy machine
+            assert time.monotonic() < deadline, (seen, turn, winner)
             if turn is not None:
                 if turn["strokes"]:
                     choose(viewer, min(turn["strokes"], key=lambda stroke: stroke["p_ret"]))
@@ -219,7 +222,7 @@ def test_a_stroke_is_judged_at_once_and_tried_again_for_practice(viewer: Any, se
     stroke = max(viewer.state("turn")["strokes"], key=lambda one: one["p_succ"])
     choose(viewer, stroke)
     viewer.press("w", "Enter")
-    viewer.page.locator(".verdict:not(.hidden)").wait_for(state="attached")
+    viewer.page.get_by_role("button", name="Try again").wait_for()
     at = viewer.state("strokes").index(stroke["stroke"])
     assert re.search(r"choice|mistake|blunder|model guesses", viewer.page.locator(".verdict").inner_text())
     plan, played = viewer.state("plan", "strokes")
@@ -278,9 +281,12 @@ def test_a_person_recovers_to_a_position_that_nobody_sees_before_the_hit(viewer:
             else:
                 people = turn["positions"]
                 assert viewer.state("position") == people.index(max(people)), "that of most people is selected"
-                wanted = max(p for p, share in enumerate(people) if share)
-                for position in (people.index(0), wanted):  # the first is not feasible, the second one key
-                    viewer.press(str([9, 8, 7, 6, 5, 4, 3, 2, 1][position]))
+                _, wanted = min((share, position) for position, share in enumerate(people) if share)
+                if waits:  # one click
+                    viewer.page.locator(f".recover [data-position='{wanted}']").click()
+                else:  # the first is not feasible, the second one key
+                    for position in (people.index(0), wanted):
+                        viewer.press(str([9, 8, 7, 6, 5, 4, 3, 2, 1][position]))
             if not turn["positions"]:
                 viewer.press("Enter")
             viewer.until(lambda known=turn: viewer.state("turn") != known and len(viewer.state("waited")) > known["number"])
@@ -600,7 +606,7 @@ def sized(viewer: Any, sizes: Sequence[tuple[int, int]]) -> Iterator[Box]:
 
 WIDTHS = ((360, 740), (390, 844), (768, 1024), (1024, 768), (1280, 720), (1440, 900), (1920, 1080))
 SEPARATE = (
-    ".bug, .chip, .verdict, .back, .cameras, .start, .tabs button, .menu > summary, p.title, .transport button, "
+    ".bug, .chip, .back, .cameras, .start, .tabs button, .menu > summary, p.title, .transport button, "
     ".transport select, .timeline, .clock, .column.task, .column.facts"
 )
 """What must not lie over each other."""
@@ -654,6 +660,9 @@ def test_no_two_boxes_lie_over_each_other(viewer: Any, served: Any, language: La
             assert barriers(viewer) == [], mode
 
 
+COURT_CORNERS = "[-6.7, 6.7].flatMap((y) => [-2.59, 2.59].map((x) => window.viewer.windowAt(x, y)))"
+
+
 def test_nobody_is_covered_and_every_choice_is_in_the_window(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}{PLACE}").analysed()
     viewer.enter("learn")
@@ -665,7 +674,10 @@ def test_nobody_is_covered_and_every_choice_is_in_the_window(viewer: Any, served
     viewer.enter("play")
     for window in sized(viewer, LAYOUT_SIZES):
         court = box(viewer, ".court")
-        covers = [box(viewer, ".bug"), box(viewer, ".cameras"), *boxes(viewer, ".shots button, .hit")]
+        covers = boxes(viewer, ".bug, .chip, .cameras, .shots button, .hit")
+        for x, y in viewer.page.evaluate(COURT_CORNERS):
+            assert inside((x, y, x, y), court), (window, x, y)
+            assert all(disjoint((x, y, x, y), cover) for cover in covers), (window, x, y)
         for outline in viewer.state("outlines"):
             assert inside(outline, court), (window, outline, court)
             assert all(disjoint(outline, cover) for cover in covers), (window, outline)
@@ -747,7 +759,7 @@ def test_choice_and_result_are_told_apart(viewer: Any, served: Any) -> None:
         rows = viewer.analysed().page.locator(".moves li .what")
         viewer.until(lambda rows=rows: rows.locator(".judged").count() == rows.count())
         verdicts = [row.locator(".judged > span").all_inner_texts() for row in rows.all()]
-        choices = r"(brilliant|strong|right|good|fair|doubtful) choice|mistake|blunder|few pros play this; the model guesses"
+        choices = r"(brilliant|strong|right|good|fair|debatable|doubtful) choice|mistake|blunder|few pros play this; the model"
         results = r"(killed|attacked|came back|winner|out|into the net|the rally ends) "
         assert all(re.match(choices, choice) and re.match(results, result) for choice, result in verdicts)
         shots = rows.locator("b").all_inner_texts()
@@ -761,11 +773,11 @@ def test_choice_and_result_are_told_apart(viewer: Any, served: Any) -> None:
 def test_a_rally_is_played_with_one_click_a_stroke(viewer: Any, page_folder: Any) -> None:
     with serving("--game", "default", "--a", "bc", "--b", "bc") as server:
         viewer.open(f"{server.address}#seed=5&a=bc&b=bc&rally=1").enter("play")
-        clicks, end = 0, time.monotonic() + 240
-        while viewer.state("winner") is None and time.monotonic() < end:
+        clicks = 0
+        while True:
+            viewer.until(lambda: viewer.seek(1e3).state("turn") is not None or viewer.state("winner") is not None)
             if viewer.state("turn") is None:
-                viewer.seek(1e3).page.wait_for_timeout(30)
-                continue
+                break
             strokes, number = viewer.state("turn")["strokes"], len(viewer.state("strokes"))
             wanted = max(strokes, key=lambda stroke: stroke["support"] or 0)
             x0, x1, y0, y1 = wanted["box"]
@@ -777,7 +789,6 @@ def test_a_rally_is_played_with_one_click_a_stroke(viewer: Any, page_folder: Any
             assert viewer.state("strokes")[number] == wanted["stroke"], "what people play there most"
             clicks += 1
         assert clicks
-        assert viewer.state("winner") is not None
 
 
 def test_best_play_stands_in_the_laboratory(viewer: Any, served: Any) -> None:

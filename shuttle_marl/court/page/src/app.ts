@@ -427,7 +427,6 @@ export class App {
     if (this.course.practice) {
       this.course.back();
     }
-    this.screen.decisions.hide();
     this.course.person = null;
     this.seeFrom(0, null);
   }

@@ -25,6 +25,8 @@ const KEYS: Record<string, string> = {
 /** Places of the areas, by the hand of the receiver: an area is named by the side of the forehand. */
 const GRID = { right: [6, 7, 8, 3, 4, 5, 0, 1, 2], left: [8, 7, 6, 5, 4, 3, 2, 1, 0] } as const;
 
+const REACH = 0.8; // how far beside an area a click still aims at it [m]
+
 type Box = [number, number, number, number];
 
 export interface BoardHooks {
@@ -98,9 +100,9 @@ export class Board {
     this.say(say(document.body.classList.contains("friend") ? "friend.waits" : "board.goes_on"));
   }
 
-  /** Says that the match is over. */
-  finish(): void {
-    this.say(say("board.over"));
+  /** Says that the rally is over, or the match. */
+  finish(match: boolean): void {
+    this.say(say(match ? "board.over" : "board.next"));
   }
 
   private say(text: string): void {
@@ -213,7 +215,7 @@ export class Board {
           say("board.back", { share: percent(now.p_ret) }),
           ...(option ? [say("board.wins", { share: percent(option.win) }).trim()] : []),
         ].join(" · ")
-      : say("board.point");
+      : "";
     replaceChildren(
       this.element,
       h(
@@ -280,8 +282,12 @@ export class Board {
     }
   }
 
+  /** The stroke of a point of the court: that which people play most to the nearest area. */
   private at(x: number, y: number): TurnStroke | undefined {
-    return this.usual(this.offered.filter(({ box: [x0, x1, y0, y1] }) => x0 <= x && x <= x1 && y0 <= y && y <= y1));
+    const away = ({ box: [x0, x1, y0, y1] }: TurnStroke) =>
+      Math.hypot(Math.max(x0 - x, 0, x - x1), Math.max(y0 - y, 0, y - y1));
+    const least = Math.min(...this.offered.map(away));
+    return least <= REACH ? this.usual(this.offered.filter((stroke) => away(stroke) === least)) : undefined;
   }
 
   /** Shows what a click plays at a point of the court; null: nothing. */

@@ -60,11 +60,15 @@ export class Chip {
       return;
     }
     this.element.style.setProperty("--mine", sideColour(stroke.seat));
+    const faulty = over && stroke.end !== "winner";
+    const chance = faulty
+      ? say("board.in", { share: percent(stroke.p_succ) })
+      : say("board.back", { share: percent(stroke.p_ret) });
     replaceChildren(
       this.element,
       h("b", { class: "shot" }, words(stroke.shot)),
       h("span", {}, say("stroke.place", { area: words(stroke.area) })),
-      over ? null : h("span", { class: "quiet" }, say("board.back", { share: percent(stroke.p_ret) })),
+      h("span", { class: "quiet" }, chance),
       over ? this.ending(rally, hint) : null,
     );
   }

@@ -1,7 +1,7 @@
 // Decisions of a person: what the last one was worth, the score of both sides, the streak, and the rating that the browser keeps.
 
-import { capitalised, h, keep, kept } from "./dom";
-import { choiceWords } from "./verdict";
+import { capitalised, h, keep, kept, signed } from "./dom";
+import { choiceWords, kind, RIGHT } from "./verdict";
 import type { Analysis, RallyFacts, RatingReply } from "./wire.gen";
 import { say, words } from "./words";
 
@@ -57,17 +57,22 @@ export class Decisions {
   constructor(retry: () => void) {
     this.again = h("button", { onclick: retry }, say("decide.retry"), h("kbd", {}, "u"));
     this.element.append(h("div", {}, this.told, this.line), this.again);
+    this.reset();
+  }
+
+  /** Whether a person plays: then the verdict stays, so that nothing moves between two strokes. */
+  set playing(on: boolean) {
+    this.element.classList.toggle("hidden", !on);
   }
 
   /** Starts another match. */
   reset(): void {
     this.rallies.clear();
     this.rated.clear();
-  }
-
-  /** Hides what is said of a person's strokes; they stay counted. */
-  hide(): void {
-    this.element.classList.add("hidden");
+    this.again.classList.add("hidden");
+    this.told.className = "quiet";
+    this.told.textContent = say("board.point");
+    this.line.textContent = "";
   }
 
   /** Counts the decisions of both sides in a rally, from the first stroke of the person, or the one before it, on. */
@@ -88,16 +93,17 @@ export class Decisions {
   show(rally: RallyFacts, analysis: Analysis, seat: number, practice: boolean): void {
     const last = rally.strokes.findLastIndex((stroke) => stroke.person && stroke.seat === seat);
     const value = analysis.strokes[last];
-    this.element.classList.toggle("hidden", !value);
     if (!value) {
       return;
     }
+    this.again.classList.remove("hidden");
     const better = value.options.find((option) => option.stroke === value.better);
     const stroke = better && say("stroke.to", { shot: words(better.shot), area: words(better.area) });
-    const worse = value.change !== null && value.loss > 0 && value.change < 0 && stroke;
-    this.told.className = value.change === null ? "quiet" : worse ? "down" : "up";
+    const { change, loss } = value;
     const choice = capitalised(choiceWords(value, seat));
-    this.told.textContent = worse ? say("decide.worse", { choice, stroke: stroke! }) : choice;
+    const worse = change !== null && loss > RIGHT && stroke;
+    this.told.className = change !== null && !worse ? "up" : kind(change);
+    this.told.textContent = worse ? say("decide.worse", { choice, stroke, share: signed(change + loss) }) : choice;
     this.line.textContent = practice ? say("decide.practice") : this.summary(seat);
   }
 

@@ -120,7 +120,9 @@ export class Pad {
         "aria-pressed": String(position === this.position),
         "data-key": `position ${position}`,
         onclick: () => this.hooks.wait(position),
-        onfocus: () => position === this.position || this.select(position),
+        // By a key only: drawn anew under the pointer, the button would get no click.
+        onfocus: ({ target }) =>
+          position !== this.position && (target as Element).matches(":focus-visible") && this.select(position),
         onpointerenter: () => this.hooks.aim(boxOf(this.hall, this.rally!, seat, position)),
       },
       small: h("span", {}, h("kbd", {}, String(key)), ` ${percent(shares[position]!)}`),

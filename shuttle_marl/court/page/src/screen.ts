@@ -144,10 +144,10 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [this.bug.element, this.chip.element, this.decisions.element, this.back],
+        overlays: [this.bug.element, this.chip.element, this.back],
         cameras: this.cameras,
         sides: match && live ? this.sides.map((side) => side.element) : [],
-        task: [this.learn.element, this.board.element],
+        task: [this.learn.element, this.decisions.element, this.board.element],
         facts: [
           this.browser?.element ?? null,
           this.match.element,
@@ -227,7 +227,7 @@ export class Screen {
     if (this.stage) {
       this.stage.raised = this.person;
     }
-    this.board.playing = this.person;
+    this.board.playing = this.decisions.playing = this.person;
     this.browser?.show(null, rally.number, this.mode === "analyse");
     const [a, b] = rally.names.map((name) => shown(capitalised(displayName(name))));
     this.layout.title([a, say("page.versus"), b], say("page.title", { where, number: rally.number + 1 }));
@@ -379,8 +379,8 @@ export class Screen {
     }
     this.reach(rally.strokes.length + 1);
     this.layout.tell(endSentence(rally));
-    if (after.over) {
-      this.board.finish();
+    if (this.person) {
+      this.board.finish(after.over);
     }
     if (after.game_won) {
       this.acts.gameOver(rally);

@@ -35,6 +35,7 @@ const TURNING = 600; // time in which the picture follows another motion [ms]
 const LANDED = 2.1; // time for which the landing point is marked [s]
 const OFFERED = new THREE.Color(0xe6edf7); // of areas that may be chosen
 const OPEN = new THREE.Color(0xf97316); // of the open side
+const HIGHEST = 1.7; // height up to which the picture of a person who plays holds everything: it stands still under a lift [m]
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
 /** Where a camera stands and looks, and the distance behind which it sees: stands and boards in front of it are left out. */
@@ -334,7 +335,7 @@ export class Stage {
   private always(camera: Shot): THREE.Vector3[] {
     const { half_width: x, half_length: y } = this.facts.court;
     if (this.raised) {
-      return [at(-x, -y, 0), at(x, -y, 0), at(-x, y, 0), at(x, y, 0)];
+      return [at(-x, -y, 0), at(x, -y, 0), at(-x, y, 0), at(x, y, 0), at(0, y, HIGHEST)];
     }
     if (camera !== "broadcast") {
       return [];
@@ -351,7 +352,8 @@ export class Stage {
     });
     // Between two moments, the shuttle may turn at a racket.
     const shuttle = [-0.02, 0, 0.02].map((step) => at(...motion.shuttleAt(time + step, [0, 0, 0])));
-    return [...players, ...shuttle];
+    const all = [...players, ...shuttle];
+    return this.raised ? all.map((point) => point.setY(Math.min(point.y, HIGHEST))) : all;
   }
 
   /** Sets the lens to a picture. */
@@ -377,7 +379,7 @@ export class Stage {
       }
       default:
         if (this.raised) {
-          return { eye: at(0, -end * 15, 8.5), look: at(0, 0, 0), from: 7 };
+          return { eye: at(0, -end * 13, 11), look: at(0, 0, 0), from: 7 };
         }
         // In a narrow picture, which both players fill from side to side, the closer eye sees the near one larger.
         return this.eye.aspect > ACROSS

@@ -31,7 +31,6 @@ export class StrokeValues {
     this.played.length = 0;
     this.matches++;
     this.screen.decisions.reset();
-    this.screen.decisions.hide();
   }
 
   /** Requests stroke values and styles; shows them unless another rally was requested meanwhile. */

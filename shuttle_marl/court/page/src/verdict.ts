@@ -4,7 +4,8 @@ import { h, signed } from "./dom";
 import type { Analysis, RallyFacts, StrokeValue } from "./wire.gen";
 import { type Key, say } from "./words";
 
-const RIGHT = 0.005; // loss to the best choice up to which a choice is right, and gain from which it is good
+export const RIGHT = 0.005; // loss to the best choice up to which a choice is right, and gain from which it is good
+const DEBATABLE = -0.02; // change from which a choice is no mistake only because many make it, or because the refits disagree
 const NAMES: Record<string, string> = { "!!": "brilliant", "!": "strong", "?!": "doubtful", "?": "mistake", "??": "blunder" };
 const ATTACKS = new Set(["smash", "half-smash", "drive", "push"]);
 
@@ -18,7 +19,8 @@ export function choiceWords({ change, mark, loss, win, chosen }: StrokeValue, se
   if (change === null) {
     return say("verdict.guess", { share: signed(own(chosen, seat) - own(win, seat)) });
   }
-  const name = NAMES[mark] ?? (loss <= RIGHT ? "right" : change > RIGHT ? "good" : "fair");
+  const unmarked = loss <= RIGHT ? "right" : change > RIGHT ? "good" : "fair";
+  const name = NAMES[mark] ?? (change <= DEBATABLE ? "debatable" : unmarked);
   return say(`verdict.${name}` as Key, { share: signed(change) });
 }
 
@@ -35,6 +37,11 @@ function resultWords(rally: RallyFacts, { strokes }: Analysis, i: number, named:
   return [say(`verdict.${kind}` as Key, { share: signed(gain) }), gain];
 }
 
+/** Class of a gain or a loss. */
+export function kind(gain: number | null): string {
+  return gain === null || Math.abs(gain) <= RIGHT ? "quiet" : gain > 0 ? "up" : "down";
+}
+
 /**
  * Choice and result of a stroke.
  * @param named number of strokes of the rally that are told; more than it has: its end as well.
@@ -42,11 +49,10 @@ function resultWords(rally: RallyFacts, { strokes }: Analysis, i: number, named:
 export function verdict(rally: RallyFacts, analysis: Analysis, i: number, named: number): HTMLElement {
   const value = analysis.strokes[i]!;
   const result = resultWords(rally, analysis, i, named);
-  const kind = (gain: number) => (gain > RIGHT ? "up" : gain < -RIGHT ? "down" : "quiet");
   return h(
     "span",
     { class: "judged" },
-    h("span", { class: value.change === null ? "quiet" : kind(value.change) }, choiceWords(value, rally.strokes[i]!.seat)),
+    h("span", { class: kind(value.change) }, choiceWords(value, rally.strokes[i]!.seat)),
     result && h("span", { class: kind(result[1]) }, result[0]),
   );
 }
