@@ -186,6 +186,8 @@ def stroke_table(
     Raises:
         ShuttleError: numbers of games, points or strokes are outside the schema.
     """
+    if (longest := int(rallies.length.max(initial=0))) > schema.RANGES["stroke"][1]:
+        raise ShuttleError(f"a rally of {longest:,} strokes, which no match has; the log is damaged")
     row, position, seat = rallies.row_of_stroke, rallies.position, rallies.striker
     stroke = rallies.stroke.astype(np.int64)
     outcome = np.full(len(stroke), Outcome.RETURNED)

@@ -31,6 +31,7 @@ _NUMBER: Final = (int, float)
 _MOST_MISFITS: Final = 40
 _LEAST_SHOWN: Final = 0.0005
 _NOT_A_SETTING: Final = ("seed", "record")
+_MOST: Final = 1000  # players of a tournament
 _RATING: Final = ("rank", "rating", "rating_low", "rating_high", "rating_exact", "group")
 
 
@@ -326,10 +327,12 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
     try:
         for run, report in reports.items():
             rankings[run] = {str(row["player"]): row for row in report["ranking"]}
-            if len(rankings[run]) < len(report["ranking"]):
-                raise ValueError("a player is ranked twice")
+            if not len(rankings[run]) == len(report["ranking"]) <= _MOST:
+                raise ValueError(f"a player is ranked twice, or more than {_MOST:,} are ranked")
             for row in rankings[run].values():
                 row |= {figure: math.nan if row[figure] is None else float(row[figure]) for figure in _RATING}
+                if row["rating_low"] > row["rating_high"]:
+                    raise ValueError("an interval ends before it begins")
     except (KeyError, TypeError, ValueError) as error:
         raise LeagueError(f"{run}/{REPORT}: not the report of a tournament ({type(error).__name__}: {error})") from error
     columns: list[Column[str]] = [Column("player", name, left=True)]

@@ -64,8 +64,8 @@ class PairResult:
 
     @property
     def sound(self) -> bool:
-        """Whether all counts are there and do not contradict each other."""
-        if any({*counts} != {*COUNTS} for counts in self.seats):
+        """Whether all counts are there and do not contradict each other, and only the two entrants forfeited."""
+        if any({*counts} != {*COUNTS} for counts in self.seats) or not {*self.forfeit} <= {*self.names}:
             return False
         total, (lost, split, won) = self.seen_by(self.names[0]), self.cells
         matches = (total["matches"], total["wins"]) == (2 * (lost + split + won), split + 2 * won)

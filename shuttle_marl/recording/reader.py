@@ -30,6 +30,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError, Sampling
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, arrow_schema, existing_parts, from_arrow, part_path, to_arrow
 
+_MOST_POLICIES: Final = 1 << 16
 _ENOUGH: Final = 20
 """Rallies that two files share if they hold the same ones."""
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
@@ -188,6 +189,10 @@ class RallyLog:
         except UnknownStrokeError as error:
             raise RecordingError(f"{self.files[0].path}: strokes that this program does not know: {error}") from error
         self.policies: tuple[Player, ...] = tuple(dict.fromkeys(p for file in self.files for p in file.header.policies))
+        if len(self.policies) > _MOST_POLICIES:
+            raise RecordingError(
+                f"{self.path}: {len(self.policies):,} policies, more than {_MOST_POLICIES:,}; read fewer logs at once"
+            )
         self.pairings: tuple[int, ...] = tuple(dict.fromkeys(k for file in self.files for k in file.header.pairings))
         self._offsets = [offset for offset, files in self.logs for _ in files]
         self.size = sum(file.size for file in self.files)

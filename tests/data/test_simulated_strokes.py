@@ -1,5 +1,6 @@
 """Simulated stroke tables: they obey the schema, the rules, the game's probabilities and plain geometry."""
 
+import dataclasses
 import itertools
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pyarrow.compute as pc
 import pytest
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
 from shuttle_marl.data.simulated import (
     FRAME_RATE,
@@ -235,6 +237,16 @@ def test_a_later_match_alone_begins_at_no_time(small: Game) -> None:
         pauses = np.diff(frame)[np.diff(game) != 0] / FRAME_RATE
         assert len(pauses) >= 1
         assert pauses.min() > 50
+
+
+def test_a_rally_longer_than_any_match_has_is_refused(small: Game) -> None:
+    rally = simulated_rallies(small, dict.fromkeys("ab", uniform(small)), matches=1, seed=0).slice(0, 1)
+    times = 10_000
+    long = dataclasses.replace(
+        rally, length=rally.length * times, stroke=np.tile(rally.stroke, times), hurried=np.tile(rally.hurried, times)
+    )
+    with pytest.raises(ShuttleError, match="strokes, which no match has"):
+        stroke_table(long, small.catalogue, ("a", "b"), ["m"], np.random.default_rng(0), looks=lambda _: Looks())
 
 
 def test_a_match_is_filed_under_the_discipline_of_a_player_who_has_one(small: Game) -> None:

@@ -199,9 +199,13 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
         assert path.read_bytes() == content
     first = json.loads(lines[0])
     del first["checksum"]
-    contradicting: list[list[dict[str, int]]] = [[{}, {}], [first["seats"][0] | {"wins": 21}, first["seats"][1]]]
-    for seats in contradicting:
-        path.write_bytes(seal(first | {"seats": seats}, indent=None) + b"".join(lines[1:]))
+    contradicting: list[dict[str, Any]] = [
+        {"seats": [{}, {}]},
+        {"seats": [first["seats"][0] | {"wins": 21}, first["seats"][1]]},
+        {"forfeit": ["nobody"]},
+    ]
+    for change in contradicting:
+        path.write_bytes(seal(first | change, indent=None) + b"".join(lines[1:]))
         with pytest.raises(LeagueError, match="the counts of pairing 0 contradict each other"):
             run_league(LeagueConfig(**config, record="none", resume=True))
 

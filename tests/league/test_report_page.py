@@ -208,9 +208,16 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
         (run / "metrics.jsonl").write_bytes(content)
         with pytest.raises(runs.RunError, match=says):
             compare([run])
-    (tmp_path / "empty" / "report.json").write_text('{"ranking": [{"player": "a"}]}')
-    with pytest.raises(LeagueError, match="not the report of a tournament"):
-        compare([tmp_path / "empty"])
+    row = dict.fromkeys(("rank", "rating", "rating_low", "rating_high", "rating_exact", "group"), 1)
+    for rows, says in (
+        ([{"player": "a"}], "not the report of a tournament"),
+        ([row | {"player": "a"}] * 2, "a player is ranked twice"),
+        ([row | {"player": str(i)} for i in range(1001)], "more than 1,000 are ranked"),
+        ([row | {"player": "a", "rating_low": 2}], "an interval ends before it begins"),
+    ):
+        (tmp_path / "empty" / "report.json").write_text(json.dumps({"ranking": rows}))
+        with pytest.raises(LeagueError, match=says):
+            compare([tmp_path / "empty"])
 
 
 def test_the_console_shows_few_columns_of_the_ranking() -> None:

@@ -16,6 +16,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
+from shuttle_marl.recording.header import Player
 from shuttle_marl.recording.log_file import arrow_schema, from_arrow, to_arrow, unfinished
 from shuttle_marl.recording.logs import log_of, play_log
 from shuttle_marl.recording.reader import export, is_log
@@ -187,6 +188,13 @@ def test_points_of_games_are_those_after_their_last_rally(tmp_path: Path, rallie
     with RallyLog(tmp_path / "a.mcap") as log:
         assert log.points_of_games(1, 6) == {0: (21, 3), 1: (4, 21), 2: (8, 9)}
         assert log.points_of_games(1, 7) == {}
+
+
+def test_a_log_of_too_many_policies_is_refused(tmp_path: Path, rallies, header) -> None:
+    with RallyLogWriter(tmp_path / "a.mcap", header(policies=tuple(Player(name=str(i)) for i in range(65_537)))) as log:
+        log.append(rallies(5))
+    with pytest.raises(RecordingError, match="65,537 policies, more than 65,536"):
+        RallyLog(tmp_path / "a.mcap")
 
 
 def test_names_of_logs(tmp_path: Path, log_file: Path) -> None:
