@@ -36,7 +36,8 @@ _MATCHES: Final = 20_000
 _IN_MEMORY: Final = 256  # number of batches that are copied from memory
 _FOUND: Final = 100
 _BATCHES: Final = (64, 1024, 8192)
-_ACTIONS: Final = 400_000  # of a turn of an environment
+_ACTIONS: Final = 400_000  # of a turn of an environment, at least
+_STEPS: Final = 256  # likewise
 
 
 def environments(folder: Path, turns: int) -> list[dict[str, float]]:
@@ -54,7 +55,7 @@ def _stepped(batch: int, record: Path | None) -> tuple[float, float]:
     env: Any = gymnasium.make_vec("shuttle_marl:shuttle_marl/Rally-v0", num_envs=batch, opponent="bc", record=record)
     env.reset(seed=0)
     before = np.array([time.process_time(), time.perf_counter()])
-    for _ in range(_ACTIONS // batch):
+    for _ in range(max(_STEPS, _ACTIONS // batch)):
         env.step(env.random_actions())
     with contextlib.redirect_stderr(io.StringIO()):
         env.close()
