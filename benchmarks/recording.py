@@ -1,6 +1,10 @@
-"""Cost of recording every rally: a tournament, and writing, reading and random access of logs.
+"""Cost of recording every rally: in environments and a tournament; and writing, reading and random access of logs.
 
     python -m benchmarks.recording [--quick] [--json]
+
+``make_vec`` in the JSON is the speed of an environment that records beside that of one that does not, which alternate: the median
+ratios of CPU time, of all threads, and of wall-clock time. Both play random legal actions; a turn of the former ends when its log
+is closed.
 
 The tournament is the league command with every rally recorded, on all cores; its speed is wall-clock. Its log of some ten
 million rallies is then read, opened again for each of many single rallies, and copied from memory, so that only the log is timed.
@@ -8,6 +12,8 @@ CPU time is user and system time of all threads, so other programs hardly affect
 :mod:`benchmarks.training` has the cost of recording in training.
 """
 
+import contextlib
+import io
 import json
 import statistics
 import tempfile
@@ -16,6 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+import gymnasium
 import numpy as np
 import tyro
 
@@ -28,6 +35,32 @@ _POOL: Final = ("bc", "attacking", "safe", "random")
 _MATCHES: Final = 20_000
 _IN_MEMORY: Final = 256  # number of batches that are copied from memory
 _FOUND: Final = 100
+_BATCHES: Final = (64, 1024, 8192)
+_ACTIONS: Final = 400_000  # of a turn of an environment, at least
+_STEPS: Final = 256  # likewise
+
+
+def environments(folder: Path, turns: int) -> list[dict[str, float]]:
+    """Speed of ``make_vec`` with a log, of that without."""
+    found = []
+    for batch in _BATCHES:
+        pairs = [[_stepped(batch, path) for path in (None, folder / f"{batch}-{turn}.mcap")] for turn in range(turns + 1)]
+        cpu, wall = np.median([np.divide(without, recorded) for without, recorded in pairs[1:]], axis=0).tolist()
+        found.append({"batch": batch, "cpu_ratio": cpu, "wall_ratio": wall})
+    return found
+
+
+def _stepped(batch: int, record: Path | None) -> tuple[float, float]:
+    """CPU and wall-clock seconds of a turn."""
+    env: Any = gymnasium.make_vec("shuttle_marl:shuttle_marl/Rally-v0", num_envs=batch, opponent="bc", record=record)
+    env.reset(seed=0)
+    before = np.array([time.process_time(), time.perf_counter()])
+    for _ in range(max(_STEPS, _ACTIONS // batch)):
+        env.step(env.random_actions())
+    with contextlib.redirect_stderr(io.StringIO()):
+        env.close()
+    cpu, wall = (np.array([time.process_time(), time.perf_counter()]) - before).tolist()
+    return cpu, wall
 
 
 def cpu_seconds(work: Callable[[], object], repeat: int) -> float:
@@ -96,8 +129,10 @@ def measure(matches: int, repeat: int) -> dict[str, Any]:
     """All measurements, by key."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        stepped = environments(folder, 3 * repeat)
         played = tournament(folder, matches, repeat)
-        return {**this_machine(), **played, **log(folder / "run" / "rallies.mcap", folder, repeat)}
+        logged = log(folder / "run" / "rallies.mcap", folder, repeat)
+        return {**this_machine(), **played, **logged, "make_vec": stepped}
 
 
 def main(*, quick: bool = False, as_json: Json = False) -> None:

@@ -4,7 +4,6 @@ Both use the compiled kernel and store their rallies in numpy arrays, so they ar
 The same seed and strokes give the rallies of ``rally_v0``: row b of B plays the episodes b, b + B, …
 """
 
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -14,13 +13,14 @@ from shuttle_marl.base.errors import seed_number, suggesting, whole_number
 from shuttle_marl.base.extras import hinted
 from shuttle_marl.env.aec import AGENTS
 from shuttle_marl.env.history import BatchHistory
-from shuttle_marl.env.recorded import BatchRecorder, Recording, names_of, opened
+from shuttle_marl.env.recorded import Record, names_of, recorder_of
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.kernel.rows import Observations, Server
+from shuttle_marl.kernel.taped import TapeReader
 from shuttle_marl.policy.registry import Opponents, tabulated
 
 with hinted():
@@ -79,14 +79,14 @@ class _BatchedEnv(EnvBase):
 
     batch_locked = True
 
-    def __init__(self, game: Game, batch: RallyBatch, seed: int, recording: Recording | None, history: int) -> None:
+    def __init__(self, game: Game, batch: RallyBatch, seed: int, recorder: TapeReader | None, history: int) -> None:
         size = len(batch)
         super().__init__(batch_size=torch.Size([size]))
         # EnvBase is an nn.Module, so attributes can only be set after the call above.
         self.game = game
         self._batch = batch
         self._next_seed: int | None = seed
-        self.recorder = None if recording is None else BatchRecorder(batch, recording)
+        self.recorder = recorder
         self._joint = game.hides and not batch.n_opponents
         n = game.n_strokes if self._joint else game.n_actions
         highest = torch.from_numpy(np.append(game.highest_observation, np.int32(1))[: 7 + game.hides])
@@ -204,7 +204,8 @@ class RallyEnv(_BatchedEnv):
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
-        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.BatchRecorder`; None: no log.
+        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.Recording`, or a function that is given
+            the rallies as they end; None: no log.
         history: number K of the last strokes of each player in the entry ``history``; 0: there is none.
 
     Raises:
@@ -220,13 +221,12 @@ class RallyEnv(_BatchedEnv):
         seed: int = 0,
         server: Server = None,
         threads: int = 1,
-        record: Path | str | Recording | None = None,
+        record: Record = None,
         history: int = 0,
     ) -> None:
         resolved = resolve_game(game)
-        log = opened(record, resolved, AGENTS)
-        rallies = RallyBatch(resolved, batch, seed=seed, server=server, threads=threads, record=log is not None)
-        super().__init__(resolved, rallies, seed, log, history)
+        rallies = RallyBatch(resolved, batch, seed=seed, server=server, threads=threads, record=record is not None)
+        super().__init__(resolved, rallies, seed, recorder_of(rallies, record, AGENTS), history)
 
 
 @suggesting
@@ -244,7 +244,8 @@ class VersusEnv(_BatchedEnv):
         seat: seat of the learner, 0 or 1.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
-        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.BatchRecorder`; None: no log.
+        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.Recording`, or a function that is given
+            the rallies as they end; None: no log.
         history: number K of the last strokes of each player in the entry ``history``; 0: there is none.
 
     Raises:
@@ -263,14 +264,14 @@ class VersusEnv(_BatchedEnv):
         seat: int = 0,
         server: Server = None,
         threads: int = 1,
-        record: Path | str | Recording | None = None,
+        record: Record = None,
         history: int = 0,
     ) -> None:
         resolved = resolve_game(game)
         others = tabulated(opponents, opponent_tables(resolved, seat))
-        log = opened(record, resolved, names_of(opponents))
-        options: Any = {"seed": seed, "seat": seat, "server": server, "threads": threads, "record": log is not None}
-        super().__init__(resolved, RallyBatch(resolved, batch, opponents=others, **options), seed, log, history)
+        options: Any = {"seed": seed, "seat": seat, "server": server, "threads": threads, "record": record is not None}
+        rallies = RallyBatch(resolved, batch, opponents=others, **options)
+        super().__init__(resolved, rallies, seed, recorder_of(rallies, record, names_of(opponents)), history)
 
     @property
     def versus(self) -> RallyBatch:

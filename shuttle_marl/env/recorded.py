@@ -2,7 +2,7 @@
 
 import sys
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -19,6 +19,9 @@ from shuttle_marl.kernel.taped import TapeReader
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError
 from shuttle_marl.recording.log_file import existing_parts
 from shuttle_marl.recording.recorder import RallyRecorder
+
+Record = Path | str | Callable[[Rallies], None] | None
+"""Option of a batch: the file of a log, a function that is given the rallies as they end, or None."""
 
 LEARNER: Final = "learner"
 _COLUMNS: Final = ("seed", "episode", "ending")
@@ -44,7 +47,7 @@ class Recording:
 
     It is ``FILE.part`` until ``close``, or the end of the process (``shuttle-marl recording recover``).
     Each rally has the reason of its end (:data:`shuttle_marl.game.rules.REASONS`). Rallies that an illegal stroke lost, that were
-    truncated, or that were abandoned after their first stroke, by another reset or by ``close``, are in the log too.
+    truncated, or that another reset or ``close`` abandoned after their first stroke, or that of the learner, are in the log too.
 
     Args:
         path: the log; no file may exist there.
@@ -145,25 +148,16 @@ class Recording:
         )
 
 
-def opened(
-    record: "Path | str | Recording | None", game: Game, names: Sequence[str], rules: Rules | None = None
-) -> "Recording | None":
-    """The log of the option ``record``; None: there is none."""
-    return record if record is None or isinstance(record, Recording) else Recording(record, game, names, rules)
-
-
-class BatchRecorder(TapeReader):
-    """Records the rallies of a batch: all but those that were abandoned before the learner's first stroke."""
-
-    def __init__(self, batch: RallyBatch, recording: Recording) -> None:
-        super().__init__(batch, recording.add)
-        self._recording = recording
-        recording.finish_with(self)
-
-    def close(self) -> None:
-        """Record the rest, and finish the log."""
-        self.reseed(0)
-        self._recording.close()
+def recorder_of(batch: RallyBatch, record: Record, names: Sequence[str], rules: Rules | None = None) -> TapeReader | None:
+    """What reads the rallies of a batch for the option ``record``."""
+    if record is None:
+        return None
+    if callable(record):
+        return TapeReader(batch, record)
+    log = Recording(record, batch.game, names, rules)
+    reader = TapeReader(batch, log.add, log.close)
+    log.finish_with(reader)
+    return reader
 
 
 def names_of(opponents: str | Policy | Sequence[str | Policy]) -> tuple[str, ...]:

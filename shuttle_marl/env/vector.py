@@ -19,7 +19,7 @@ from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
 from shuttle_marl.base.errors import ActionError, OptionError, suggesting, whole_number
 from shuttle_marl.env.aec import refuse_options
 from shuttle_marl.env.history import BatchHistory, features_of
-from shuttle_marl.env.recorded import BatchRecorder, Recording, names_of, opened
+from shuttle_marl.env.recorded import names_of, recorder_of
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.layout import RALLY_WIDTH, SCORE_WIDTH, STROKE_WIDTH, SWAP_TOKENS, with_efforts
 from shuttle_marl.game.pairs import opponent_tables
@@ -30,6 +30,7 @@ from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import MatchBatch, RallyBatch
 from shuttle_marl.kernel.rows import Server
+from shuttle_marl.kernel.taped import TapeReader
 from shuttle_marl.policy.registry import Opponents, tabulated
 
 _REASONS: Final = np.array(REASONS, dtype=object)
@@ -56,7 +57,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         highest: npt.NDArray[Any],
         mask: MaskView,
         info: InfoView | None,
-        recording: Recording | None,
+        recorder: TapeReader | None,
         history: int,
     ) -> None:
         self._history = BatchHistory(batch, history) if whole_number("history", history, 0) else None
@@ -78,7 +79,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         self._illegal = np.zeros(self.num_envs, np.int64)
         self._waited = np.zeros(self.num_envs, np.bool_)
         self._begun = False
-        self._recorder = None if recording is None else BatchRecorder(batch, recording)
+        self._recorder = recorder
 
     @property
     def unseen(self) -> tuple[int, int]:
@@ -266,7 +267,7 @@ class RallyVectorEnv(VersusVectorEnv):
         mask: as of :func:`shuttle_marl.env.rally_v0.env`.
         info: ``full``; ``none``: no ``final_obs`` and ``final_info``. Default: full with ``mask="observation"``, else none.
         threads: number of threads; does not change results.
-        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.BatchRecorder`; None: no log.
+        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.Recording`; None: no log.
         history: number K of the last strokes of each player that observations have too, as of
             :class:`shuttle_marl.env.rally_v0.raw_env`; of ``tokens`` 2 K catalogue indices.
 
@@ -297,13 +298,13 @@ class RallyVectorEnv(VersusVectorEnv):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
         tables = resolve_game(game)
         opponents = tabulated(opponent, opponent_tables(tables, seat))
-        log = opened(record, tables, names_of(opponent))
-        options: Any = {"seat": seat, "server": server, "threads": threads, "record": log is not None}
+        options: Any = {"seat": seat, "server": server, "threads": threads, "record": record is not None}
         batch = RallyBatch(tables, num_envs, opponents=opponents, **options)
         features = observation == "features"
         self._features = stepper_of(tables).observations if features else None
         highest = np.ones(RALLY_WIDTH, np.float32) if features else tables.highest_observation
-        super().__init__(tables, batch, highest, mask, info, log, history)
+        recorder = recorder_of(batch, record, names_of(opponent))
+        super().__init__(tables, batch, highest, mask, info, recorder, history)
 
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:  # noqa: ARG002
         illegal = self.versus.ranks(actions) < 0
@@ -357,7 +358,6 @@ class MatchVectorEnv(VersusVectorEnv):
         tables = resolve_game(game)
         self.rules = rules
         self._features = stepper_of(tables).observations
-        log = opened(record, tables, names_of(opponent), rules)
         batch = MatchBatch(
             tables,
             num_envs,
@@ -367,10 +367,11 @@ class MatchVectorEnv(VersusVectorEnv):
             rules=rules,
             each_rally=reward == "rally",
             threads=threads,
-            record=log is not None,
+            record=record is not None,
         )
         self._matches = batch.matches
-        super().__init__(tables, batch, np.ones(RALLY_WIDTH + SCORE_WIDTH, np.float32), mask, info, log, history)
+        recorder = recorder_of(batch, record, names_of(opponent), rules)
+        super().__init__(tables, batch, np.ones(RALLY_WIDTH + SCORE_WIDTH, np.float32), mask, info, recorder, history)
 
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:  # noqa: ARG002
         rewards, terminated = self.versus.step(actions, reset=False)

@@ -319,12 +319,11 @@ def _step(
         if opponents is not None and core.with_recovery(tables):
             _decide(tables, opponents, part, first, ranks, places, block)
         for j in range(size):
-            core.put_stroke(tables, block, j, core.legal_strokes(tables, part.state[j]), ranks[j], part.striker[j])
+            s, legal = part.state[j], core.legal_strokes(tables, part.state[j])
+            core.put_stroke(tables, block, j, legal, ranks[j], part.striker[j])
             block.place[j] = places[j]
-        if tape is not None:
-            for j in range(size):
-                s, opponent = part.state[j], 0 if opponents is None else opponents.opponent[first + j]
-                legal = core.legal_strokes(tables, s)
+            if tape is not None:
+                opponent = 0 if opponents is None else opponents.opponent[first + j]
                 work.code[j] = code_of(tables, s, legal, ranks[j], places[j], part.striker[j], opponent)
         play(tables, part, block)
         if tape is not None:

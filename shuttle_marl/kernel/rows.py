@@ -57,11 +57,12 @@ class Tape(NamedTuple):
 CUT: Final = np.uint64(1 << 23)
 """Bit of a note that is no stroke, but the end of a rally."""
 _NOTES: Final = 61  # no power of two, so that rows do not compete for the same cache lines
+_ALL_NOTES: Final = 1 << 15  # at least, in all rows: a reading costs some time for each call
 
 
 def new_tape(batch: int) -> Tape:
     """An empty tape; it is to be read before half of it is full, because the rows may play several strokes in a step."""
-    return Tape(np.zeros((batch, _NOTES), np.uint64), np.zeros(batch, np.int32))
+    return Tape(np.zeros((batch, max(_NOTES, _ALL_NOTES // batch | 1)), np.uint64), np.zeros(batch, np.int32))
 
 
 @inlined

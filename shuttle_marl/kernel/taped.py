@@ -106,14 +106,18 @@ class TapeReader:
     Policy 0 is the learner, 1 + k opponent k; without opponents policy 0 is seat 0. ``match`` numbers the matches in the order in
     which they are read. A rally that was abandoned before the learner had struck is left out.
 
+    Args:
+        add: is given the rallies.
+        finish: is called at the end.
+
     Raises:
         OptionError: more than 256 opponents.
     """
 
-    def __init__(self, batch: RallyBatch, add: Callable[[Rallies], None]) -> None:
+    def __init__(self, batch: RallyBatch, add: Callable[[Rallies], None], finish: Callable[[], None] = lambda: None) -> None:
         if batch.n_opponents > _MOST_OPPONENTS:
             raise OptionError(f"{batch.n_opponents} opponents: up to {_MOST_OPPONENTS} can be recorded")
-        self._batch, self._add, self._matches = batch, add, 0
+        self._batch, self._add, self._finish, self._matches = batch, add, finish, 0
         self._begin(0)
 
     def _begin(self, seed: int) -> None:
@@ -126,6 +130,11 @@ class TapeReader:
         self._batch.cut(np.flatnonzero(self._batch.rows.live), ABANDONED)
         self.read()
         self._begin(seed)
+
+    def close(self) -> None:
+        """Read the rest, and finish."""
+        self.reseed(0)
+        self._finish()
 
     def step(self) -> None:
         """Read the tape if it is half full; it becomes longer if that is of rallies that continue."""

@@ -87,11 +87,9 @@ def to_arrow(rallies: Rallies, n_strokes: int) -> pa.RecordBatch:
     columns |= {name: rallies.score[:, i] for i, name in enumerate(_SCORE)}
     offsets, arrays = pa.array(rallies.first_stroke.astype(np.int32)), []
     for field in (schema := arrow_schema(n_strokes, rallies.optional_columns)):
-        column = np.ascontiguousarray(columns[field.name])
-        if pa.types.is_list(field.type):
-            arrays.append(pa.ListArray.from_arrays(offsets, pa.array(column, field.type.value_type), type=field.type))
-        else:
-            arrays.append(pa.array(column, field.type))
+        is_list = pa.types.is_list(field.type)
+        values = pa.array(np.ascontiguousarray(columns[field.name]), field.type.value_type if is_list else field.type)
+        arrays.append(pa.ListArray.from_arrays(offsets, values, type=field.type) if is_list else values)
     return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 

@@ -23,7 +23,6 @@ from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from shuttle_marl.base.arrays import I32, I64
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
-from shuttle_marl.env.recorded import Recording
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.tables import Game
@@ -35,7 +34,7 @@ _STEPS: Final = 16
 _LEARNED: Final = ("observation", "action_mask", "action", "action_log_prob", "value_target")
 
 
-class _Played(Recording):
+class _Played:
     """The rallies of an iteration, which the log of a run asks as it asks :class:`shuttle_marl.kernel.RallySampler`."""
 
     def __init__(self, *, self_play: bool) -> None:
@@ -48,12 +47,6 @@ class _Played(Recording):
     def add(self, rallies: Rallies) -> None:
         """Keep those that ended."""
         self._parts.append(rallies.select(rallies.finished))
-
-    def finish_with(self, env: Any) -> None:
-        """There is nothing to finish."""
-
-    def close(self) -> None:
-        """Likewise."""
 
     @property
     def numbers(self) -> I64:
@@ -94,7 +87,7 @@ class EnvironmentCollector:
         logging.getLogger("torchrl").setLevel(logging.WARNING)  # it logs the creation of each buffer
         self._config, self._game, self._predict, self._distinct = config, game, predict, distinct
         self.sampler = _Played(self_play=not opponents)
-        options: dict[str, Any] = {"game": game, "record": self.sampler}
+        options: dict[str, Any] = {"game": game, "record": self.sampler.add}
         self.env = VersusEnv(_ROWS, opponents=list(opponents), **options) if opponents else RallyEnv(_ROWS, **options)
         self.generator = torch.Generator()
         self.observer = Observer(game, config.device)

@@ -383,7 +383,7 @@ class Study:
 
     Attributes:
         folder: run folder, with a folder ``seed-N`` for each seed.
-        evaluations: by seed, its last exact figures by name.
+        evaluations: by seed, its strokes, its seconds, and its last exact figures by name.
         figures: by name, the interquartile mean over the seeds with its 95 % interval, and the lowest and highest value.
     """
 
@@ -419,8 +419,12 @@ def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console 
         ]
         with run.resumable(lambda: f"{sum(map(runs.is_finished, folders.values()))} of {seeds} runs are finished"):
             train_all(configs, jobs, console or Console(quiet=True))
-        evaluations = {seed: read_card(out / AGENT)["evaluation"] for seed, out in folders.items()}
-        study = Study(folder=run.folder, evaluations=evaluations, figures=_figures(list(evaluations.values())))
+        cards = {seed: read_card(out / AGENT) for seed, out in folders.items()}
+        evaluations = {
+            seed: {"strokes": card["strokes"], "seconds": card["seconds"], **card["evaluation"]} for seed, card in cards.items()
+        }
+        figures = _figures([card["evaluation"] for card in cards.values()])
+        study = Study(folder=run.folder, evaluations=evaluations, figures=figures)
         found = {"figures": study.figures, "seeds": {str(seed): each for seed, each in evaluations.items()}}
         runs.write_json(run.folder / runs.RESULTS, {**runs.describe(PACKAGES), **found})
         run.finish()

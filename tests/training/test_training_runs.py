@@ -280,6 +280,7 @@ def test_every_seed_ends_as_it_would_alone_and_the_command_says_the_spread(
     assert list(found["seeds"]) == ["3", "4", "5"]
     won = [evaluation["rally_win"] for evaluation in found["seeds"].values()]
     assert won[1] == alone.evaluation.rally_win
+    assert found["seeds"]["4"]["strokes"] == alone.strokes
     middle = interquartile_mean([won])
     assert found["figures"]["rally_win"] == pytest.approx({**middle._asdict(), "lowest": min(won), "highest": max(won)})
     assert np.ptp(won) > 0
