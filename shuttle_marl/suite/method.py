@@ -72,7 +72,7 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     },
     "offline": {
         **_all("logs", "clone", "one-step", "fitted-q"),
-        **_all("logs", "iql = iql:10", "model", "model-pessimistic = model-pessimistic:0.1"),
+        **_all("logs", "model", "model-pessimistic = model-pessimistic:0.1"),
         **_all("logs", "model-boosted = model-boosted:150"),
         **_all("logs", "shipped-minimax = shipped:minimax", access="tables", kind="reference"),
         **_all("logs", "shipped-best-response = shipped:best-response:human:0.05", access="tables", kind="reference"),

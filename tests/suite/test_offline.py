@@ -45,7 +45,6 @@ from shuttle_marl.suite.tabular import (
     state_cells,
     with_faults,
 )
-from shuttle_marl.training import q_learning
 from tests import golden
 from tests.exact.exact_games import THREE_STROKES, hand_made
 from tests.reduced import reduced_game, reduced_model
@@ -327,22 +326,10 @@ def test_fitted_q_is_the_best_value_of_the_data() -> None:
     assert q[data.pair[0]] == pytest.approx(0.5, abs=1e-4)
 
 
-def test_networks_learn_the_values_of_the_three_strokes() -> None:
-    game, config = three_strokes(), q_learning.QConfig(width=16, steps=300, target_interval=20, batch=64)
-    data = by_hand(game).transitions
-    above = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
-    policy = q_learning.implicit_q(data, config, 0)
-    assert policy[above[1]] > policy[above[0]] + 1
-    best, true = greedy(game, policy), best_response(smashing(game, 0.5))
-    assert evaluate(best, smashing(game, 0.5)).odds().rally == pytest.approx(true.value.odds().rally, abs=0.02)
-
-
 TABULAR = ("clone", "one-step", "fitted-q", "model", "model-pessimistic")
 
 
-@pytest.mark.parametrize(
-    "method", [pytest.param(name, marks=pytest.mark.slow) if name == "iql" else name for name in BASELINES["offline"]]
-)
+@pytest.mark.parametrize("method", BASELINES["offline"])
 def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
     folder = run("offline-v1", f"{method}:20" if method.endswith("boosted") else method, tmp_path / "run")
     found = summary(folder)

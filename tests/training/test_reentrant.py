@@ -14,12 +14,7 @@ import pytest
 import torch
 
 from shuttle_marl.base.pytorch import own_settings
-from shuttle_marl.game.policy import tabulate
-from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording.logs import play_log
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
-from shuttle_marl.training.q_learning import QConfig, implicit_q
 from tests.reduced import reduced_model
 
 SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 512, "width": 8, "evaluate_every": 4, "checkpoint_every": 3}
@@ -94,18 +89,6 @@ def test_defaults_of_the_caller_change_nothing(name: str, tmp_path: Path) -> Non
     # Adam counts its steps in the default dtype unless it is fused, as that of the temperature of SAC is not.
     assert [file for file in usual if other[file] != usual[file] and not (name == "sac" and "checkpoints" in file)] == []
     assert other.keys() == usual.keys()
-
-
-def test_q_learning_reads_no_defaults() -> None:
-    game = resolve_game(reduced_model(), None)
-    bc, before = tabulate(resolve("bc", game), game), global_state()
-    own = play_log((bc, bc), 500, 1).transitions
-    config = QConfig(width=8, batch=32, steps=20)
-    values = implicit_q(own, config, 1)
-    with other_defaults():
-        other = implicit_q(own, config, 1)
-    assert np.array_equal(values, other)
-    assert global_state() == before
 
 
 def test_threads_of_others_are_theirs() -> None:

@@ -80,17 +80,6 @@ class FittedQ(_OwnStrokes):
         return tabular.greedy(data.game, tabular.fitted_q(data, tabular.best_of(data.game), shrink=float(self.argument)))
 
 
-class Iql(_OwnStrokes):
-    """Implicit Q-learning by networks (Kostrikov et al. 2022, arXiv 2110.06169); the argument is the inverse temperature."""
-
-    def fit(self, data: Transitions) -> PairPolicy:
-        """The likeliest stroke of the policy."""
-        from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
-
-        config = q_learning.QConfig(beta=float(self.argument))
-        return tabular.greedy(data.game, q_learning.implicit_q(data, config, self.setting.seed))
-
-
 class Model(_Method):
     """Best response in an estimated model: outcomes of strokes and the opponent, both shrunk means."""
 
