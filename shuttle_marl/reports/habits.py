@@ -43,8 +43,7 @@ RULES: Final = (
 """What a report keeps; ``python -m experiments.reports`` recounts it."""
 _SURE: Final = 5  # most habits on page 1
 _LEAST: Final = 10  # strokes from which answers are told
-_OTHERS: Final = 2  # most endings, and most places
-_OPTIONS: Final = 2  # most options that are advised, and that are advised against
+_FEW: Final = 2  # most endings, most places, and most options that are advised, and that are advised against
 _ASKED: Final = (("serve",), ("serve_side",), ("return", "short-serve"), ("return", "long-serve"), ("third",))
 
 ENDS: Final = ("fault", "winner")
@@ -416,10 +415,10 @@ def sure(player: int, habits: Iterable[Habit], endings: Iterable[Habit], places:
     for each in habits:
         if each.clear:
             first.setdefault((each.kind, *each.about), each)
-    for each in (*[*first.values()][:_SURE], *clear_endings(endings)[:_OTHERS]):
+    for each in (*[*first.values()][:_SURE], *clear_endings(endings)[:_FEW]):
         kind = each.kind if each.kind in ENDS else "habit"
         yield Statement(kind, player, each, round(each.strokes), each.share, each.low, each.high, each.usual, each.q)
-    for place in [each for each in places if each.wait.player == player][:_OTHERS]:
+    for place in [each for each in places if each.wait.player == player][:_FEW]:
         yield Statement("wait", player, place, place.wait.strokes, place.value, place.low, place.high, q=place.q)
 
 
@@ -435,7 +434,7 @@ def answers(player: int, own: Tally) -> Iterator[Statement]:
 def options(player: int, found: Sequence[Option]) -> Iterator[Statement]:
     """The options that won more than the others in their situation, and those that won less, by more than chance."""
     for kind, sign in (("do", 1), ("dont", -1)):
-        for each in [option for option in found if option.clear and sign * option.gain > 0][:_OPTIONS]:
+        for each in [option for option in found if option.clear and sign * option.gain > 0][:_FEW]:
             won, usual = each.won / each.rallies, each.others_won / each.others
             yield Statement(kind, player, each, each.rallies, won, each.low, each.high, usual, each.q)
 

@@ -26,28 +26,7 @@ from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, resolve_gam
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.reports.habits import (
-    SERVING,
-    Advised,
-    Change,
-    Page1,
-    Results,
-    Situation,
-    Statement,
-    advised,
-    answers,
-    changes,
-    discoveries,
-    endings,
-    habits,
-    interval,
-    is_short,
-    options,
-    options_of,
-    plain,
-    serves,
-    sure,
-)
+from shuttle_marl.reports import habits as counts
 from shuttle_marl.reports.rating import Rater, rater_of
 from shuttle_marl.reports.summary import AnalysisError, hand_of, rally_table, with_hands_of_model, won_or_lost
 from shuttle_marl.reports.value import NORMAL, Placed, calibrated, placed, stroke_values
@@ -256,7 +235,7 @@ class MatchReport:
     score: tuple[tuple[int, int], ...]
     inferred: tuple[int, ...]
     winner: int | None
-    page1: Page1
+    page1: counts.Page1
     rules: Rules
     strokes: int
     rallies: Sequence[RallyRow]
@@ -269,13 +248,15 @@ class MatchReport:
     lengths: Sequence[Won]
     targets: Sequence[F64]
     faults: Sequence[tuple[int, int]]
-    changes: Sequence[Change]
+    changes: Sequence[counts.Change]
     waits: Sequence[Wait]
     game: Game
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
-        figures: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "game"})
+        figures: dict[str, Any] = counts.plain(
+            {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "game"}
+        )
         names = (*self.game.catalogue.names, None)
         for choice in figures["choices"]:
             choice |= {part: names[choice[part]] for part in ("incoming", "played", "better")}
@@ -327,13 +308,13 @@ def match_report(
     plays = plays_of(found.rows)
     tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
     waiting = waits(strokes, players)
-    results = [Results(plays, won, rally, seat == player, seat) for player in (0, 1)]
-    compared = options_of(results)
+    results = [counts.Results(plays, won, rally, seat == player, seat) for player in (0, 1)]
+    compared = counts.options_of(results)
     said = [each for player in (0, 1) for each in _said(player, tallies, waiting)]
-    said += [each for player in (0, 1) for each in options(player, compared[player])]
-    counted = serves(strokes, frame, players[0]), serves(strokes, frame, players[1])
+    said += [each for player in (0, 1) for each in counts.options(player, compared[player])]
+    counted = counts.serves(strokes, frame, players[0]), counts.serves(strokes, frame, players[1])
     forced = [strokes["forced"].filter(pa.array(seat == player)).drop_null().to_numpy() for player in (0, 1)]
-    changed = changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
+    changed = counts.changes(plays, seat, strokes["game"].to_numpy().astype(np.int64))
     # The match.
     even = Odds(serving=0.5, receiving=0.5, error_bound=0.0)
     rallies = _rallies(strokes, scored, frame, added, plays.area, Chances(odds or even, rules))
@@ -346,13 +327,13 @@ def match_report(
         score=tuple(points for points, *_ in ends.values()),
         inferred=tuple(game for game, (*_, added_by_rules) in ends.items() if added_by_rules),
         winner=winner,
-        page1=Page1(tuple(said), sum(map(len, compared)), counted),
+        page1=counts.Page1(tuple(said), sum(map(len, compared)), counted),
         rules=rules,
         strokes=strokes.num_rows,
         rallies=rallies,
         moments=_moments(rallies),
         values=_values(added, plays.shot, seat, rally),
-        choices=_costly(found, rater, seat, rally, stakes, results, advised(said)),
+        choices=_costly(found, rater, seat, rally, stakes, results, counts.advised(said)),
         refits=rater.refits,
         factor=factor_of(average.game),
         serving=_serving(rallies, np.where(found.rows.stroke == 1, plays.shot, -1)[frame["first"].to_numpy()]),
@@ -380,14 +361,14 @@ def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
     return str(strokes["match"][0].as_py()), (str(first[0]), str(first[1]))
 
 
-def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> list[Statement]:
+def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> list[counts.Statement]:
     """What a player did more than the other one, and how both began rallies."""
     own, other = tallies[player], tallies[1 - player]
     more, ends = (
         [each for each in found if each.share > each.usual]
-        for found in (habits(own, other, dispersed=False), endings(own, other))
+        for found in (counts.habits(own, other, dispersed=False), counts.endings(own, other))
     )
-    return [*sure(player, more, ends, differences(waiting, match=True)), *answers(player, own)]
+    return [*counts.sure(player, more, ends, differences(waiting, match=True)), *counts.answers(player, own)]
 
 
 def _moments(rallies: Sequence[RallyRow]) -> list[int]:
@@ -397,8 +378,8 @@ def _moments(rallies: Sequence[RallyRow]) -> list[int]:
     """
     found: list[int] = []
     for i in sorted((i for i in range(len(rallies)) if not math.isnan(rallies[i].swing)), key=lambda i: -abs(rallies[i].swing)):
-        counts = not found or 2 * abs(rallies[i].swing) >= abs(rallies[found[0]].swing)
-        if counts and len(found) < MOMENTS and sum(rallies[k].key[0] == rallies[i].key[0] for k in found) < _OF_GAME:
+        large = not found or 2 * abs(rallies[i].swing) >= abs(rallies[found[0]].swing)
+        if large and len(found) < MOMENTS and sum(rallies[k].key[0] == rallies[i].key[0] for k in found) < _OF_GAME:
             found.append(i)
     return found
 
@@ -418,11 +399,11 @@ def _values(added: F64, shot: I64, seat: I64, rally: I64) -> list[ShotValue]:
             points = Estimate(total, total - NORMAL * error, total + NORMAL * error)
             found.append(ShotValue(player=player, shot=name, strokes=len(mine), points=points))
             p.append(float(2 * special.ndtr(-abs(total) / error)))
-    return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(found, discoveries(p), strict=True)]
+    return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(found, counts.discoveries(p), strict=True)]
 
 
 def _won(label: str, player: int, rallies: int, won: int) -> Won:
-    low, high = interval(won / rallies, rallies)
+    low, high = counts.interval(won / rallies, rallies)
     return Won(label=label, player=player, rallies=rallies, won=won, low=low, high=high)
 
 
@@ -451,14 +432,20 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
             label = f"{low}\N{EN DASH}{high}" if high < LENGTHS[-1][1] else f"{low}+"
             out.append(_won(label, 0, len(some), sum(row.winner == 0 for row in some)))
     # Binomial tests of one half.
-    clear = discoveries(
+    clear = counts.discoveries(
         [min(1.0, 2 * float(special.bdtr(min(each.won, each.rallies - each.won), each.rallies, 0.5))) for each in out]
     )
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
 
 
 def _costly(
-    found: Placed, rater: Rater, seat: I64, rally: I64, stakes: F64, results: Sequence[Results], before: Sequence[Advised]
+    found: Placed,
+    rater: Rater,
+    seat: I64,
+    rally: I64,
+    stakes: F64,
+    results: Sequence[counts.Results],
+    before: Sequence[counts.Advised],
 ) -> list[Choice]:
     """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind.
 
@@ -485,7 +472,7 @@ def _costly(
     catalogue = rater.game.catalogue
     technique = catalogue.technique[rated.stroke]
     fair = (technique == technique[position][rated.row]) & (rated.behind >= RELIABLE)
-    fair &= ~is_short(catalogue.shot, catalogue.area)[rated.stroke]
+    fair &= ~counts.is_short(catalogue.shot, catalogue.area)[rated.stroke]
     alike = np.where(fair, rated.change, -np.inf)
     better = rated.largest(alike)
     bad &= (stake > 0) & (number <= _LATE) & (alike[better] > rated.change[position])
@@ -497,10 +484,10 @@ def _costly(
         if what in seen or len(out) == _MOST_CHOICES:
             continue
         good, worse = ((int(catalogue.shot[one]), int(catalogue.area[one])) for one in (rated.stroke[best], stroke[k]))
-        here, late = SERVING, bool(found.rows.hurried[row[k]] == 1)
+        here, late = counts.SERVING, bool(found.rows.hurried[row[k]] == 1)
         if incoming[k] < len(catalogue):  # as the page names it
-            here = Situation(int(catalogue.shot[incoming[k]]), int(catalogue.area[incoming[k]]), int(contact[k]), late)
-        advice = Advised(what[0], here, good, worse)
+            here = counts.Situation(int(catalogue.shot[incoming[k]]), int(catalogue.area[incoming[k]]), int(contact[k]), late)
+        advice = counts.Advised(what[0], here, good, worse)
         if not advice.agrees(results[what[0]], told):
             continue
         told.append(advice)

@@ -27,21 +27,7 @@ from shuttle_marl.game.shipped import PROFILES, Estimate, model_folder, resolve_
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
-from shuttle_marl.reports.habits import (
-    Habit,
-    Option,
-    Page1,
-    Results,
-    answers,
-    endings,
-    habits,
-    interval,
-    options,
-    options_of,
-    plain,
-    serves,
-    sure,
-)
+from shuttle_marl.reports import habits as counts
 from shuttle_marl.reports.summary import (
     AnalysisError,
     Met,
@@ -123,21 +109,21 @@ class ScoutingReport:
     opponent: Known
     discipline: str
     model: tuple[str, str]
-    page1: Page1
-    options: Sequence[Option] | None
+    page1: counts.Page1
+    options: Sequence[counts.Option] | None
     rally: float | None
     met: Met | None
     season: Sequence[Form]
-    habits: Sequence[Habit]
-    endings: Sequence[Habit]
+    habits: Sequence[counts.Habit]
+    endings: Sequence[counts.Habit]
     targets: F64
     targets_usual: F64
     target_strokes: float
     seen: tuple[int, int] | None
     waits: Sequence[Wait]
     stands: Sequence[Stand]
-    recent: Sequence[Habit]
-    beside: tuple[str, Sequence[Habit]] | None
+    recent: Sequence[counts.Habit]
+    beside: tuple[str, Sequence[counts.Habit]] | None
     pair: Game | None
 
     def renamed(self, name_of: Callable[[str], str]) -> "ScoutingReport":
@@ -153,7 +139,9 @@ class ScoutingReport:
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
-        figures = {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self) if field.name != "pair"}
+        figures = {
+            field.name: counts.plain(getattr(self, field.name)) for field in dataclasses.fields(self) if field.name != "pair"
+        }
         names = "" if self.player is None else words().player(self.player.name), words().player(self.opponent.name)
         return figures | {"page1": self.page1.as_json(lambda each: words().statement(each, names, match=False))}
 
@@ -252,18 +240,24 @@ def scout(
         return (tally(plays.take(which)), tally(plays.take(~which))) if which.any() else load_habits(folder)[name]
 
     own, others = tallies(opponent)
-    told, ends, waiting = habits(own, others), endings(own, others), waits(strokes, (player or "", opponent))
+    told, ends, waiting = counts.habits(own, others), counts.endings(own, others), waits(strokes, (player or "", opponent))
     number = np.unique(striker.astype(str), return_inverse=True)[1]
-    compared = options_of([Results(plays, won, rally_numbers(strokes), against, number)])[0] if against.any() else None
-    said = (*sure(1, told, ends, differences(waiting, match=False)), *answers(1, own), *options(0, compared or ()))
-    counted = serves(strokes, rally_table(strokes), opponent) if mine.any() else None
+    compared = (
+        counts.options_of([counts.Results(plays, won, rally_numbers(strokes), against, number)])[0] if against.any() else None
+    )
+    said = (
+        *counts.sure(1, told, ends, differences(waiting, match=False)),
+        *counts.answers(1, own),
+        *counts.options(0, compared or ()),
+    )
+    counted = counts.serves(strokes, rally_table(strokes), opponent) if mine.any() else None
     found = None if player is None else pair(player, opponent)
     return ScoutingReport(
         player=people[1],
         opponent=people[0],
         discipline=discipline,
         model=(model, (pair(opponent, AVERAGE) if found is None else found).hash),
-        page1=Page1(said, None if compared is None else len(compared), (None, counted)),
+        page1=counts.Page1(said, None if compared is None else len(compared), (None, counted)),
         options=compared,
         rally=None if found is None else float(earned(np.array(odds_of(found)))),
         met=None if data is None or player is None else met(strokes, player, opponent),
@@ -277,7 +271,7 @@ def scout(
         waits=waiting,
         stands=stands(own, [each for each in waiting if each.player == 1]),
         recent=_recent(plays.take(mine), strokes.filter(mine)),
-        beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
+        beside=None if beside is None else (beside, counts.habits(own, tallies(beside)[0])),
         pair=found,
     )
 
@@ -296,14 +290,14 @@ def odds_of(pair: Game) -> float:
     return float(pair_odds([imitated(pair)], tolerance=TOLERANCE)[0].rally)
 
 
-def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:
+def _recent(plays: Plays, strokes: pa.Table) -> list[counts.Habit]:
     names = strokes["match"].unique().to_pylist()
     if len(names) < 2:
         return []
     # Matches without a date are in the order of the table.
     last = max(enumerate(names), key=lambda each: (date_of(each[1]) or datetime.date.min, each[0]))[1]
     which = strokes["match"].to_numpy(zero_copy_only=False) == last
-    return habits(tally(plays.take(which)), tally(plays.take(~which)))
+    return counts.habits(tally(plays.take(which)), tally(plays.take(~which)))
 
 
 def _as_known(name: str, known: Sequence[str]) -> str:
@@ -354,7 +348,7 @@ def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:
         result = met(strokes.filter(pa.array(match == name)), player, against)
 
         def share(count: float, n: int) -> Estimate:
-            return Estimate(count / n, *interval(count / n, n)) if n else Estimate(math.nan, math.nan, math.nan)
+            return Estimate(count / n, *counts.interval(count / n, n)) if n else Estimate(math.nan, math.nan, math.nan)
 
         n = int(mine.sum())
         ends = (share(float(each[mine].sum()), n) for each in (plays.fault, plays.winner, attack))
