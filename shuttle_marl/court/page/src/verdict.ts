@@ -27,10 +27,10 @@ export function choiceWords({ change, mark, loss, win, chosen }: StrokeValue, se
 /** What became of a stroke, in words, with its change of the probability of winning the rally; null: not known yet. */
 function resultWords(rally: RallyFacts, { strokes }: Analysis, i: number, named: number): [string, number] | null {
   const [stroke, next] = [rally.strokes[i]!, rally.strokes[i + 1]];
-  if (next ? i + 1 >= named : rally.winner === null || named <= rally.strokes.length) {
+  const win = next ? strokes[i + 1]?.win : Number(rally.winner === 0); // undefined: struck after the analysis
+  if (win === undefined || (next ? i + 1 >= named : rally.winner === null || named <= rally.strokes.length)) {
     return null;
   }
-  const win = next ? strokes[i + 1]!.win : Number(rally.winner === 0);
   const gain = own(win, stroke.seat) - own(strokes[i]!.chosen, stroke.seat);
   const answer = next?.shot === "net-kill" ? "killed" : ATTACKS.has(next?.shot ?? "") ? "attacked" : "returned";
   const kind = next ? answer : ["winner", "out", "net"].includes(stroke.end) ? stroke.end : "other";
