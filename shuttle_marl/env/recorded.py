@@ -149,7 +149,7 @@ class Recording:
 
 
 def recorder_of(batch: RallyBatch, record: Record, names: Sequence[str], rules: Rules | None = None) -> TapeReader | None:
-    """What reads the rallies of a batch for the option ``record``."""
+    """The reader of the rallies of a batch for the option ``record``; None if they are not recorded."""
     if record is None:
         return None
     if callable(record):

@@ -1,4 +1,4 @@
-"""What is counted in real strokes, and what of it is sure: page 1 of a report.
+"""Counts of real strokes, and page 1 of a report: the statements that hold beyond chance.
 
 Habits and endings stand beside those of others, options beside the others in one situation.
 
@@ -40,7 +40,7 @@ RULES: Final = (
     "shares, strokes and places on page 1 are those of the later pages",
     "points, games and numbers of rallies follow from the points in the data",
 )
-"""What a report keeps; ``python -m experiments.reports`` recounts it."""
+"""Rules that every report follows; ``python -m experiments.reports`` checks them."""
 _SURE: Final = 5  # most habits on page 1
 _LEAST: Final = 10  # strokes from which answers are told
 _FEW: Final = 2  # most endings, most places, and most options that are advised, and that are advised against

@@ -132,7 +132,7 @@ def test_validate_a_bad_table(root: Path, tmp_path: Path, capsys: pytest.Capture
     problems = json.loads(capsys.readouterr().out)["problems"]
     assert any("technique lies between 0 and 2: 1 rows break it, first row 2" in problem for problem in problems)
     assert any("height lies between 0 and 1" in problem for problem in problems)
-    assert any("the account has 12 strokes in" in problem for problem in problems)
+    assert any("account has 12 strokes in" in problem and "the table 11 strokes in" in problem for problem in problems)
 
 
 @pytest.fixture(scope="module")
