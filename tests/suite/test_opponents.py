@@ -55,7 +55,7 @@ def test_cases_of_adapt() -> None:
     assert [case.name for case in cases if not case.counts] == [f"people/{number}" for number in range(8)]
     assert {case.stratum for case in cases} == {*population.FAMILIES, "people"}
     assert cases[9].options == {"family": "waiting", "number": 1}
-    assert [case.name for case in Adapt().cases(Arena(game=HIDDEN, quick=True))] == ["synthetic/0", "waiting/0"]
+    assert [case.name for case in Adapt().cases(Arena(game=HIDDEN, quick=True))] == ["synthetic/0"]
     assert len(Adapt().cases(Arena(game=GAME))) == 56
 
 
