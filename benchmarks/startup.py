@@ -1,13 +1,10 @@
 """Start-up time of commands, each in a fresh interpreter: ``--help``, imports, and what a user does in the first minute.
 
-    python -m benchmarks.startup [--repeat N] [--demo COMMIT …] [--json]
+    python -m benchmarks.startup [--repeat N] [--json]
 
 CPU time is user plus system time of the process and all that it starts. ``--help`` and imports: the smallest of N runs, after one
 run that fills the bytecode caches. The first minute: cold, in a new copy of the package without bytecode, compiled code or cached
 results; and warm, the smallest of N further runs. ``suite run`` ends where the method is called: the rest is the method's time.
-
-``--demo`` clones the repository at each commit and calls ``make demo`` twice, with the installation the first time; so commits
-are compared as ``--demo HEAD --demo COMMIT --demo HEAD``.
 """
 
 import dataclasses
@@ -91,37 +88,15 @@ def first_minute(repeat: int) -> list[dict[str, Any]]:
     return found
 
 
-def made(commit: str) -> dict[str, Any]:
-    """Time of ``make demo`` in a fresh clone of the repository at a commit, with the installation, and of a second call."""
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        subprocess.run(["git", "clone", "--quiet", "--no-local", ROOT, folder / "clone"], check=True)
-        subprocess.run(["git", "checkout", "--quiet", commit], cwd=folder / "clone", check=True)
-        env = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache")}
-        env = {name: value for name, value in env.items() if name not in ("NUMBA_CACHE_DIR", "PYTHONPATH")}
-        cold, warm = (spent(["make", "demo"], folder / "clone", env) for _ in range(2))
-    return {"command": f"make demo ({commit})", "cold": dataclasses.asdict(cold), "warm": dataclasses.asdict(warm)}
-
-
-def main(
-    *,
-    repeat: int = 3,
-    demo: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
-    as_json: Json = False,
-) -> None:
+def main(*, repeat: int = 3, as_json: Json = False) -> None:
     """Measure and print.
 
     Args:
         repeat: runs of each command after the first; the fastest counts.
-        demo: only `make demo` of this commit; may be repeated.
         as_json: print JSON instead of tables.
     """
-    if demo:
-        measured: dict[str, Any] = {"first_minute": [made(commit) for commit in demo]}
-    else:
-        measured = {"first_minute": first_minute(repeat), "commands": commands(repeat)}
-    tables = ("first_minute",) if demo else ("first_minute", "startup")
-    show({**this_machine(), **measured}, *tables, as_json=as_json)
+    measured = {"first_minute": first_minute(repeat), "commands": commands(repeat)}
+    show({**this_machine(), **measured}, "first_minute", "startup", as_json=as_json)
 
 
 if __name__ == "__main__":
