@@ -4,9 +4,9 @@ import contextlib
 import dataclasses
 import itertools
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import msgspec
 import tyro
@@ -19,7 +19,10 @@ from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
-from shuttle_marl.reports.languages import Language, speaking
+from shuttle_marl.reports.languages import Language
+
+if TYPE_CHECKING:
+    from shuttle_marl.reports.coach import CoachReport
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY ...]")]
 Policy = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
@@ -162,25 +165,23 @@ class ReportOptions(PlayerOptions):
     json_output: Json = False
     """Print the figures as JSON, and write no page unless --out or --pdf is given."""
 
-    def write(self, figures: Mapping[str, Any], page: Callable[[], bytes], name: str) -> None:
+    def write(self, report: "CoachReport", name: str) -> None:
         """Write the page, the PDF file and the figures that the options ask for.
 
         Args:
-            page: makes the page, in the language.
-            name: of its file by default.
+            name: of the file of the page by default.
 
         Raises:
             WatchError: there is no Chromium, or it cannot print; the page is written.
         """
         files: dict[str, Path] = {}
         if self.figures is not None:
-            write_figures(figures, self.figures)
+            write_figures(report.figures, self.figures)
             files["figures"] = self.figures
         if self.json_output:
-            print_json(figures)
+            print_json(report.figures)
         if not self.json_output or self.out is not None or self.pdf is not None:
-            with speaking(self.language):
-                content = page()
+            content = report.html(self.language)
             out = self.out or Path(name)
             replace_file(out, content)
             files["report"] = out

@@ -485,10 +485,14 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     assert read(page(number + 1))[1] == text
 
 
-def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_that_does_not_work(
+    tmp_path: Path, model: str, unbuilt: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("CHROMIUM", "false")
-    with pytest.raises(WatchError, match=r"/false cannot print the report \(.*\); open .*page.html in another browser"):
-        ReportOptions(pdf=tmp_path / "page.pdf", out=tmp_path / "page.html").write({}, lambda: b"<p>report</p>", "")
+    out = tmp_path / "page.html"
+    options = ["--match", "SIMULATED 2", "--game", model, "--out", str(out), "--pdf", str(tmp_path / "page.pdf")]
+    assert report_command([str(SAMPLE), *options]) == 1
+    assert re.search(r"/false cannot print the report \(.*\); open .*page.html in another browser", capsys.readouterr().err)
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
