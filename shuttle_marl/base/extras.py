@@ -2,6 +2,7 @@
 
 import ast
 import contextlib
+import functools
 import pkgutil
 import shlex
 from collections import defaultdict
@@ -18,7 +19,6 @@ _EXTRAS: Final = {
     "scene": ("foxglove", "mcap_protobuf"),
     "train": ("lightgbm", "tensordict", "torch", "torchrl"),
 }
-"""Optional libraries by extra of the package."""
 _APART: Final = ("ray",)  # extras that `make install` omits
 
 
@@ -54,6 +54,7 @@ def hinted() -> Iterator[None]:
         raise ModuleNotFoundError(hint, name=error.name) from error
 
 
+@functools.cache
 def lazily(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """``__getattr__`` and ``__dir__`` of a package, for the names that its ``__init__.py`` imports under ``if TYPE_CHECKING``.
 
