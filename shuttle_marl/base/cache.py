@@ -74,12 +74,7 @@ def known_key(key: bytes) -> bytes:
 
 
 class Cache:
-    """Results of one kind.
-
-    Args:
-        kind: name of their table.
-        most: capacity; the oldest results are evicted.
-    """
+    """Results of one kind; ``kind``: name of their table; ``most``: capacity; the oldest results are evicted."""
 
     def __init__(self, kind: str, most: int) -> None:
         self._kind, self._most = kind, most

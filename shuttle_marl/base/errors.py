@@ -29,11 +29,7 @@ class ActionError(ShuttleError):
 
 
 def whole_number(name: str, value: Any, least: int | None = None) -> int:
-    """Check an integer option.
-
-    Raises:
-        OptionError: it is not an integer (fractions are not truncated), or is below ``least``.
-    """
+    """Check an integer option. Raises OptionError: it is not an integer (fractions are not truncated), or is below ``least``."""
     try:
         number = operator.index(value)
     except TypeError:

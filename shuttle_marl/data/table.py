@@ -119,10 +119,7 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
     Args:
         new: replace no file.
     """
-    extra = {
-        _ACCOUNT: json.dumps(account.as_json()).encode(),
-        _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode(),
-    }
+    extra = {_ACCOUNT: json.dumps(account.as_json()).encode(), _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode()}
     table = schema.named(strokes.cast(STROKES).combine_chunks()).replace_schema_metadata({**STROKES.metadata, **extra})
     table_files.write_parquet(path, table, new=new, compression_level=9)
 

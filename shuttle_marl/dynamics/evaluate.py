@@ -197,11 +197,7 @@ def prediction_scores(shot: F64, area: F64, given: F64, rows: Rows) -> dict[str,
 
 
 def tree_predictions(
-    names: tuple[str, ...],
-    train: Mapping[str, Ints],
-    label: Bools,
-    match: Ints,
-    test: Mapping[str, Ints],
+    names: tuple[str, ...], train: Mapping[str, Ints], label: Bools, match: Ints, test: Mapping[str, Ints]
 ) -> F64:
     """Predictions of trees; numbers of leaves and rounds are chosen by cross-validation over matches.
 
@@ -359,11 +355,7 @@ _TEMPLATES: Final = Path(__file__).with_name("templates")
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:
-    """Write the card of a model with the hashes of its files.
-
-    Raises:
-        FileWriteError: it cannot be written.
-    """
+    """Write the card of a model with the hashes of its files. Raises FileWriteError: it cannot be written."""
     files = [*FILES, *(name for name in OPTIONAL_FILES if (folder / name).is_file())]
     replace_sealed(folder / CARD, with_hashes(card, {name: (folder / name).read_bytes() for name in files}))
 

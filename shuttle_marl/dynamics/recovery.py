@@ -95,11 +95,7 @@ class FittedRecovery(NamedTuple):
 
     @classmethod
     def checked(cls, tensors: Tensors) -> "FittedRecovery":
-        """From the content of a file.
-
-        Raises:
-            KeyError, TypeError, ValueError, ShuttleError: a part is missing or invalid.
-        """
+        """From the content of a file. Raises KeyError, TypeError, ValueError, ShuttleError: a part is missing or invalid."""
         shapes = ((N_POSITIONS, 2), (N_SHOTS, N_AREAS, 2))
         court = (checked(tensors.arrays[name], np.float64, shape) for name, shape in zip(Court._fields, shapes, strict=True))
         size = (len(EFFECTS), len(GROUPS), len(FEATURES))
@@ -123,11 +119,7 @@ class FittedRecovery(NamedTuple):
 
 
 def load_recovery(folder: Path) -> FittedRecovery | None:
-    """The fit in a model folder; None if it has none.
-
-    Raises:
-        GameError: the file cannot be read.
-    """
+    """The fit in a model folder; None if it has none. Raises GameError: the file cannot be read."""
     if not (folder / POSITIONS).is_file():
         return None
     with readable(folder, POSITIONS, "positions") as tensors:

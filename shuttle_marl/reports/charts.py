@@ -99,11 +99,7 @@ def figure(width: float, height: float) -> Any:
 
 
 class Chart:
-    """A figure of matplotlib with the tooltips of its elements.
-
-    Args:
-        width, height: size [px].
-    """
+    """A figure of matplotlib with the tooltips of its elements; ``width``, ``height``: size [px]."""
 
     def __init__(self, width: float, height: float) -> None:
         self._tooltips: dict[str, Sequence[str]] = {}
@@ -482,11 +478,7 @@ def course(chance: Sequence[float], games: Sequence[int], moments: Sequence[int]
 
 
 def check_format(path: Path) -> None:
-    """Check the suffix of a picture file.
-
-    Raises:
-        OptionError: it is not a supported format.
-    """
+    """Check the suffix of a picture file. Raises OptionError: it is not a supported format."""
     if path.suffix not in _FORMATS:
         raise OptionError(f"{path}: pictures are written as {', '.join(_FORMATS)}; use one of these suffixes")
 
