@@ -13,11 +13,10 @@ import pytest
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import read_parquet, write_parquet
-from shuttle_marl.commands.options import ReportOptions
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
-from shuttle_marl.court import WatchError, clips
+from shuttle_marl.court import clips
 from shuttle_marl.court.recorded import LogRallies, RealRallies
 from shuttle_marl.court.staged import habits_shown
 from shuttle_marl.data.matches import game_end
