@@ -176,8 +176,7 @@ class RealRallies:
         )
 
 
-Recorded = LogRallies | RealRallies
-"""Recorded rallies by number, from 0; ``matches``: the annotated ones."""
+Recorded = LogRallies | RealRallies  # recorded rallies by number, from 0; ``matches``: the annotated ones
 
 
 def _name(player: str) -> str:

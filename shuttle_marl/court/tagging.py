@@ -29,8 +29,7 @@ from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import ROOT, Game
 
-_MOST_STATES: Final = 16
-"""States of the game that are followed through a rally."""
+_MOST_STATES: Final = 16  # states of the game that are followed through a rally
 
 
 class TagFile:

@@ -18,8 +18,7 @@ from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import Game
 
 Points = tuple[int, int]
-_TELLING: Final = 2
-"""Strokes of rallies that are equal by chance."""
+_TELLING: Final = 2  # strokes of rallies that are equal by chance
 _DECIDED: Final = (Outcome.FAULT, Outcome.WINNER)
 
 
@@ -92,8 +91,7 @@ def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) ->
         score, last, number = dataclasses.replace(score, points=after), first, int(rally[first])
 
 
-Ends = Mapping[str, Mapping[int, RealRally]]
-"""The last rally of each game, by match and number of the game."""
+Ends = Mapping[str, Mapping[int, RealRally]]  # the last rally of each game, by match and number of the game
 
 
 def game_end(points: Points, served: int | None, rules: Rules, *, stopped: bool = False) -> tuple[Points, int | None, bool]:
@@ -145,8 +143,7 @@ def _carried(strokes: pa.Table) -> dict[str, RulesName]:
     return {match: name for match, name in both if name}
 
 
-Doubts = list[tuple[str, str]]
-"""Matches, and what is not certain of each."""
+Doubts = list[tuple[str, str]]  # matches, and what is not certain of each
 
 
 def told_rules(matches: Ends) -> tuple[dict[str, RulesName], Doubts]:

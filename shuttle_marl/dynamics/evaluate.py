@@ -246,7 +246,7 @@ REQUIRED: Final[dict[str, tuple[float, float]]] = {
     "best_response_unsupported": (0.0, 0.1),
 }
 """Limits of the values of :func:`health` that every fit keeps: a game outside of them rewards strokes that nobody plays."""
-LIMITS: Final[dict[str, tuple[float, float]]] = {
+LIMITS: Final[dict[str, tuple[float, float]]] = {  # limits of the values of :func:`health` without warning
     **REQUIRED,
     # Closer than what a fit must keep: a near tie between strokes of .9 and 30 % moves some points with every few matches.
     "minimax_rare": (0.0, 0.02),
@@ -258,7 +258,6 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "minimax_thin": (0.0, 0.25),
     "best_response_thin": (0.0, 0.25),
 }
-"""Limits of the values of :func:`health` without warning."""
 THIN: Final = 5.0  # a stroke with fewer real strokes in its innermost cell is thinly supported
 _ANY: Final = 0.5
 """A stroke with fewer real strokes in its innermost cell has no support; faults of unknown target count in parts."""

@@ -47,7 +47,7 @@ _SHORTEST: Final = 0.2  # minimum time between two strokes in a speed [s]
 _BEFORE: Final = {"shot": N_SHOTS + 2, "area": N_AREAS + 2, "height": 4, "technique": N_TECHNIQUES + 2}
 
 
-SLOTS: Final[dict[str, int]] = {
+SLOTS: Final[dict[str, int]] = {  # number of values of each attribute
     **{f"{stroke}_{attribute}": size for stroke in ("own", "incoming") for attribute, size in _BEFORE.items()},
     "contact": 2,
     "hurried": 2,
@@ -57,7 +57,6 @@ SLOTS: Final[dict[str, int]] = {
     "technique": N_TECHNIQUES,
     "area": N_AREAS,
 }
-"""Number of values of each attribute."""
 STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
 """Attributes of the context, which the striker knows before choosing."""
 ATTACK: Final = np.isin(SHOTS, ATTACKS)

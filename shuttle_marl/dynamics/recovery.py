@@ -29,13 +29,12 @@ from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recove
 from shuttle_marl.game.shipped import POSITIONS, read_model_card, readable
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 
-GROUPS: Final[dict[str, tuple[str, ...]]] = {
+GROUPS: Final[dict[str, tuple[str, ...]]] = {  # shot types with the same coefficients; those of serves are 0
     "smash": ("smash", "half-smash"),
     "flat": ("drive", "push", "net-kill"),
     "short": ("drop", "net-shot", "cross-court-net-shot", "block"),
     "high": ("clear", "lift"),
 }
-"""Shot types with the same coefficients; those of serves are 0."""
 FEATURES: Final = ("lateral", "deeper", "in front")
 """How far a position lies to a side of the place where a stroke is met, behind it, and in front of it [m]."""
 MIN_ROWS: Final = 5000  # strokes with a known position of the receiver of a fit; fewer have some hundred winners

@@ -33,14 +33,13 @@ from shuttle_marl.reports.value import NORMAL
 if TYPE_CHECKING:
     from shuttle_marl.reports.waits import Difference
 
-RULES: Final = (
+RULES: Final = (  # rules that every report follows; ``python -m experiments.reports`` checks them
     "an advised stroke won no smaller share of the rallies in its situation than the one it replaces, where both were played",
     "no stroke is advised and advised against in one situation, and none is advised to two areas there",
     "each drill trains a stroke that the report advises",
     "shares, strokes and places on page 1 are those of the later pages",
     "points, games and numbers of rallies follow from the points in the data",
 )
-"""Rules that every report follows; ``python -m experiments.reports`` checks them."""
 _SURE: Final = 5  # most habits on page 1
 _LEAST: Final = 10  # strokes from which answers are told
 _FEW: Final = 2  # most endings, most places, and most options that are advised, and that are advised against
