@@ -132,8 +132,7 @@ class Cache:
         if (memory := _MEMORY.get()) is not None:
             memory.update(results)
             return
-        folder = cache_folder()
-        if folder is None:
+        if (folder := cache_folder()) is None:
             _warn_once("the user has no home folder. Results are recomputed by every command; set XDG_CACHE_HOME to keep them")
             return
         path = folder / NAME

@@ -163,15 +163,9 @@ def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
     if len(odd := breaks(rallies, log.header.rules, log.catalogue)):
         told = f"rally {numbers[odd[0]]} does not follow from the one before, or from its strokes, so the report may be wrong"
         warnings.warn(f"{log.path}: {told}; `{command('recording', 'check', str(log.path))}` tells more", stacklevel=2)
-    names = [player.name for player in log.policies]
-    return stroke_table(
-        rallies,
-        log.catalogue,
-        names,
-        [log_title(pairing, match)] * len(rallies),
-        np.random.default_rng([0, pairing, match]),
-        looks=log.header.looks,
-    )
+    names, titles = [player.name for player in log.policies], [log_title(pairing, match)] * len(rallies)
+    draws = np.random.default_rng([0, pairing, match])
+    return stroke_table(rallies, log.catalogue, names, titles, draws, looks=log.header.looks)
 
 
 def video_of(template: str) -> Callable[[float], str]:
@@ -192,10 +186,8 @@ def video_of(template: str) -> Callable[[float], str]:
 def _anonymous(report: MatchReport, source: Source) -> tuple[MatchReport, Source]:
     names = words()("report.player_a"), words()("report.player_b")
     game = hidden(report.game, report.players, names)
-    return (
-        dataclasses.replace(report, players=names, match="", game=game),
-        dataclasses.replace(source, anonymous=True, video=None),
-    )
+    report = dataclasses.replace(report, players=names, match="", game=game)
+    return report, dataclasses.replace(source, anonymous=True, video=None)
 
 
 def hidden(game: Game, people: tuple[str, str], names: tuple[str, str]) -> Game:
@@ -268,7 +260,6 @@ def report(
         source = dataclasses.replace(source, video=video_of(video))
     if anonymous:
         found, source = _anonymous(found, source)
-
     staged = clips or (lambda *_: NO_CLIPS)
     return CoachReport(_report=found, _page=lambda: match_page(found, source, staged(found, source)))
 
