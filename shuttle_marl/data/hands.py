@@ -80,9 +80,6 @@ def hands_of(strokes: pa.Table) -> dict[str, PlayerHand]:
 def with_hands(strokes: pa.Table, path: Path) -> tuple[pa.Table, list[str]]:
     """Fill the column ``hand``: what :func:`telling_hands` tells, else what the table holds, else what the strokes show.
 
-    Args:
-        path: file of the strokes, for messages.
-
     Returns:
         The table, and sentences on what was told and inferred.
     """

@@ -415,11 +415,7 @@ def load_support(folder: Path, *, opposite: bool = False) -> Support:
 
 
 class ModelStepper(Stepper):
-    """Plays the layout of a game with the outputs of its models, not with tables; :func:`model_stepper` shares one per model.
-
-    Args:
-        support: support in the data of the models.
-    """
+    """Plays the layout of a game with the outputs of its models, not with tables; :func:`model_stepper` shares one per model."""
 
     def __init__(self, game: Game, models: FittedModels, support: Support) -> None:
         super().__init__(game)
@@ -504,9 +500,6 @@ def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
 
 def layouts_of(rows: Rows, models: FittedModels) -> tuple[Game, Game]:
     """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
-
-    Args:
-        models: what the average player chooses.
 
     Raises:
         ShuttleError: too few kinds of stroke occur often enough.

@@ -531,9 +531,6 @@ def landings(summaries: Mapping[str, "Summary"], reference: "Summary", name: str
     """Where the good strokes of some land, of 100, and the difference from a reference.
 
     Landing points are drawn for annotated matches; a log holds only areas. All receivers are drawn as right-handed.
-
-    Args:
-        reference: summary that they are compared with.
     """
     drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
     for axes, (player, summary) in zip(np.atleast_1d(drawn.subplots(1, len(summaries))), summaries.items(), strict=True):
