@@ -133,7 +133,7 @@ def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | 
             raise RecordingError(f"{path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
         for number in numbers:
             cli.say(_describe(log, int(number)))
-        cli.say(f"games: {', '.join(f'{a}-{b}' for a, b in log.points_of_games(pairing, match or 0).values())}")
+        cli.say(f"games: {', '.join(f'{a}-{b}' for a, b in log.points_of_games(int(numbers[0])).values())}")
 
 
 def scene(

@@ -68,8 +68,8 @@ class LogRallies:
             except IllegalStrokeError as error:
                 raise WatchError(f"rally {number + 1}: {error}") from error
             first, second = (self._log.policies[int(policy)] for policy in found.policy[0])
-            match = int(found.pairing[0]), int(found.match[0])
-            games: dict[int, tuple[int, int]] = self._games.get(match, lambda: self._log.points_of_games(*match))
+            match = self._log.file_of(number), int(found.pairing[0]), int(found.match[0])
+            games: dict[int, tuple[int, int]] = self._games.get(match, lambda: self._log.points_of_games(number))
             finished = tuple(points for game, points in games.items() if game < sum(rally.games))
             return CourtRally.at(
                 Score(points=rally.points, games=rally.games, finished=finished, server=rally.server, rules=header.rules),

@@ -143,7 +143,9 @@ class TapeReader:
         if 2 * int(tape.used.max()) >= tape.code.shape[1]:
             self.read()
             if 4 * int(tape.used.max()) >= tape.code.shape[1]:
-                self._batch.tape = tape._replace(code=np.hstack([tape.code, np.zeros_like(tape.code)]))
+                longer = np.empty((len(tape.used), 2 * tape.code.shape[1]), np.uint64)
+                longer[:, : tape.code.shape[1]] = tape.code
+                self._batch.tape = tape._replace(code=longer)
 
     def read(self) -> None:
         """Hand on the rallies that have ended.

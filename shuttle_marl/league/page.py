@@ -1,6 +1,7 @@
 """The ranked table of the console, and HTML pages of a tournament and of runs side by side."""
 
 import dataclasses
+import functools
 import itertools
 import json
 import math
@@ -14,6 +15,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from shuttle_marl.base import runs
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import isolated, printable
 from shuttle_marl.base.intervals import Interval, interquartile_mean, probability_of_improvement
 from shuttle_marl.league.assessment import AXES, PEOPLE, Assessment, MetaGame, Style
@@ -22,7 +24,7 @@ from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
 from shuttle_marl.reports import charts
-from shuttle_marl.reports.html import Cell, Column, Table, interval, name, number, percent, render, table
+from shuttle_marl.reports.html import Cell, Column, Span, Table, interval, name, number, percent, render, table
 
 TITLES: Final[dict[Format, str]] = {"round-robin": "Round robin", "swiss": "Swiss tournament", "gauntlet": "Gauntlet"}
 FIGURES: Final = {"exploitability": "exploitability", "normalised_score": "normalised score", "rally_win": "rallies won"}
@@ -72,7 +74,7 @@ def learning_charts(runs: Sequence[Curve]) -> list[tuple[str, Markup]]:
     counted = all(run.points(figure, "strokes") for run in runs for figure in FIGURES if run.points(figure, "seconds"))
     by = "strokes" if counted else "seconds"
     found = []
-    for figure, caption in FIGURES.items():
+    for figure, caption in FIGURES.items() if runs else ():  # without one, Matplotlib is not imported
         lines = {run.name: run.points(figure, by) for run in runs}
         chart = charts.curves(lines, by, caption, logarithmic=figure in _LESS_IS_BETTER)
         if chart is not None:
@@ -166,8 +168,8 @@ def page(
         | {what: sum(seat[what] for r in played for seat in r.seats) for what in ("matches", "rallies", "strokes")},
         summary=_summary(standings),
         ranking=ranking(standings, assessment.styles),
-        rating_chart=_rating_chart(map(dataclasses.asdict, standings)),
-        payoff_chart=charts.heat_map([s.player for s in standings], assessment.win[order][:, order]),
+        ratings=_rated(map(dataclasses.asdict, standings)),
+        payoffs=_payoffs([s.player for s in standings], assessment.win[order][:, order]),
         curves=learning_charts(curves),
         people=PEOPLE,
         styles=_styles(standings, assessment.styles),
@@ -195,24 +197,28 @@ def _summary(standings: Sequence[Standing]) -> str:
     return f"{', '.join(first[:-1])} and {first[-1]} share the first rank: their 95 % intervals of the rank include it."
 
 
-def _styles(standings: Sequence[Standing], styles: Mapping[str, Style]) -> dict[str, Any]:
+def _payoffs(names: Sequence[str], win: F64) -> Table:
+    """Matches that each player wins against each other one; ``[N, N]`` probabilities, NaN: unknown."""
+
+    def cell(row: int, column: int) -> Cell:
+        p = float(win[row, column])
+        return Cell() if row == column or math.isnan(p) else Cell(f"{100 * p:.0f}", p, kind=f"shade-{10 * p:.0f}")
+
+    columns = [Column[int]("", lambda row: name(names[row]), left=True)]
+    columns += [Column(charts.label(each), functools.partial(cell, column=i), about=each) for i, each in enumerate(names)]
+    return table(range(len(names)), columns)
+
+
+def _styles(standings: Sequence[Standing], styles: Mapping[str, Style]) -> Table | None:
     if not styles:
-        return {}
-    points = {
-        s.player: (styles[s.player].likeness, s.rating_exact)
-        for s in standings
-        if s.player in styles and not math.isnan(s.rating_exact)
-    }
+        return None
     columns: list[Column[str]] = [
         Column("player", name, left=True),
         Column("likeness", lambda player: percent(styles[player].likeness)),
         Column("strokes a rally", lambda player: number(styles[player].rally_length, ".2f")),
         *(Column(axis, lambda player, axis=axis: percent(styles[player].shots[axis])) for axis in AXES),  # type: ignore[misc]
     ]
-    return {
-        "chart": charts.scatter(points, f"likeness to {PEOPLE}", "exact rating") if len(points) > 1 else None,
-        "table": table([s.player for s in standings if s.player in styles], columns),
-    }
+    return table([s.player for s in standings if s.player in styles], columns)
 
 
 def _meta_game(about: str, game: MetaGame) -> Table:
@@ -341,17 +347,27 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
     players = dict.fromkeys(player for ranked in rankings.values() for player in ranked)
     return {
         "ratings": table(players, columns) if rankings else None,
-        "rating_charts": [(run, _rating_chart(ranked.values())) for run, ranked in rankings.items()],
+        "rated": [_rated(ranked.values(), f"Ratings of {run}") for run, ranked in rankings.items()],
     }
 
 
-def _rating_chart(rows: Iterable[Mapping[str, Any]]) -> Markup:
-    """Ratings with their intervals; of several groups, which are not compared, each with its number."""
+def _rated(rows: Iterable[Mapping[str, Any]], caption: str = "") -> Table:
+    """Ratings with their intervals on a line; of several groups, which are not compared, each with its number."""
     rows = [*rows]
     apart = len({row["group"] for row in rows}) > 1
-    names = [f"{row['player']} (group {row['group']:.0f})" if apart else str(row["player"]) for row in rows]
-    bars = [charts.Bar(name, *(row[figure] for figure in _RATING[1:5])) for name, row in zip(names, rows, strict=True)]
-    return charts.bars(bars, "Ratings with 95 % intervals", wide=True)
+    known = [row[figure] for row in rows for figure in _RATING[1:5] if not math.isnan(row[figure])] or [0.0]
+    low, high = min(0.0, *known) - 1, max(0.0, *known) + 1
+
+    def drawn(row: Mapping[str, Any]) -> Cell:
+        value, least, most, exact = (row[figure] for figure in _RATING[1:5])
+        text = f"{value:+.0f} ({least:+.0f} to {most:+.0f})" + (f", exact {exact:+.0f}" if not math.isnan(exact) else "")
+        at = [round(100 * (each - low) / (high - low), 2) for each in (least, value, most, exact, 0.0)]
+        return Cell(text, value, span=Span(*at))
+
+    group = [Column[Any]("group", lambda row: number(row["group"], ".0f"), about="groups are not compared")]
+    scale = f"rating and 95 % interval, from {low:+.0f} to {high:+.0f} Elo points; diamond: exact"
+    columns = [Column[Any]("player", lambda row: name(str(row["player"])), left=True), *(group if apart else ())]
+    return table(rows, [*columns, Column(scale, drawn, left=True)], caption)
 
 
 def _rating_columns(run: str, ranking: Mapping[str, Mapping[str, float]]) -> list[Column[str]]:

@@ -5,6 +5,7 @@ import contextlib
 import dataclasses
 import datetime
 import itertools
+import json
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future
@@ -19,7 +20,7 @@ from rich.text import Text
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import Cluster, open_cluster
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import content_hash, replace_file
 from shuttle_marl.base.table_files import csv_bytes, write_parquet
 from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.scoring import RULES
@@ -30,7 +31,7 @@ from shuttle_marl.league.page import Curve, page, read_curve
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table, unknown
 from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, stages
 from shuttle_marl.policy.foreign import source_hashes, time_limit
-from shuttle_marl.recording import LogHeader, Pair, Player, RallyRecorder, Sampling
+from shuttle_marl.recording import LogHeader, Pair, Player, RallyLog, RallyRecorder, Sampling
 from shuttle_marl.recording.recorder import rallies_of_pairings
 from shuttle_marl.recording.recorder import resume as resume_log
 
@@ -94,6 +95,7 @@ class _Run:
     def __post_init__(self) -> None:
         self.folder = self.run.folder.absolute()  # a policy may change the working directory
         self.journal = runs.Journal(self.folder / PAIRINGS)
+        self.name = content_hash(json.dumps([self.config.fixed(), self.game.hash]).encode())[:16]  # in every line of the journal
 
     def go(self) -> LeagueRun:
         config, run, finished = self.config, self.run, self.run.finished
@@ -130,14 +132,16 @@ class _Run:
         """The finished pairings; an incomplete last line of an unfinished run is removed."""
         path = self.folder / PAIRINGS
         try:
-            results = [msgspec.convert(fields, PairResult) for fields in self.journal.read(finished=finished)]
+            lines = self.journal.read(finished=finished)
+            results = [msgspec.convert(fields, PairResult) for fields in lines]
             if odd := [result.pairing for result in results if not result.sound]:
                 raise ValueError(f"the counts of pairing {odd[0]} contradict each other")
         except ValueError as error:
             raise LeagueError(f"{path}: is damaged ({error}); play the tournament again with --overwrite") from error
         expected = [(pairing.number, pairing.names) for pairing in itertools.chain(*self.stages(results))]
         found = [(result.pairing, result.names) for result in results]
-        if found != expected[: len(found)] or (finished and found != expected):
+        named = all(fields.get("run") == self.name for fields in lines)
+        if not named or found != expected[: len(found)] or (finished and found != expected):
             advice = "restore it from a backup, or play the tournament again with --overwrite"
             raise LeagueError(f"{path}: pairings are missing, out of order, or of another run; {advice}")
         if not finished:
@@ -178,7 +182,7 @@ class _Run:
                     saved, new = unsaved.popleft()
                     if saved is not None:
                         saved.result()
-                    self.journal.append([dataclasses.asdict(result) for result in new])
+                    self.journal.append([dataclasses.asdict(result) | {"run": self.name} for result in new])
                     results.extend(new)
                     bar.advance(task, len(new))
                     for result in new:
@@ -205,7 +209,7 @@ class _Run:
         path = self.folder / log_name(stage)
         first, end = known[-1][0].number, known[-1][-1].number + 1
         every = Sampling.parse(config.record).every
-        if not every or (path.exists() and len(results) >= end):
+        if not every:
             return None
         header = LogHeader(
             seed=config.seed,
@@ -218,6 +222,13 @@ class _Run:
             columns=columns_of(self.game),
             pair=Pair.of(self.game),
         )
+        if path.exists() and len(results) >= end:
+            with RallyLog(path) as log:
+                if log.header != header:
+                    raise LeagueError(
+                        f"{path}: is the log of another run; restore it, or play the tournament again with --overwrite"
+                    )
+            return None
         if every == 1:
             recorded = sum(counts["rallies"] for result in results[first:end] for counts in result.seats)
         else:

@@ -127,19 +127,35 @@ class RallyLog:
         i = int(np.searchsorted(self.first_rally, number, side="right")) - 1
         return int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1
 
-    def numbers_of_match(self, pairing: int, match: int) -> I64:
-        """Numbers of the rallies of one match, in order; empty if the log has none."""
-        found = [np.empty(0, dtype=np.int64)]
+    def numbers_of_match(self, pairing: int, match: int, rally: int | None = None) -> I64:
+        """Numbers of the rallies of one match, in order; empty if the log has none.
+
+        Args:
+            rally: number of a rally, in whose log the match is looked for; None: in all logs of the folder.
+
+        Raises:
+            RecordingError: several logs of the folder have such a match.
+        """
+        found: dict[int, list[I64]] = {}
         if 0 <= pairing < len(self.pairings) and 0 <= match < 1 << 32:
             for i in self.batches_of_pairing(pairing, match, match).tolist():
                 first, rallies = self.batch(i)
-                found.append(first + np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match)))
-        return np.concatenate(found)
+                if len(rows := np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match))):
+                    found.setdefault(self._offset_of(first), []).append(first + rows)
+        if rally is not None:
+            found = {offset: parts for offset, parts in found.items() if offset == self._offset_of(rally)}
+        if len(found) > 1:
+            files = ", ".join(log[0].path.name for offset, log in self.logs if offset in found)
+            raise RecordingError(f"{self.path}: {files} have a match {match} of pairing {pairing} each; name one of these files")
+        return np.concatenate([np.empty(0, dtype=np.int64), *itertools.chain(*found.values())])
 
-    def points_of_games(self, pairing: int, match: int) -> dict[int, tuple[int, int]]:
-        """Points of both seats after the last recorded rally of every game of a match, by the number of the game."""
-        out: dict[int, tuple[int, int]] = {}
-        for number in self.numbers_of_match(pairing, match).tolist():
+    def _offset_of(self, number: int) -> int:
+        return self._offsets[self.file_of(number)]
+
+    def points_of_games(self, rally: int) -> dict[int, tuple[int, int]]:
+        """Points of both seats after the last recorded rally of every game of a rally's match, by the number of the game."""
+        row, out = self.rally(rally), dict[int, tuple[int, int]]()
+        for number in self.numbers_of_match(int(row.pairing[0]), int(row.match[0]), rally).tolist():
             row = self.rally(number)
             first, second, *games = row.score[0].tolist()
             out[sum(games)] = (first + int(row.winner[0] == 0), second + int(row.winner[0] == 1))
@@ -474,10 +490,6 @@ def check(path: Path, game: Game | None = None) -> Checked:
         for offset, files in log.logs:
             for file in files:
                 file.check_data()
-            for file, after in itertools.pairwise(files):
-                if after.header.first_rally != file.end:
-                    missing = f"{offset + file.end} to {offset + after.header.first_rally - 1}"
-                    problems.append(f"rallies {missing}, between {file.path.name} and {after.path.name}, are missing")
             problems += _check_matches(files, offset)
         if game is not None:
             wrong = replay(log, game).wrong
@@ -491,12 +503,14 @@ def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
     header = files[0].header
     sampling, matches = Sampling.parse(header.record), _Matches(header.rules)
     problems: list[str] = []
-    number = 0
+    number, matches.all_known = header.first_rally, header.first_rally == 0
     for file in files:
         for i in range(len(file.rallies)):
             first, rallies = file.batch(i)
             if first != number:
-                # Rallies are missing: later ones may belong to matches whose start was not seen.
+                missing = f"{offset + number} to {offset + first - 1}"
+                problems.append(f"rallies {missing} are missing, before others of {file.path.name}")
+                # Later ones may belong to matches whose start was not seen.
                 matches.open_, matches.all_known = matches.open_[:0], False
             number = first + len(rallies)
             bad = np.flatnonzero(matches.breaks(rallies))

@@ -6,7 +6,6 @@ variables of the page's style sheet, which has a light and a dark theme.
 
 import contextlib
 import io
-import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -52,7 +51,6 @@ _PLAYERS: Final = ("#1f5fa8", "#b8500a")
 _THEME: Final = {_INK: "--ink", _DIM: "--dim", _LINE: "--line", _ACCENT: "--accent", _SECOND: "--second"} | dict(
     zip(_PLAYERS, ("--first", "--other"), strict=True)
 )
-_LOST_TO_WON: Final = ("#ba4830", "#f7f6f0", "#0b6e4f")
 _MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
 """Colours of larger and smaller shares; orange and blue are told apart by all readers."""
 INK: Final = "#0b0f17"
@@ -62,7 +60,6 @@ _WIDE, _NARROW = 1100.0, 460.0
 _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
 _MISSING: Final = 4.5  # width that a letter takes beyond what a missing one does [px]
-_SMALLEST_LABELLED: Final = 30.0
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _NAMES: Final = [{"cross-court-net-shot": "cross-court\nnet shot"}.get(shot, shot.replace("-", " ")) for shot in SHOTS]
 _MOST_POINTS: Final = 4000  # approximate largest number of landing points drawn for a player
@@ -224,68 +221,6 @@ def _area(
 
 
 @_styled()
-def heat_map(names: Sequence[str], win: F64) -> Markup:
-    """Payoffs of all pairs.
-
-    Args:
-        names: N rows and columns.
-        win: ``[N, N]`` probability that the row wins against the column, NaN if unknown; the diagonal is not shown.
-    """
-    from matplotlib.collections import PatchCollection  # noqa: PLC0415  slow to import
-    from matplotlib.patches import Rectangle  # noqa: PLC0415
-
-    n = len(names)
-    size = 36.0 if n <= 24 else max(8.0, 800.0 / n)
-    chart = Chart(size * n + 240, size * n + 130)
-    axes, colours = chart.axes, _shades(*_LOST_TO_WON)
-    cells = [(i, j, float(win[i, j])) for i, j in np.ndindex(n, n) if i != j and not math.isnan(win[i, j])]
-    squares = PatchCollection([Rectangle((j - 0.48, i - 0.48), 0.96, 0.96) for i, j, _ in cells])
-    squares.set_facecolor([colours(p) for *_, p in cells] or "none")
-    squares.set_gid(chart.tooltips(*(f"{names[i]} beats {names[j]} in {100 * p:.1f} % of matches" for i, j, p in cells)))
-    axes.add_collection(squares)
-    for i, j, p in cells if size >= _SMALLEST_LABELLED else ():
-        colour = "#ffffff" if abs(2 * p - 1) > 0.55 else _DARK
-        _write(axes, j, i, f"{100 * p:.0f}", 10, colour, va="center_baseline")
-    axes.set(xlim=(-0.5, n - 0.5), ylim=(n - 0.5, -0.5), aspect="equal")
-    labels = [label(name) for name in names]
-    axes.set_xticks(range(n), labels, color=_INK, rotation=55, ha="left", rotation_mode="anchor")
-    axes.set_yticks(range(n), labels, color=_INK)
-    axes.tick_params(length=0, labeltop=True, labelbottom=False)
-    axes.spines[:].set_visible(False)
-    axes.grid(visible=False)
-    return chart.svg("Probability that the row wins against the column")
-
-
-@_styled()
-def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> Markup:
-    """Named points, whose names do not overlap."""
-    chart = Chart(_WIDE, 460.0)
-    axes = chart.axes
-    axes.scatter(
-        *np.array([*points.values()]).T,
-        color=_ACCENT,
-        s=60,
-        gid=chart.tooltips(*(f"{name}: {x:.3f}, {y:.3f}" for name, (x, y) in points.items())),
-    )
-    axes.margins(x=0.1, y=0.08)
-    axes.set(xlabel=across, ylabel=up)
-    chart.figure.draw_without_rendering()
-    # Left and right edge and centre of each name that is placed [px]; a name moves up or down until it covers no other.
-    placed: list[tuple[float, float, float]] = []
-    for name, point in sorted(points.items(), key=lambda item: item[1][1]):
-        (x, y), width = 72 / chart.figure.dpi * axes.transData.transform(point), 6.7 * len(label(name))
-        shift = next(
-            shift
-            for shift in sorted(range(-13 * len(points), 13 * len(points) + 1, 13), key=abs)
-            if not any(x + 9 < right and x + 9 + width > left and abs(y + shift - other) < 13 for left, right, other in placed)
-        )
-        placed.append((x + 9, x + 9 + width, y + shift))
-        line = {"arrowstyle": "-", "color": _DIM, "linewidth": 0.8} if shift else None
-        axes.annotate(label(name), point, (9, shift), textcoords="offset points", va="center", arrowprops=line)
-    return chart.svg(f"{up} against {across}")
-
-
-@_styled()
 def curves(
     lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False
 ) -> Markup | None:
@@ -340,17 +275,16 @@ def _wide(text: str) -> int:
 
 
 @_styled()
-def bars(rows: Sequence[Bar], title: str, *, wide: bool = False) -> Markup:
+def bars(rows: Sequence[Bar], title: str) -> Markup:
     """Estimates with intervals, one below the other; a value of NaN is not known."""
     say = _words()
     whole = [label(row.name, 3 * _LETTERS) for row in rows]
     # A line has half as many wide letters.
     labels = [fill(text, _LETTERS // 2 if 2 * _wide(text) > len(text) else _LETTERS) for text in whole]
     lines = max(text.count("\n") for text in labels) + 1
-    width = _WIDE if wide else _NARROW
-    chart = Chart(width, (14.0 * lines + 6) * len(rows) + 40)
+    chart = Chart(_NARROW, (14.0 * lines + 6) * len(rows) + 40)
     # The font of matplotlib has no wide letters, and leaves less space for them than that of the reader takes.
-    room = _MISSING * max(_wide(line) for text in labels for line in text.split("\n")) / width
+    room = _MISSING * max(_wide(line) for text in labels for line in text.split("\n")) / _NARROW
     chart.figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
     axes = chart.axes
     for y, row in enumerate(rows):

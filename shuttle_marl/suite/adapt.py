@@ -62,7 +62,7 @@ class Adapt(Task):
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Opponents of each family, and people, who do not count in the score and have a column of their own."""
-        numbers = dict.fromkeys(families(arena.game)[: 2 if arena.quick else None], 1 if arena.quick else _OPPONENTS)
+        numbers = dict.fromkeys(families(arena.game)[: 1 if arena.quick else None], 1 if arena.quick else _OPPONENTS)
         if not arena.quick:
             numbers[PEOPLE] = _OPPONENTS
         return [

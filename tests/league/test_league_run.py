@@ -197,6 +197,10 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
         with pytest.raises(ShuttleError, match=r"missing|incomplete"):
             run_league(LeagueConfig(**config, record="none", resume=True))
         assert path.read_bytes() == content
+    run_league(LeagueConfig(**config | {"seed": 6, "out": tmp_path / "other"}, record="none"))
+    path.write_bytes((tmp_path / "other/pairings.jsonl").read_bytes())
+    with pytest.raises(LeagueError, match="missing, out of order, or of another run"):
+        run_league(LeagueConfig(**config, record="none", resume=True))
     first = json.loads(lines[0])
     del first["checksum"]
     contradicting: list[dict[str, Any]] = [
@@ -276,7 +280,12 @@ def test_what_cannot_be_resumed(small: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(RunError, match="cannot be read"):
         run_league(LeagueConfig(**config, resume=True))
     manifest.unlink()
-    (tmp_path / "run" / "rallies.mcap").unlink()
+    log = tmp_path / "run" / "rallies.mcap"
+    run_league(LeagueConfig(**config | {"seed": 1, "out": tmp_path / "other"}))
+    log.write_bytes((tmp_path / "other/rallies.mcap").read_bytes())
+    with pytest.raises(LeagueError, match="the log of another run"):
+        run_league(LeagueConfig(**config, resume=True))
+    log.unlink()
     with pytest.raises(RecordingError, match="is missing"):
         run_league(LeagueConfig(**config, resume=True))
 

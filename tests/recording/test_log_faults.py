@@ -61,6 +61,7 @@ def test_batches_behind_a_damaged_one_are_saved(log_file: Path, tmp_path: Path) 
     found = recover(log_file)
     assert found.path == tmp_path / "rallies.recovered.mcap"
     assert (found.rallies, found.lost) == (84, 16)
+    assert "rallies 32 to 47 are missing, before others of rallies.recovered.mcap" in check(found.path).problems
     with RallyLog(found.path) as log:
         assert [first for first, _ in log.batches()] == [0, 16, 48, 64, 80, 96]
         assert [batch.stroke.tobytes() for _, batch in log.batches()] == expected[:2] + expected[3:]

@@ -54,7 +54,7 @@ class TestParts:
             assert len(log.rally(first - 1)) == len(log.rally(end)) == 1
             with pytest.raises(RecordingError, match=f"no rally {first}"):
                 log.rally(first)
-        assert f"rallies {first} to {end - 1}, between a.mcap and a.2.mcap, are missing" in check(in_parts).problems
+        assert f"rallies {first} to {end - 1} are missing, before others of a.2.mcap" in check(in_parts).problems
 
     def test_parts_of_another_log_do_not_belong(self, in_parts: Path, rallies, header, tmp_path: Path) -> None:
         other = tmp_path / "b.mcap"
@@ -240,3 +240,6 @@ class TestFolders:
         with both:
             assert [file.path.name for file in both.files] == ["b.mcap", "c.mcap"]
             assert both.n_rallies == 400
+            assert both.numbers_of_match(1, 90, rally=300).tolist() == [290]
+            with pytest.raises(RecordingError, match=r"b\.mcap, c\.mcap have a match 90 of pairing 1 each; name one"):
+                both.numbers_of_match(1, 90)

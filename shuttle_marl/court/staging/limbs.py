@@ -257,7 +257,9 @@ def _step(q: F64, square: F64, slope: F64, damping: float) -> F64:
     # Angles pushed against their limits are fixed, and the step is solved again for the others.
     for i in range(_N):
         if (q[i] <= LIMITS[i, 0] + 1e-9 and move[i] < 0) or (q[i] >= LIMITS[i, 1] - 1e-9 and move[i] > 0):
-            damped[i, :], damped[:, i], damped[i, i], right[i] = 0.0, 0.0, 1.0, 0.0
+            for k in range(_N):
+                damped[i, k], damped[k, i] = 0.0, 0.0
+            damped[i, i], right[i] = 1.0, 0.0
     move = _cholesky_solve(damped, right)
     for i in range(_N):
         move[i] = q[i] + min(max(move[i], -0.5), 0.5)
@@ -276,12 +278,16 @@ def _solve(angles: F64, target: F64, weight: F64, reach: F64, arm: Arm, rounds: 
         _residuals(arm, goal, _pose(q, arm, axes, pivots)[4], axes, pivots, jacobian, residual)
         cost = _normal_equations(q, jacobian, residual, square, slope)
         for _ in range(rounds):
-            to = _step(q, square, slope, damping)
-            change = np.abs(to - q).max()
+            to, change = _step(q, square, slope, damping), 0.0
+            for k in range(_N):
+                change = max(change, abs(to[k] - q[k]))
             _residuals(arm, goal, _pose(to, arm, axes, pivots)[4], axes, pivots, jacobian, residual)
             new = _normal_equations(to, jacobian, residual, new_square, new_slope)
             if new < cost:
-                q[:], square[:], slope[:], cost = to, new_square, new_slope, new
+                # Plain loops: numba compiles an assignment of arrays in seconds.
+                for k in range(_N):
+                    q[k] = to[k]
+                square, new_square, slope, new_slope, cost = new_square, square, new_slope, slope, new
                 damping = max(damping / 4, _LEAST_DAMPING)
             else:
                 damping *= 8
@@ -378,8 +384,9 @@ def _ankle(ball: F64, sole: Mat, heel: F64 | Vec, above: float) -> Vec:
 @compiled
 def _raised(joint: F64, ball: F64, yaw: F64, heel: F64, above: float, limit: float) -> F64:
     """``[F]`` least pitch by which each heel has to be raised for the leg to reach the foot, the greatest if none does."""
-    out = np.full(len(joint), _HEELS[-1])
+    out = np.empty(len(joint))
     for f in range(len(joint)):
+        out[f] = _HEELS[-1]
         for angle in _HEELS:
             way = sub(_ankle(ball[f], turned_by(yaw[f], angle, 0.0), heel, above), joint[f])
             if dot(way, way) <= limit * limit:

@@ -270,30 +270,46 @@ def _smoothest(weight: F64, target: F64, still: F64, fps: int) -> F64:
     top_speed, top_acceleration = _MARGIN * _TOP_SPEED, _MARGIN * _TOP_ACCELERATION
     n, p = len(weight), np.empty_like(target)
     speed, bend = float(fps), float(fps) * fps
-    bands = np.empty((3, n))
+    bands, now = np.empty((3, n)), np.empty_like(target)
     zv, za = np.zeros((n - 1, 2)), np.zeros((n - 2, 2))
     uv, ua = np.zeros((n - 1, 2)), np.zeros((n - 2, 2))
+    # Plain loops: numba compiles expressions of arrays in seconds.
     for step in range(-1, _MOST_ROUNDS):
         if step < 0 or step in _STIFFER:
             # Where the start is given, the wishes may violate the limits by much: the penalties grow.
             if step > 0:
                 rho_v, rho_a = 12 * rho_v, 12 * rho_a
-                uv *= 1 / 12
-                ua *= 1 / 12
+                for i in range(n - 1):
+                    for c in range(2):
+                        uv[i, c] *= 1 / 12
+                        if i < n - 2:
+                            ua[i, c] *= 1 / 12
             _factor(weight, still, rho_v, speed**2, (_BENDING + rho_a) * bend**2, bands)
-        p[:] = target
+        for i in range(n):
+            for c in range(2):
+                p[i, c] = target[i, c]
         if step >= 0:
-            push = rho_v * speed * (zv - uv)
-            p[1:] += push
-            p[:-1] -= push
-            push = rho_a * bend * (za - ua)
-            p[2:] += push
-            p[1:-1] -= 2 * push
-            p[:-2] += push
+            for i in range(n - 1):
+                for c in range(2):
+                    push = rho_v * speed * (zv[i, c] - uv[i, c])
+                    p[i + 1, c] += push
+                    p[i, c] -= push
+            for i in range(n - 2):
+                for c in range(2):
+                    push = rho_a * bend * (za[i, c] - ua[i, c])
+                    p[i + 2, c] += push
+                    p[i + 1, c] -= 2 * push
+                    p[i, c] += push
         _solve(bands, p)
         relax = 1.6 if step >= 0 else 1.0
-        fastest = _project((p[1:] - p[:-1]) * speed, top_speed, zv, uv, relax)
-        hardest = _project((p[2:] - 2 * p[1:-1] + p[:-2]) * bend, top_acceleration, za, ua, relax)
+        for i in range(n - 1):
+            for c in range(2):
+                now[i, c] = (p[i + 1, c] - p[i, c]) * speed
+        fastest = _project(now[: n - 1], top_speed, zv, uv, relax)
+        for i in range(n - 2):
+            for c in range(2):
+                now[i, c] = (p[i + 2, c] - 2 * p[i + 1, c] + p[i, c]) * bend
+        hardest = _project(now[: n - 2], top_acceleration, za, ua, relax)
         allowed = _SLACK if step < _ROUNDS else _LATE_SLACK
         if step > 0 and step % 10 == 9 and fastest < allowed * top_speed and hardest < allowed * top_acceleration:
             break

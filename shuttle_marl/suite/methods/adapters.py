@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.optimal import best_response, restricted_response
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy, positions_of
 from shuttle_marl.game.policy import TabulatedPolicy, position_shares, tabulate
@@ -216,9 +217,13 @@ class Mixture(Population):
 @functools.lru_cache(maxsize=1)
 def levels(game: Game, types: tuple[TabulatedPolicy, ...]) -> list[TabulatedPolicy]:
     """Best responses to types, best responses to those, and KL-regularised play around bc."""
-    first = [best_response(policy, tolerance=TOLERANCE).policy for policy in types]
-    second = [best_response(policy, tolerance=TOLERANCE).policy for policy in first]
-    return [*first, *second, *(tabulate(resolve(f"human:{tau}", game), game) for tau in _TAUS)]
+
+    def answer(policy: TabulatedPolicy) -> TabulatedPolicy:
+        return best_response(policy, tolerance=TOLERANCE).policy
+
+    first = [*in_threads(answer, types)]
+    near = in_threads(lambda tau: tabulate(resolve(f"human:{tau}", game), game), _TAUS)
+    return [*first, *in_threads(answer, first), *near]
 
 
 @functools.lru_cache(maxsize=2)
