@@ -87,16 +87,12 @@ def summary(found: Sequence[Metrics]) -> dict[str, Any]:
         "rallies": len(found),
         "strokes": len(every("contact")),
         "seconds": float(every("seconds").sum()),
-        "contact_max": float(every("contact").max()),
         "contact_within_1cm": float((every("contact") <= 0.01).mean()),
-        "slide_max": float(every("slide").max()),
         "plants": len(every("slide")),
-        "sunk_max": float(every("sunk").max()),
-        "speed_max": float(every("speed").max()),
-        "acceleration_max": float(every("acceleration").max()),
         "joint_excess_deg": float(every("joint_excess").max()),
         "landing_error_max": float(every("landing").max()),
         "ends_as_it_must": float(every("true_end").mean()),
+        **{f"{name}_max": float(every(name).max()) for name in ("contact", "slide", "sunk", "speed", "acceleration")},
     }
     if len(clearance := every("clearance")):
         figures["net_clearance_min"] = float(clearance.min())

@@ -18,6 +18,7 @@ returns the number of strokes. Libraries are imported in the factory, so that th
 """
 # ruff: noqa: PLC0415  see above
 
+import functools
 import importlib
 import multiprocessing
 import os
@@ -251,35 +252,18 @@ def _steps_of_an_episode(env: Any, rng: random.Random) -> int:
     return steps
 
 
-def _loop(make: Callable[[], Any]) -> Maker:
-    """PettingZoo's loop with random legal actions, one episode a call."""
-
-    def maker(batch: int, threads: int) -> Play:  # noqa: ARG001
-        env, rng = make(), random.Random(0)
-        env.reset(seed=0)
-        return lambda: _steps_of_an_episode(env, rng)
-
-    return maker
-
-
-def _rally() -> Any:
-    from shuttle_marl import rally_v0
-
-    return rally_v0.env()
+def classic(name: str, batch: int, threads: int) -> Play:  # noqa: ARG001
+    """PettingZoo's loop with random legal actions in one of its games, one episode a call."""
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # the modules will move to a registry
+        env, rng = importlib.import_module(f"pettingzoo.classic.{name}").env(), random.Random(0)
+    env.reset(seed=0)
+    return lambda: _steps_of_an_episode(env, rng)
 
 
-def _classic(name: str) -> Callable[[], Any]:
-    def make() -> Any:
-        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # the modules will move to a registry
-            return importlib.import_module(f"pettingzoo.classic.{name}").env()
-
-    return make
-
-
-def aec_strokes(batch: int, threads: int, game: Game | None = None) -> Play:  # noqa: ARG001
-    """PettingZoo's loop with random legal actions, of which strokes alone count."""
+def aec(batch: int, threads: int, game: Game | None = None) -> Play:  # noqa: ARG001
+    """The same loop in ``rally_v0``; strokes alone count."""
     from shuttle_marl import rally_v0
 
     env, rng = rally_v0.env(game=game), random.Random(0)
@@ -292,32 +276,17 @@ def aec_strokes(batch: int, threads: int, game: Game | None = None) -> Play:  # 
     return play
 
 
-BATCHED: Final[dict[str, Maker]] = {
-    "kernel": kernel,
-    "kernel_observed": kernel_observed,
-    "torchrl": torchrl,
-    "torchrl_stock": torchrl_stock,
-    "jax": jax,
-    "vector": vector,
-    "match_vector": match_vector,
-    "tournament": tournament,
-    "cartpole_vector": cartpole_vector,
-}
+_MANY: Final = (kernel, kernel_observed, torchrl, torchrl_stock, jax, vector, match_vector, tournament, cartpole_vector)
+BATCHED: Final[dict[str, Maker]] = {case.__name__: case for case in _MANY}
 """Cases that play many rallies in parallel; each is measured in a separate process."""
 SINGLE: Final[dict[str, Maker]] = {
     "gymnasium": gymnasium_env,
-    "aec": _loop(_rally),
-    "connect_four_v3": _loop(_classic("connect_four_v3")),
-    "tictactoe_v3": _loop(_classic("tictactoe_v3")),
+    "aec": aec,
+    **{name: functools.partial(classic, name) for name in ("connect_four_v3", "tictactoe_v3")},
 }
 """Environments without batches, which alternate in one process."""
 RECOVERY: Final[dict[str, Callable[[int, int, Game], Play]]] = {
-    "kernel": kernel,
-    "kernel_observed": kernel_observed,
-    "torchrl": torchrl,
-    "vector": vector,
-    "aec": aec_strokes,
-    "jax": jax,
+    case.__name__: case for case in (kernel, kernel_observed, torchrl, vector, aec, jax)
 }
 """Cases that are also measured in the game with recovery, in alternation with the game without."""
 ONE_THREAD: Final = ("cartpole_vector", "jax", *SINGLE)  # cases that are not told the number of their threads

@@ -208,13 +208,7 @@ def summary(found: list[Reached]) -> list[dict[str, Any]]:
     return rows
 
 
-def main(
-    *,
-    seeds: int = 5,
-    limit: float = 120.0,
-    learners: tuple[str, ...] = (),
-    as_json: Json = False,
-) -> None:
+def main(*, seeds: int = 5, limit: float = 120.0, learners: tuple[str, ...] = (), as_json: Json = False) -> None:
     """Measure and print.
 
     Args:

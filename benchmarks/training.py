@@ -105,13 +105,7 @@ def _name(device: str) -> str:
     return torch.cuda.get_device_name(device) if torch.device(device).type == "cuda" else device
 
 
-def main(
-    *,
-    strokes: int = 20_000_000,
-    repeats: int = 3,
-    device: str = "cpu",
-    as_json: Json = False,
-) -> None:
+def main(*, strokes: int = 20_000_000, repeats: int = 3, device: str = "cpu", as_json: Json = False) -> None:
     """Measure and print.
 
     Args:

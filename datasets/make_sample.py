@@ -27,38 +27,7 @@ from shuttle_marl.policy.registry import resolve
 
 PLAYERS = ("bc", "bc:viktor-axelsen", "bc:chou-tien-chen", "bc:an-se-young", "bc:chen-yufei")
 _SAMPLE = Path(__file__).parent / "sample" / "strokes.parquet"
-
-_CARD = """# Simulated sample
-
-{strokes:,} strokes of {rallies:,} rallies in {games} games ({matches} matches, best of three games to 21). **No one played
-them**: shipped policies did, on the shipped game. Where a name is that of a player it stands for a policy that imitates
-them; nothing here is a record of what they did.
-
-| | |
-| --- | --- |
-| file | `strokes.parquet` ({size:,} bytes), schema of [the datasheet](../../docs/datasheet.md), `source` is `simulated` |
-| made by | `python datasets/make_sample.py --players {players} --matches {matches} --seed {seed}`, {made_by} |
-| game | `{game}` |
-| licence | MIT, as the package |
-| split | none: it is for trying things out, and for tests; fit nothing on it |
-
-| | |
-| --- | --- |
-| strokes a rally | {length:.1f} |
-| faults | {faults:.1%} of strokes |
-| winners | {winners:.1%} of strokes |
-| most played | {shots} |
-
-Shot, target, contact height, technique, outcome and score come from the tables of the game and the policies. Only drawn to
-fit them: landing points (inside the target area; of faults just over the line next to it, or on the striker's side of the
-net), positions of the players and times (median flight times of the annotated matches). The contact point of a reply is the
-landing of the stroke before. There are no annotators, so `label_area` is null.
-
-```
-python -m shuttle_marl.data summary datasets/sample/strokes.parquet
-python -m shuttle_marl.data validate datasets/sample/strokes.parquet
-```
-"""
+_CARD = Path(__file__).parent / "sample" / "CARD.md.in"  # for str.format
 
 
 def player_of(policy: str) -> str:
@@ -95,7 +64,7 @@ def make_sample(*, players: tuple[str, ...] = PLAYERS, matches: int = 8, seed: i
 def card(strokes: pa.Table, account: Account, provenance: Mapping[str, Any], *, size: int) -> str:
     """The card of a sample, in Markdown."""
     counts = sorted(pc.value_counts(strokes["shot"]).to_pylist(), key=lambda item: -item["counts"])
-    return _CARD.format(
+    return _CARD.read_text(encoding="utf-8").format(
         strokes=strokes.num_rows,
         rallies=account.rallies,
         games=strokes.group_by(["match", "game"]).aggregate([]).num_rows,

@@ -190,13 +190,8 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
         train_all(list(config.training(folder).values()), config.jobs, console)
         finish(folder, measure(config, folder, console), "win_rates", "win_rates_matrix", copy=json)
         if config.ship:
-            ship(
-                {
-                    agent.replace(", ", ":"): _out(run) / "agent"
-                    for (agent, seed), run in config.training(folder).items()
-                    if seed == 0
-                }
-            )
+            first = {agent: run for (agent, seed), run in config.training(folder).items() if seed == 0}
+            ship({agent.replace(", ", ":"): _out(run) / "agent" for agent, run in first.items()})
 
 
 main = entry_point(win_rates, "python -m experiments.win_rates", __doc__ or "")

@@ -4,7 +4,6 @@ The public API; ``docs/api.md`` has a line about each name. Everything is import
 ``import shuttle_marl`` imports neither numpy nor PettingZoo nor PyTorch.
 """
 
-import importlib
 from typing import TYPE_CHECKING, Any
 
 from shuttle_marl.base.environment_ids import register_when_imported
@@ -82,38 +81,14 @@ __all__ = [
     "train",
 ]
 
-_NAMES = {
-    "reports": ("analyse_rally", "rank_players", "report", "scouting_report"),
-    "data": ("read_matches", "to_df"),
-    "dynamics": ("fit_model", "load_models"),
-    "env": ("match_v0", "rally_v0"),
-    "base.errors": ("ActionError",),
-    "env.batched": ("RallyEnv", "VersusEnv"),
-    "env.wrappers": ("component_masks",),
-    "exact": ("best_response", "crossplay", "evaluate", "nash_conv", "solve"),
-    "game": ("Game", "Policy", "Rules", "Score", "States", "default_game", "load_game", "pair_game", "tabulate"),
-    "game.recovery": ("POSITIONS",),
-    "game.rules": ("IllegalStrokeError",),
-    "game.scoring": ("match_win_probability",),
-    "game.stroke": ("SHOTS",),
-    "kernel": ("play_matches",),
-    "league": ("LeagueConfig", "run_league"),
-    "policy": ("register", "resolve"),
-    "policy.plain_network": ("from_network", "save_network"),
-    "recording": ("RallyLog", "RallyLogWriter"),
-    "training": ("A2CConfig", "PPOConfig", "SACConfig", "agent_network", "train"),
-}
-"""Names by the package that they are imported from."""
-
 
 def __getattr__(name: str) -> Any:
     from shuttle_marl.base.errors import did_you_mean  # noqa: PLC0415
-    from shuttle_marl.base.extras import hinted  # noqa: PLC0415
+    from shuttle_marl.base.extras import hinted, lazily  # noqa: PLC0415
 
-    for module, names in _NAMES.items():
-        if name in names:
-            with hinted():
-                return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    if name in __all__:
+        with hinted():
+            return lazily(__name__)[0](name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, __all__)}")
 
 

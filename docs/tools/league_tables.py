@@ -50,15 +50,8 @@ def ranking_short(standings: list[Standing]) -> str:
         )
         for s in shown
     ]
-    figures = (
-        "rating (95 %)",
-        "matches won",
-        "rallies won against `bc`",
-        "in refits (95 %)",
-        "exploitability",
-        "normalised score",
-    )
-    return markdown(("player", *figures), rows, left=("player",))
+    won = ("matches won", "rallies won against `bc`", "in refits (95 %)")
+    return markdown(("player", "rating (95 %)", *won, "exploitability", "normalised score"), rows, left=("player",))
 
 
 @functools.cache

@@ -135,12 +135,9 @@ def _analysis() -> None:
 
 def _league_report() -> None:
     """The first screens of the report of the default tournament."""
-    from shuttle_marl.league.entrants import LeagueConfig  # noqa: PLC0415
-    from shuttle_marl.league.run import run_league  # noqa: PLC0415
-
     with tempfile.TemporaryDirectory() as folder:
-        run = run_league(LeagueConfig(out=Path(folder) / "run", record="none")).folder
-        _shown(run / "report.html", _REPORT, "league_report")
+        _module("shuttle_marl.league", "--record", "none", "--out", f"{folder}/run")()
+        _shown(Path(folder) / "run" / "report.html", _REPORT, "league_report")
 
 
 def _shown(file: Path, size: tuple[int, int], name: str) -> None:

@@ -99,6 +99,7 @@ def _environment() -> jinja2.Environment:
         "ci": _with_interval,
         "unit": _with_unit,
         "of": _grouped,
+        "falling": lambda rows, key: sorted(rows.items(), key=lambda item: -item[1][key]["value"]),
     }
     return environment
 

@@ -82,41 +82,10 @@ def depth() -> str:
     return markdown(("board", "best simple rule", "best other method", "the method is ahead"), lines, left=("board",))
 
 
-def search() -> str:
-    """The best settings of the search at each budget."""
-    found = saved("experiments", "suite_search")["settings"]
-    rows = [
-        (
-            name,
-            str(len(trials)),
-            f"{sum(row['strokes'] for row in trials):,}",
-            f"`{trials[0]['settings']}`",
-            f"{trials[0]['gain']:.2f}",
-        )
-        for name, trials in found.items()
-    ]
-    return markdown(
-        ("method and budget", "settings tried", "strokes", "best", "mean gain"), rows, left=("method and budget", "best")
-    )
-
-
-def people() -> str:
-    """Methods against individuals, earlier and later."""
-    found = saved("experiments", "people")["summary"]
-    columns = ("score, earlier", "score, later")
-    rows = [
-        (f"`{name}`", *(with_interval(scores.get(column)) for column in columns))
-        for name, scores in sorted(found.items(), key=lambda item: -item[1]["score, later"]["value"])
-    ]
-    return markdown(("made for", *columns), rows, left=("made for",))
-
-
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "suite_summary": summary,
     "suite_frontier": frontiers,
     "suite_depth": depth,
-    "suite_search": search,
-    "suite_people": people,
     **{f"suite_{kind}": functools.partial(task_boards, kind) for kind in dict.fromkeys(map(kind_of, TASKS))},
 }
 """Tables by name."""

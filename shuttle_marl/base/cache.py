@@ -74,12 +74,7 @@ def known_key(key: bytes) -> bytes:
 
 
 class Cache:
-    """Results of one kind.
-
-    Args:
-        kind: name of their table.
-        most: capacity; the oldest results are evicted.
-    """
+    """Results of one kind; ``kind``: name of their table; ``most``: capacity; the oldest results are evicted."""
 
     def __init__(self, kind: str, most: int) -> None:
         self._kind, self._most = kind, most
@@ -137,8 +132,7 @@ class Cache:
         if (memory := _MEMORY.get()) is not None:
             memory.update(results)
             return
-        folder = cache_folder()
-        if folder is None:
+        if (folder := cache_folder()) is None:
             _warn_once("the user has no home folder. Results are recomputed by every command; set XDG_CACHE_HOME to keep them")
             return
         path = folder / NAME

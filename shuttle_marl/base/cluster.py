@@ -220,11 +220,7 @@ class WorkerPool(futures.ProcessPoolExecutor):
 
 
 def check_processes(processes: int) -> None:
-    """Check that as many processes can be started.
-
-    Raises:
-        ClusterError: this machine has no semaphores for them.
-    """
+    """Check that as many processes can be started. Raises ClusterError: this machine has no semaphores for them."""
     try:
         if processes > 1:
             multiprocessing.get_context("spawn").Lock()

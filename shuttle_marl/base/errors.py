@@ -29,11 +29,7 @@ class ActionError(ShuttleError):
 
 
 def whole_number(name: str, value: Any, least: int | None = None) -> int:
-    """Check an integer option.
-
-    Raises:
-        OptionError: it is not an integer (fractions are not truncated), or is below ``least``.
-    """
+    """Check an integer option. Raises OptionError: it is not an integer (fractions are not truncated), or is below ``least``."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -113,11 +109,7 @@ def printable(text: str, *, keep: str = "") -> str:
 
 
 def command(name: str, *arguments: str) -> str:
-    """A command line of the package that works as printed: it names the interpreter in use, and is quoted.
-
-    Args:
-        name: command, such as ``watch``.
-    """
+    """A command line of the package that works as printed: it names the interpreter in use, and is quoted."""
     here, found = Path(sys.executable).absolute(), shutil.which("python")
     if found is not None and Path(found).absolute().parent == here.parent:
         python = "python"

@@ -2,6 +2,7 @@
 
 import ast
 import contextlib
+import functools
 import pkgutil
 import shlex
 from collections import defaultdict
@@ -18,16 +19,11 @@ _EXTRAS: Final = {
     "scene": ("foxglove", "mcap_protobuf"),
     "train": ("lightgbm", "tensordict", "torch", "torchrl"),
 }
-"""Optional libraries by extra of the package."""
 _APART: Final = ("ray",)  # extras that `make install` omits
 
 
 def install_hint(extra: str) -> str:
-    """How to install an extra: from the clone that the package runs from, or of the installed package.
-
-    Args:
-        extra: such as ``train``.
-    """
+    """How to install an extra: from the clone that the package runs from, or of the installed package."""
     clone = Path(__file__).resolve().parents[2]
     if (clone / "pyproject.toml").is_file():
         command = f"`pip install -e {shlex.quote(f'{clone}[{extra}]')}`"
@@ -54,12 +50,9 @@ def hinted() -> Iterator[None]:
         raise ModuleNotFoundError(hint, name=error.name) from error
 
 
+@functools.cache
 def lazily(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """``__getattr__`` and ``__dir__`` of a package, for the names that its ``__init__.py`` imports under ``if TYPE_CHECKING``.
-
-    Args:
-        package: its ``__name__``.
-    """
+    """``__getattr__`` and ``__dir__`` of a package, for the names that its ``__init__.py`` imports under ``if TYPE_CHECKING``."""
     names: dict[str, list[str]] = defaultdict(list)
     for node in ast.walk(ast.parse(pkgutil.get_data(package, "__init__.py") or b"")):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{package}."):

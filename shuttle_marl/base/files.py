@@ -17,8 +17,7 @@ import msgspec
 
 from shuttle_marl.base.errors import ShuttleError
 
-NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
-"""Error codes of the system for lack of space."""
+NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)  # lack of space
 MAX_JSON: Final = 1 << 24
 MAX_LINES: Final = 1 << 25
 T = TypeVar("T")
@@ -32,7 +31,6 @@ FractionOrZero = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Weight = Annotated[float, msgspec.Meta(ge=0, le=10)]
 Seed = Annotated[int, msgspec.Meta(ge=0, le=(1 << 63) - 1)]
 Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
-_BINARY: Final = getattr(os, "O_BINARY", 0)  # Windows only
 _KINDS: Final = {stat.S_IFDIR: "a folder", stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
 _SEAL: Final = "checksum"
 _HASHES: Final = "sha256"
@@ -67,7 +65,7 @@ def replacing(path: Path, *, new: bool = False) -> Iterator[BinaryIO]:
     temporary = path.parent / f".{path.name[:32]}.{secrets.token_hex(6)}.part"
     with _unwritable(path, OSError, ValueError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, 0o666)
+        handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
     try:
         with _unwritable(path, OSError), os.fdopen(handle, "w+b") as file:
             yield file
@@ -105,12 +103,8 @@ def _unwritable(path: Path, *errors: type[Exception]) -> Iterator[None]:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file for reading; never blocks on a FIFO.
-
-    Raises:
-        OSError: it cannot be opened, or is not a regular file.
-    """
-    handle = os.open(path, os.O_RDONLY | _BINARY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+    """Open a regular file for reading; never blocks on a FIFO. Raises OSError: it cannot be opened, or is not a regular file."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
         raise OSError(errno.EINVAL, "not a regular file", str(path))
@@ -171,11 +165,7 @@ def seal(fields: dict[str, Any], indent: int | None = 2) -> bytes:
 
 
 def unsealed(content: bytes) -> dict[str, Any]:
-    """The fields of :func:`seal`.
-
-    Raises:
-        ValueError: not a JSON object, or changed after it was written.
-    """
+    """The fields of :func:`seal`. Raises ValueError: not a JSON object, or changed after it was written."""
     fields = parsed(content.decode())
     if not isinstance(fields, dict):
         raise ValueError("not a JSON object")
@@ -184,11 +174,7 @@ def unsealed(content: bytes) -> dict[str, Any]:
 
 
 def replace_sealed(path: Path, fields: dict[str, Any]) -> None:
-    """Write the content of :func:`seal` atomically.
-
-    Raises:
-        FileWriteError: as :func:`replace_file`.
-    """
+    """Write the content of :func:`seal` atomically. Raises FileWriteError: as :func:`replace_file`."""
     replace_file(path, seal(fields))
 
 
@@ -212,11 +198,7 @@ def with_hashes(fields: dict[str, Any], content: dict[str, bytes]) -> dict[str, 
 
 
 def hash_in(card: dict[str, Any], name: str) -> str:
-    """The hash of a file in its card.
-
-    Raises:
-        ValueError: the card does not hold it.
-    """
+    """The hash of a file in its card. Raises ValueError: the card does not hold it."""
     hashes = card.get(_HASHES)
     found = hashes.get(name) if isinstance(hashes, dict) else None
     if not isinstance(found, str):

@@ -50,11 +50,7 @@ def write_parquet(path: Path, table: pa.Table, *, new: bool = False, **options: 
 
 
 def seal_parquet(file: BinaryIO) -> None:
-    """Add the seal to a complete Parquet file.
-
-    Args:
-        file: open for reading and writing, without a seal.
-    """
+    """Add the seal to a complete Parquet file; ``file``: open for reading and writing, without a seal."""
     file.seek(0)
     digest = hash_of(iter(lambda: file.read(1 << 20), b""))
     file.seek(-_END, io.SEEK_END)

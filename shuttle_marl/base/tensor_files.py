@@ -60,11 +60,7 @@ def packed_bytes(array: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
 
 
 def unpacked_bytes(content: npt.NDArray[np.uint8], dtype: npt.DTypeLike, shape: Sequence[int]) -> npt.NDArray[Any]:
-    """The array of compressed bytes.
-
-    Raises:
-        ValueError: they are damaged, or of another size.
-    """
+    """The array of compressed bytes. Raises ValueError: they are damaged, or of another size."""
     kind, size = np.dtype(dtype), _unpacked_size(dtype, shape)
     if size > _MOST:
         raise ValueError(f"a packed array of {size >> 20} MB, expected at most {_MOST >> 20}")

@@ -421,8 +421,6 @@ def _file(error: OSError, default: str) -> str:
 
 
 def _reader_is_gone() -> bool:
-    if not hasattr(select, "poll"):
-        return True
     pipe = select.poll()
     pipe.register(sys.stdout.fileno(), select.POLLOUT)
     return any(state & select.POLLERR for _, state in pipe.poll(0))

@@ -84,12 +84,7 @@ def fit(
         say("More matches help. Reports advise only strokes with enough real ones behind them.")
 
 
-def evaluate(
-    data: Path,
-    split: Split = "validation",
-    model: str = "default",
-    json: bool = False,
-) -> None:
+def evaluate(data: Path, split: Split = "validation", model: str = "default", json: bool = False) -> None:
     """Score the models on a split, and boosted trees fitted to the training matches.
 
     Args:
@@ -114,11 +109,7 @@ def evaluate(
     show(result, json, table(f"{split} split: models and boosted trees", headings, rows), *following)
 
 
-def card(
-    model: str = "default",
-    json: bool = False,
-    truth: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-) -> None:
+def card(model: str = "default", json: bool = False, truth: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None) -> None:
     """Print the card of a model.
 
     Args:

@@ -36,12 +36,7 @@ _SAMPLES: Final = SampleOptions()
 
 
 def solve(
-    *,
-    model: Model = MODEL,
-    away: bool = True,
-    plot: File = None,
-    incoming: str | None = None,
-    json_output: Json = False,
+    *, model: Model = MODEL, away: bool = True, plot: File = None, incoming: str | None = None, json_output: Json = False
 ) -> None:
     """Solve the game: the value of a rally under perfect play, and statistics of perfect play.
 
@@ -198,14 +193,7 @@ def best_response(
     cli.show(figures, json_output, *notes, *cli.home_and_away([("the response", home, spreads)], others, asked=away))
 
 
-def holes(
-    policy: Policy,
-    *,
-    model: Model = MODEL,
-    top: int = 10,
-    at_least: AtLeast = None,
-    json_output: Json = False,
-) -> None:
+def holes(policy: Policy, *, model: Model = MODEL, top: int = 10, at_least: AtLeast = None, json_output: Json = False) -> None:
     """List the states in which a policy loses most to its best response.
 
     Args:
@@ -246,13 +234,7 @@ def _hole(hole: "Hole") -> tuple[cli.Figure, ...]:
     return hole.description.replace(", ", "\n", 2), played, *seen, hole.regret, f"{hole.loss:.5f}"
 
 
-def crossplay(
-    policies: Policies,
-    *,
-    model: Model = MODEL,
-    away: bool = False,
-    json_output: Json = False,
-) -> None:
+def crossplay(policies: Policies, *, model: Model = MODEL, away: bool = False, json_output: Json = False) -> None:
     """Compute the win probability of every policy against every other.
 
     Args:
@@ -355,12 +337,7 @@ def _check_some(policies: Sequence[str]) -> None:
         raise ExactError("no policy given; name one or more, for example: bc attacking minimax")
 
 
-def depth(
-    policies: Policies = (),
-    *,
-    model: Model = MODEL,
-    json_output: Json = False,
-) -> None:
+def depth(policies: Policies = (), *, model: Model = MODEL, json_output: Json = False) -> None:
     """Describe the play of policies beside that of people, and how far policies get that read little of the state.
 
     Args:

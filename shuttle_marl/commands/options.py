@@ -4,9 +4,9 @@ import contextlib
 import dataclasses
 import itertools
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import msgspec
 import tyro
@@ -19,7 +19,10 @@ from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
-from shuttle_marl.reports.languages import Language, speaking
+from shuttle_marl.reports.languages import Language
+
+if TYPE_CHECKING:
+    from shuttle_marl.reports.coach import CoachReport
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY ...]")]
 Policy = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
@@ -45,20 +48,16 @@ def hands_told(hands: HandsTold) -> Iterator[None]:
 class PlayerOptions:
     """The players of strokes."""
 
-    hand: HandsTold = ()
-    """Hand of a player, such as kento-momota=left. Default: strokes around the head tell it."""
-    anonymous: bool = False
-    """Replace the names of players and matches."""
+    hand: HandsTold = ()  # Hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
+    anonymous: bool = False  # Replace the names of players and matches.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GameOptions:
     """The game that is solved or played."""
 
-    game: str = "default"
-    """Model of the game: a shipped one or a folder."""
-    profile: Profile | None = None
-    """Discipline of the game; default: the average of both."""
+    game: str = "default"  # Model of the game: a shipped one or a folder.
+    profile: Profile | None = None  # Discipline of the game; default: the average of both.
 
     def load(self) -> Game:
         """The tables of the game."""
@@ -73,10 +72,8 @@ MODEL: Final = GameOptions()
 class RallyGameOptions:
     """The game of recorded rallies."""
 
-    game: str | None = None
-    """Model of the game: a shipped one or a folder; default: the shipped game that the log was played on."""
-    profile: Profile | None = None
-    """Discipline of the game."""
+    game: str | None = None  # Model of the game: a shipped one or a folder; default: the shipped game that the log was played on.
+    profile: Profile | None = None  # Discipline of the game.
 
     def load_for(self, path: Path | None) -> Game:
         """The game of a rally log; for annotated matches the shipped one, with a notice.
@@ -122,26 +119,19 @@ def tables_of(names: Iterable[str], game: Game) -> list[TabulatedPolicy]:
 class Appearance:
     """Appearance of the players."""
 
-    athletes: tuple[Athlete, Athlete] | None = None
-    """Athletes at seats 0 and 1 (A and B); default: as the players are."""
-    hands: tuple[Hand, Hand] | None = None
-    """Racket hands at seats 0 and 1 (A and B); default: those of the players."""
+    athletes: tuple[Athlete, Athlete] | None = None  # Athletes at seats 0 and 1 (A and B); default: as the players are.
+    hands: tuple[Hand, Hand] | None = None  # Racket hands at seats 0 and 1 (A and B); default: those of the players.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SampleOptions:
     """Matches of policies that read the score."""
 
-    matches: Annotated[int, msgspec.Meta(ge=1, le=10_000_000)] = 400
-    """Number of matches played for a policy that is sampled."""
-    seed: Seed = 0
-    """Random seed of these matches."""
-    record: str = "all"
-    """Which of their rallies are recorded: all, sample:N (those of one match in N) or none."""
-    log: File = None
-    """Rally log of these matches; default: runs/evaluate-SEED.mcap, or the next such name that is free."""
-    policy_timeout: float = POLICY_TIMEOUT
-    """Seconds that a program may take for one stroke; 0 for no limit."""
+    matches: Annotated[int, msgspec.Meta(ge=1, le=10_000_000)] = 400  # Number of matches played for a policy that is sampled.
+    seed: Seed = 0  # Random seed of these matches.
+    record: str = "all"  # Which of their rallies are recorded: all, sample:N (those of one match in N) or none.
+    log: File = None  # Rally log of these matches; default: runs/evaluate-SEED.mcap, or the next such name that is free.
+    policy_timeout: float = POLICY_TIMEOUT  # Seconds that a program may take for one stroke; 0 for no limit.
 
     def __post_init__(self) -> None:
         check_bounds(self, ExactError)
@@ -151,36 +141,29 @@ class SampleOptions:
 class ReportOptions(PlayerOptions):
     """Files and figures of a report."""
 
-    out: File = None
-    """HTML file; default: the name of the command."""
-    pdf: File = None
-    """PDF file, written by Chromium; its first page is one side for the player."""
-    figures: File = None
-    """CSV or Parquet file for a table of all figures."""
-    language: Language = "en"
-    """Language of the page: English, Chinese (simplified) or Indonesian."""
-    json_output: Json = False
-    """Print the figures as JSON, and write no page unless --out or --pdf is given."""
+    out: File = None  # HTML file; default: the name of the command.
+    pdf: File = None  # PDF file, written by Chromium; its first page is one side for the player.
+    figures: File = None  # CSV or Parquet file for a table of all figures.
+    language: Language = "en"  # Language of the page: English, Chinese (simplified) or Indonesian.
+    json_output: Json = False  # Print the figures as JSON, and write no page unless --out or --pdf is given.
 
-    def write(self, figures: Mapping[str, Any], page: Callable[[], bytes], name: str) -> None:
+    def write(self, report: "CoachReport", name: str) -> None:
         """Write the page, the PDF file and the figures that the options ask for.
 
         Args:
-            page: makes the page, in the language.
-            name: of its file by default.
+            name: of the file of the page by default.
 
         Raises:
             WatchError: there is no Chromium, or it cannot print; the page is written.
         """
         files: dict[str, Path] = {}
         if self.figures is not None:
-            write_figures(figures, self.figures)
+            write_figures(report.figures, self.figures)
             files["figures"] = self.figures
         if self.json_output:
-            print_json(figures)
+            print_json(report.figures)
         if not self.json_output or self.out is not None or self.pdf is not None:
-            with speaking(self.language):
-                content = page()
+            content = report.html(self.language)
             out = self.out or Path(name)
             replace_file(out, content)
             files["report"] = out

@@ -102,12 +102,7 @@ def recover(path: Log, *, out: Path | None = None) -> None:
         raise RecordingError("\n".join(problems))
 
 
-def export(
-    path: Log,
-    out: File,
-    *,
-    rows: Literal["rallies", "strokes"] = "rallies",
-) -> None:
+def export(path: Log, out: File, *, rows: Literal["rallies", "strokes"] = "rallies") -> None:
     """Export a log as a table.
 
     Args:

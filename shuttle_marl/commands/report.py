@@ -1,8 +1,7 @@
 """Match reports: what decided a match."""
 
-import dataclasses
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import tyro
 
@@ -39,17 +38,12 @@ def report(
     """
     from shuttle_marl.court.clips import match_clips  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.reports import coach  # noqa: PLC0415
-    from shuttle_marl.reports.pages import match_page  # noqa: PLC0415
 
     game = model.load_for(path)
+    options: dict[str, Any] = {"columns": columns, "rules": rules, "video": video, "anonymous": output.anonymous}
     with hands_told(output.hand), cli.working("analysing the match"), speaking(output.language):
-        found, source = coach.of_file(path, game, match, pairing=pairing, columns=columns, rules=rules)
-    if video is not None:
-        source = dataclasses.replace(source, video=coach.video_of(video))
-    if output.anonymous:
-        with speaking(output.language):
-            found, source = coach.anonymous(found, source)
-    output.write(found.as_json(), lambda: match_page(found, source, match_clips(found, source)), "report.html")
+        found = coach.report(path, match, pairing=pairing, game=game, clips=match_clips, **options)
+    output.write(found, "report.html")
 
 
 COMMANDS: Final = report

@@ -1,7 +1,7 @@
 """Scouting reports: how to play against an opponent."""
 
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import tyro
 
@@ -39,12 +39,10 @@ def scout(
         list_players: list the players of the model instead.
         output: what is written.
     """
-    from shuttle_marl.data import read_matches  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.court.clips import scout_clips  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.reports.coach import scouting_report  # noqa: PLC0415
     from shuttle_marl.reports.habits import plain  # noqa: PLC0415
-    from shuttle_marl.reports.pages import gaps, scouting_page  # noqa: PLC0415
     from shuttle_marl.reports.scouting import players_of  # noqa: PLC0415
-    from shuttle_marl.reports.scouting import scout as scouted  # noqa: PLC0415
-    from shuttle_marl.reports.words import words  # noqa: PLC0415
 
     if list_players:
         listed = players_of(game)
@@ -54,23 +52,10 @@ def scout(
         return
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
-    names = (player,) if opponent is None else (opponent, player)
-    with hands_told(output.hand), cli.working("analysing the match-up"):
-        strokes = None if data is None else read_matches(data, rules=rules)
-        report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
-    if output.anonymous:
-        shown = [known.name for known in (report.player, report.opponent) if known is not None]
-        with speaking(output.language):
-            letters = [words()(f"report.player_{letter}") for letter in "abc"]
-        report = report.renamed(lambda name: letters[shown.index(name)] if name in shown else letters[2])
-    missing = () if strokes is None else gaps(strokes)
-
-    def page() -> bytes:
-        from shuttle_marl.court.clips import scout_clips  # noqa: PLC0415  figures need no court
-
-        return scouting_page(report, missing, scout_clips(report, None if output.anonymous else strokes))
-
-    output.write(report.as_json(), page, "scout.html")
+    options: dict[str, Any] = {"rules": rules, "beside": beside, "date": date, "model": game, "anonymous": output.anonymous}
+    with hands_told(output.hand), cli.working("analysing the match-up"), speaking(output.language):
+        report = scouting_report(player, opponent, data=data, clips=scout_clips, **options)
+    output.write(report, "scout.html")
 
 
 COMMANDS: Final = scout

@@ -173,12 +173,7 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
 
 
 def figure(
-    task: Task,
-    *,
-    out: Path,
-    results: Path = Path("experiments/results/suite.json"),
-    split: Split = "test",
-    game: str = "default",
+    task: Task, *, out: Path, results: Path = Path("experiments/results/suite.json"), split: Split = "test", game: str = "default"
 ) -> None:
     """Draw exploitability against score: the exact frontier, and every row at each budget, as means over the opponents.
 

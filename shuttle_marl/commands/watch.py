@@ -276,14 +276,10 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
     @functools.lru_cache(maxsize=8)
     def report(match: str | tuple[int, int], _: Language) -> bytes:
         from shuttle_marl.court.clips import match_clips  # noqa: PLC0415
-        from shuttle_marl.reports import coach  # noqa: PLC0415  Jinja
-        from shuttle_marl.reports.pages import match_page  # noqa: PLC0415
+        from shuttle_marl.reports.coach import report as made  # noqa: PLC0415  Jinja
 
-        if isinstance(match, str):
-            found = coach.of_strokes(path, game, match, rules=options.rules)
-        else:
-            found = coach.of_log(path, game, *match)
-        return match_page(*found, match_clips(*found))
+        pairing, name = (0, match) if isinstance(match, str) else (match[0], str(match[1]))
+        return made(path, name, pairing=pairing, game=game, rules=options.rules, clips=match_clips).html(current())
 
     return {("report", "text/html"): lambda number: report(recorded.match(number), current())}
 

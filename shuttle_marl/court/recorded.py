@@ -56,11 +56,7 @@ class LogRallies:
         self.matches: list[RecordedMatch] = []
 
     def rally(self, number: int) -> CourtRally:
-        """A rally.
-
-        Raises:
-            ShuttleError: the rally does not exist, or it cannot be shown.
-        """
+        """A rally. Raises ShuttleError: the rally does not exist, or it cannot be shown."""
         with self._lock:
             found = self._log.rally(number)
             if not found.finished[0]:
@@ -139,11 +135,7 @@ class RealRallies:
         return People(found.players, date_of(found.match))
 
     def match(self, number: int) -> str:
-        """Name of the match of a rally.
-
-        Raises:
-            WatchError: the rally does not exist.
-        """
+        """Name of the match of a rally. Raises WatchError: the rally does not exist."""
         return self._at(number).match
 
     def _at(self, number: int) -> RealRally:
@@ -152,11 +144,7 @@ class RealRallies:
         return self._rallies[number]
 
     def rally(self, number: int) -> CourtRally:
-        """A rally.
-
-        Raises:
-            WatchError: the rally does not exist.
-        """
+        """A rally. Raises WatchError: the rally does not exist."""
         found, column = self._at(number), self._columns
         # The tables of the two people, whose hands may differ, if the model knows them.
         pair = game_of_people(self._game, found.players, date_of(found.match))
@@ -188,8 +176,7 @@ class RealRallies:
         )
 
 
-Recorded = LogRallies | RealRallies
-"""Recorded rallies by number, from 0; ``matches``: the annotated ones."""
+Recorded = LogRallies | RealRallies  # recorded rallies by number, from 0; ``matches``: the annotated ones
 
 
 def _name(player: str) -> str:
@@ -197,7 +184,6 @@ def _name(player: str) -> str:
 
 
 def _described(rallies: list[tuple[int, RealRally]]) -> RecordedMatch:
-    """A match, of its numbered rallies."""
     (first, _), (_, last) = rallies[0], rallies[-1]
     date = date_of(last.match)
     # Every rally but the last one is a point of a score.

@@ -269,8 +269,7 @@ def bind(host: str, port: int) -> socket.socket:
         raise WatchError(f"--host {host}: {error.strerror}; give an address of this machine") from error
     while True:
         listener = socket.socket(family)
-        if os.name == "posix":  # recently closed connections do not block the port
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # recently closed connections do not block the port
         try:
             listener.bind((host, port))
             listener.listen(128)

@@ -210,10 +210,7 @@ class StrokeValues:
         if (asked := rated.question(rank)) is not None:
             right, wrong = asked
             always += [right, *wrong]
-            question = messages.Question(
-                right=int(choice.stroke[right]),
-                wrong=[int(choice.stroke[k]) for k in wrong],
-            )
+            question = messages.Question(right=int(choice.stroke[right]), wrong=[int(choice.stroke[k]) for k in wrong])
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
             chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),

@@ -94,7 +94,6 @@ def read_badminton_db(path: Path, content: bytes, value: Any) -> Sheet:
 
 
 def _sheet_of(path: Path, content: bytes, points: list[_Point], warnings: list[Problem], **about: Any) -> Sheet:
-    """The table of the strokes of points."""
     told = _FILE.fullmatch(path.stem)
     discipline, *people = told.groups() if told else ("", *_SEATS)
     entries, places = list[dict[str, str]](), list[int]()

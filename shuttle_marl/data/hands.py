@@ -33,15 +33,11 @@ _CENTRE: Final = 1  # side of an area that tells nothing
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlayerHand:
-    """The hand of a player, a number in :data:`shuttle_marl.game.court.HANDS` or None, and the strokes that show it.
-
-    Attributes:
-        n: overhead strokes around the head on a known side; ``share``: fraction of them on the striker's right, None without any.
-    """
+    """The hand of a player, a number in :data:`shuttle_marl.game.court.HANDS` or None, and the strokes that show it."""
 
     hand: int | None
-    n: int
-    share: float | None
+    n: int  # overhead strokes around the head on a known side
+    share: float | None  # fraction of them on the striker's right, None without any
 
     @property
     def name(self) -> str:
@@ -83,9 +79,6 @@ def hands_of(strokes: pa.Table) -> dict[str, PlayerHand]:
 
 def with_hands(strokes: pa.Table, path: Path) -> tuple[pa.Table, list[str]]:
     """Fill the column ``hand``: what :func:`telling_hands` tells, else what the table holds, else what the strokes show.
-
-    Args:
-        path: file of the strokes, for messages.
 
     Returns:
         The table, and sentences on what was told and inferred.

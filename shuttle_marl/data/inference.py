@@ -484,8 +484,7 @@ def disciplines(sheet: Sheet, player: Array, opponent: Array) -> Array:
     else:
         told = f'set discipline = "{first}" or "{second}" in the map, or map a column'
         sheet.mark(
-            np.flatnonzero([len(kinds) != 1 for kinds in known])[:1],
-            f"unknown discipline, or players of different ones; {told}",
+            np.flatnonzero([len(kinds) != 1 for kinds in known])[:1], f"unknown discipline, or players of different ones; {told}"
         )
         return np.array([min((kind for kind in kinds if kind), default=first) for kinds in known])
     others = np.array([bool(kinds - {told}) for kinds, told in zip(known, given.tolist(), strict=True)])

@@ -1,63 +1,42 @@
-"""Real matches: their rallies with the score, the rules, the nearest strokes of the game, and strokes that a person tags."""
+"""Real matches: their rallies with the score, the rules, and the nearest strokes of the game."""
 
 import collections
-import contextlib
-import csv
 import dataclasses
-import io
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.base import files
 from shuttle_marl.base.arrays import I64
-from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import check_replaceable, read_file, replace_file
-from shuttle_marl.base.runs import Journal, locked
-from shuttle_marl.data.schema import NAMES, REASONS, DataError, Outcome, changed, rally_starts
+from shuttle_marl.data.schema import REASONS, DataError, Outcome, changed, rally_starts
 from shuttle_marl.game.court import seen_by, steps_between
 from shuttle_marl.game.scoring import BWF, RULES, Rules, RulesName, Score, wins_game
 from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import Game
 
 Points = tuple[int, int]
-_TELLING: Final = 2
-"""Strokes of rallies that are equal by chance."""
+_TELLING: Final = 2  # strokes of rallies that are equal by chance
 _DECIDED: Final = (Outcome.FAULT, Outcome.WINNER)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class RealRally:
-    """A rally of a stroke table.
-
-    Attributes:
-        number: of the rally in the data, with its game.
-        players: identifiers at seats 0 and 1; seat 0 strikes first in the match.
-        score: before the rally.
-        winner: seat; None: not known.
-        after: points after the rally.
-        exact: whether these points are recorded, or all rallies of the game so far are there and their winners known.
-        rows: of its strokes in the table.
-        ended: outcome of its last stroke.
-        whole: whether no stroke is missing, from the serve to a fault or a winner.
-        stopped: whether the match was stopped in it.
-    """
+    """A rally of a stroke table."""
 
     match: str
-    number: tuple[int, int]
-    players: tuple[str, str]
-    score: Score
-    winner: int | None
-    after: Points
-    exact: bool
-    rows: I64
-    ended: Outcome
-    whole: bool
-    stopped: bool
+    number: tuple[int, int]  # of the rally in the data, with its game
+    players: tuple[str, str]  # identifiers at seats 0 and 1; seat 0 strikes first in the match
+    score: Score  # before the rally
+    winner: int | None  # seat; None: not known
+    after: Points  # points after the rally
+    exact: bool  # whether these points are recorded, or all rallies of the game so far are there and their winners known
+    rows: I64  # of its strokes in the table
+    ended: Outcome  # outcome of its last stroke
+    whole: bool  # whether no stroke is missing, from the serve to a fault or a winner
+    stopped: bool  # whether the match was stopped in it
 
 
 def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) -> Iterator[RealRally]:
@@ -112,8 +91,7 @@ def real_rallies(strokes: pa.Table, rules: Mapping[str, Rules] | None = None) ->
         score, last, number = dataclasses.replace(score, points=after), first, int(rally[first])
 
 
-Ends = Mapping[str, Mapping[int, RealRally]]
-"""The last rally of each game, by match and number of the game."""
+Ends = Mapping[str, Mapping[int, RealRally]]  # the last rally of each game, by match and number of the game
 
 
 def game_end(points: Points, served: int | None, rules: Rules, *, stopped: bool = False) -> tuple[Points, int | None, bool]:
@@ -165,8 +143,7 @@ def _carried(strokes: pa.Table) -> dict[str, RulesName]:
     return {match: name for match, name in both if name}
 
 
-Doubts = list[tuple[str, str]]
-"""Matches, and what is not certain of each."""
+Doubts = list[tuple[str, str]]  # matches, and what is not certain of each
 
 
 def told_rules(matches: Ends) -> tuple[dict[str, RulesName], Doubts]:
@@ -195,7 +172,6 @@ def told_rules(matches: Ends) -> tuple[dict[str, RulesName], Doubts]:
 
 
 def _ends(strokes: pa.Table) -> Ends:
-    """The last rally of each game."""
     ends: dict[str, dict[int, RealRally]] = {match: {} for match in strokes["match"].unique().to_pylist()}
     for rally in real_rallies(strokes, dict.fromkeys(ends, BWF)):
         ends[rally.match][rally.number[0]] = rally
@@ -330,106 +306,3 @@ def absent(strokes: pa.Table) -> str:
     }
     told = ", ".join(f"{n:,} {what}" for what, n in counts.items() if n)
     return f"by the numbers of the rows {told} are missing; what is counted is of those that are there" if told else ""
-
-
-class TaggingError(ShuttleError):
-    """Tagged strokes that cannot be continued."""
-
-
-class TaggedStrokes:
-    """The table of tagged strokes, with the journal of the inputs beside it.
-
-    Args:
-        out: the table, a CSV file; continued if its journal exists.
-        film: whose strokes they are; None: not known.
-
-    Attributes:
-        inputs: that hold; an input of None takes the last one back.
-        rows: lines of the table.
-        last: input, and the hash of the inputs before it.
-
-    Raises:
-        TaggingError: the table exists without a journal, is no longer the one that was saved, or is of another film.
-        RunError: the journal is damaged, or another process writes the table.
-    """
-
-    def __init__(self, out: Path, columns: Sequence[str], film: Path | None = None) -> None:
-        if out.suffix.lower() != ".csv":
-            raise TaggingError(f"--out {out}: expected a name that ends in .csv")
-        journal = out.with_suffix(".inputs.jsonl")
-        if out.exists() and not journal.exists():
-            raise TaggingError(f"--out {out}: exists, without its inputs, {journal.name}; choose another name")
-        for path in (out, journal):
-            check_replaceable(path)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        self.path, self._header, self._writer = out, ",".join(columns), contextlib.ExitStack()
-        self._writer.enter_context(locked(out, out.with_suffix(".inputs.lock")))
-        self._journal = Journal(journal, "enter the next input", f"move it away, and {out.name} too, and begin again")
-        lines = self._journal.read()
-        self._journal.keep(len(lines))  # without the half line of a process that was killed
-        self.inputs: list[str] = []
-        self.last: tuple[str | None, str] = "", ""
-        self._film = {} if film is None else {"film": film.name, "bytes": film.stat().st_size}
-        if self._film and lines and "bytes" in lines[0] and lines[0]["bytes"] != self._film["bytes"]:
-            told = f"{lines[0].get('film')!r:.100} of {lines[0]['bytes']!r:.20} bytes, not of {film} of {self._film['bytes']:,}"
-            raise TaggingError(f"--out {out}: holds the strokes of the film {told}; choose another --out for it")
-        for line in lines:
-            if "bytes" in line:
-                self._film = {}
-            elif not isinstance(entered := line.get("input"), str | None):
-                raise TaggingError(f"{journal}: {entered!r:.50} is no input; move it away, and {out.name} too, and begin again")
-            else:
-                self._enter(entered)
-        self.rows = self._saved() if out.exists() else []
-
-    def close(self) -> None:
-        """Let other processes write the table."""
-        self._writer.close()
-
-    def enter(self, entered: str | None) -> None:
-        """Keep an input; a RunError if the journal cannot be written."""
-        self._journal.append([*([self._film] if self._film else []), {"input": entered}])
-        self._film = {}
-        self._enter(entered)
-
-    def replace_from(self, first: int, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Replace the rows from a number on; a FileWriteError if the table cannot be written."""
-        if rows or first < len(self.rows):
-            self.rows[first:] = map(_line, rows)
-            replace_file(self.path, "\n".join((self._header, *self.rows, "")).encode())
-
-    @property
-    def hash(self) -> str:
-        """Hash of the inputs: pages that show the same ones have the same hash."""
-        return content_hash(self.inputs)
-
-    def _enter(self, entered: str | None) -> None:
-        self.last = entered, self.hash
-        if entered is not None:
-            self.inputs.append(entered)
-        elif self.inputs:
-            self.inputs.pop()
-
-    def _saved(self) -> list[str]:
-        """Rows of the table, in which a spreadsheet may have corrected names."""
-        try:
-            header, *rows = read_file(self.path, files.MAX_LINES).decode("utf-8-sig").replace("\r\n", "\n").split("\n")
-        except (OSError, UnicodeDecodeError):
-            header, rows = "", []
-        if header != self._header:
-            told = "another program saved it with other columns, or not with commas and in UTF-8"
-            raise TaggingError(f"--out {self.path}: {told}; save it so, or move it away: the inputs beside it write it again")
-        return [row for row in rows if row]
-
-
-def content_hash(inputs: Sequence[str]) -> str:
-    """Hash of inputs."""
-    return files.content_hash("\n".join(inputs).encode(errors="surrogatepass"))[:16]
-
-
-def _line(row: Mapping[str, Any]) -> str:
-    """A row of the table, with names for codes."""
-    text = io.StringIO()
-    values = (NAMES[name][value] if name in NAMES and isinstance(value, int) else value for name, value in row.items())
-    csv.writer(text, lineterminator="").writerow("" if value is None else value for value in values)
-    return text.getvalue()

@@ -39,7 +39,6 @@ _REASON: Final = np.array([REASONS.index(word if word in REASONS else "unknown")
 _UNSAID: Final = REASONS.index("unknown")
 _MOST_MATCHES: Final = 10_000
 _SHORTEST: Final = min(rules.points for rules in RULES.values())
-"""Rallies of the shortest game."""
 
 
 class Rallies:
@@ -308,7 +307,6 @@ INFERRED: Final = {
     "area": "areas, from the next strokes; their confidence is a column",
     "outcome": "who won the rallies, from who serves next",
 }
-"""What may be inferred of a stroke, and from what."""
 _SHOWN: Final = 30
 
 

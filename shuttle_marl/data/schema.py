@@ -152,7 +152,7 @@ def unnamed(name: str, column: pa.ChunkedArray) -> pa.ChunkedArray:
     return codes
 
 
-RANGES: Final = {name: (0, len(names) - 1) for name, names in NAMES.items()} | {
+RANGES: Final = {name: (0, len(names) - 1) for name, names in NAMES.items()} | {  # minimum and maximum of integer columns
     "game": (1, 9),
     "rally": (1, 9999),
     "stroke": (1, 9999),
@@ -161,7 +161,6 @@ RANGES: Final = {name: (0, len(names) - 1) for name, names in NAMES.items()} | {
     "clock": (0, 100_000),
     "frame": (0, 10_000_000),
 }
-"""Minimum and maximum of integer columns."""
 
 _FAULT_REASONS: Final = [REASONS.index(name) for name in ("out", "net", "short", "foul", "unknown")]
 _WINNER_REASONS: Final = [REASONS.index(name) for name in ("landed", "misjudged", "unknown")]
@@ -193,7 +192,7 @@ def stroke_table(columns: Mapping[str, Any], points: Mapping[str, Floats]) -> pa
     return pa.table(arrays, schema=STROKES)
 
 
-DROP_REASONS: Final = {
+DROP_REASONS: Final = {  # reasons to drop a row, in the order in which they are tested
     "empty row": "No value at all.",
     "no stroke": "An entry of another kind in the file of another program, such as a rally or a pause.",
     "repeated row": "The same stroke of the same player stands there twice.",
@@ -210,7 +209,6 @@ DROP_REASONS: Final = {
     "landing missing": "No landing point, of a stroke that is no fault.",
     "landing on the striker's side": "A returned or winning stroke that seems to have landed in the striker's own half.",
 }
-"""Reasons to drop a row, in the order in which they are tested."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -53,23 +53,16 @@ _CENTRE: Final = np.array([177.5, 480.0])
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ListedMatch:
-    """A match listed in ``match.csv``.
+    """A match listed in ``match.csv``."""
 
-    Attributes:
-        name: folder name, the same in both data sets; ``number``: its ``id`` in one.
-        players: identifiers of players A (the winner) and B of the files.
-        folder: of the files of its games; it may be missing.
-        homography: ``[3, 3]`` pixels to court units.
-    """
-
-    name: str
+    name: str  # folder name, the same in both data sets
     source: str
-    number: int
-    players: tuple[str, str]
+    number: int  # its `id` in one
+    players: tuple[str, str]  # identifiers of players A (the winner) and B of the files
     discipline: str
-    folder: Path
+    folder: Path  # of the files of its games; it may be missing
     n_games: int
-    homography: F64
+    homography: F64  # [3, 3] pixels to court units
 
     @property
     def present(self) -> bool:
@@ -101,22 +94,15 @@ class RawGame:
     - ``score``: ``[n, 2]`` points of A and B after the rally, -1 missing.
     - ``clock``, ``frame``: seconds and frames into the video, -1 missing.
     - each of :data:`POINTS`: ``[n, 2]`` court metres, origin under the net, not yet egocentric; NaN missing.
-
-    Attributes:
-        game: number of the game, from 1.
-        problems: invalid values.
-        published: whether these are of a published file, in which their rows are dropped.
-        broken_homography: whether the points are invalid, with too many rows with both players in one half.
-        empty: number of further rows, without any value.
     """
 
     match: ListedMatch
-    game: int
+    game: int  # number of the game, from 1
     path: Path
-    problems: Sequence[Problem]
-    published: bool
-    broken_homography: bool
-    empty: int
+    problems: Sequence[Problem]  # invalid values
+    published: bool  # whether these are of a published file, in which their rows are dropped
+    broken_homography: bool  # whether the points are invalid, with too many rows with both players in one half
+    empty: int  # number of further rows, without any value
     columns: Mapping[str, Array]
 
     def __getitem__(self, column: str) -> Array:

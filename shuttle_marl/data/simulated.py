@@ -45,22 +45,14 @@ _OUT, _NET, _SHORT, _LANDED = (REASONS.index(name) for name in ("out", "net", "s
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatedStrokes:
-    """n strokes of simulated rallies, in playing order, without coordinates and times; all fields are ``[n]``.
-
-    Attributes:
-        area: target as the receiver sees it.
-        outcome: index into ``schema.OUTCOMES``.
-        stroke: number of the stroke in its rally; the strokes of a rally are consecutive.
-        new_game: whether the stroke is the first of a game.
-        right: whether the server of the rally serves from the right service court (an even score).
-    """
+    """n strokes of simulated rallies, in playing order, without coordinates and times; all fields are ``[n]``."""
 
     shot: I64
-    area: I64
-    outcome: I64
-    stroke: I64
-    new_game: Bools
-    right: Bools
+    area: I64  # target as the receiver sees it
+    outcome: I64  # index into `schema.OUTCOMES`
+    stroke: I64  # number of the stroke in its rally; the strokes of a rally are consecutive
+    new_game: Bools  # whether the stroke is the first of a game
+    right: Bools  # whether the server of the rally serves from the right service court (an even score)
 
 
 def sample_positions(strokes: SimulatedStrokes, rng: np.random.Generator) -> tuple[dict[str, F64], I64, I64]:

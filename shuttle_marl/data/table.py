@@ -114,15 +114,8 @@ def _cleaned(path: Path, columns: Path | None = None, rules: RulesName | None = 
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any], new: bool = False) -> None:
-    """Write a stroke table (zstd, with checksums) atomically, or raise a FileWriteError. Equal arguments give equal bytes.
-
-    Args:
-        new: replace no file.
-    """
-    extra = {
-        _ACCOUNT: json.dumps(account.as_json()).encode(),
-        _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode(),
-    }
+    """Write a stroke table (zstd, with checksums) atomically, or raise a FileWriteError. Equal arguments give equal bytes."""
+    extra = {_ACCOUNT: json.dumps(account.as_json()).encode(), _PROVENANCE: json.dumps(provenance, ensure_ascii=False).encode()}
     table = schema.named(strokes.cast(STROKES).combine_chunks()).replace_schema_metadata({**STROKES.metadata, **extra})
     table_files.write_parquet(path, table, new=new, compression_level=9)
 

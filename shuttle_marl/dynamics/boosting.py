@@ -39,11 +39,7 @@ PARAMETERS: Final[dict[str, Any]] = {
 
 
 def lightgbm() -> Any:
-    """LightGBM, which only fits need.
-
-    Raises:
-        ModuleNotFoundError: it is not installed.
-    """
+    """LightGBM, which only fits need. Raises ModuleNotFoundError: it is not installed."""
     with hinted():
         import lightgbm as module  # noqa: PLC0415
     return module

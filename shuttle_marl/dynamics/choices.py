@@ -199,11 +199,7 @@ def fit_history(
 
 
 def load_history(folder: Path) -> Arrays:
-    """The shifts of a model folder.
-
-    Raises:
-        ModelError: the file is missing, or differs from the model card.
-    """
+    """The shifts of a model folder. Raises ModelError: the file is missing, or differs from the model card."""
     with readable(folder, HISTORY, "choices", ModelError) as tensors:
         return tensors.arrays
 

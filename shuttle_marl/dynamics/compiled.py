@@ -267,23 +267,14 @@ MIN_END: Final = 0.003  # minimum probability that a stroke other than a serve e
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PairProbabilities:
-    """Predictions for every base pair, ``[base pairs]`` each, before rounding.
+    """Predictions for every base pair, ``[base pairs]`` each, before rounding."""
 
-    Attributes:
-        fault: probability of a fault, at effort 0.
-        returned: probability that a good stroke is returned.
-        above: probability that a returned stroke is met above the net.
-        hurry: ``[base pairs, 2]`` probability that who returns it is hurried, from below and from above the net.
-        clipped: whether the probability of a fault or a winner was clipped to the supported range.
-        fault_odds: ``[L]`` odds of a fault at each level of effort, relative to those at effort 0.
-    """
-
-    fault: F64
-    returned: F64
-    above: F64
-    hurry: F64
-    clipped: Bools
-    fault_odds: F64
+    fault: F64  # probability of a fault, at effort 0
+    returned: F64  # probability that a good stroke is returned
+    above: F64  # probability that a returned stroke is met above the net
+    hurry: F64  # [base pairs, 2] probability that who returns it is hurried, from below and from above the net
+    clipped: Bools  # whether the probability of a fault or a winner was clipped to the supported range
+    fault_odds: F64  # [L] odds of a fault at each level of effort, relative to those at effort 0
 
 
 def empty_game(catalogue: Catalogue, replies: Bools) -> Game:
@@ -424,11 +415,7 @@ def load_support(folder: Path, *, opposite: bool = False) -> Support:
 
 
 class ModelStepper(Stepper):
-    """Plays the layout of a game with the outputs of its models, not with tables; :func:`model_stepper` shares one per model.
-
-    Args:
-        support: support in the data of the models.
-    """
+    """Plays the layout of a game with the outputs of its models, not with tables; :func:`model_stepper` shares one per model."""
 
     def __init__(self, game: Game, models: FittedModels, support: Support) -> None:
         super().__init__(game)
@@ -513,9 +500,6 @@ def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
 
 def layouts_of(rows: Rows, models: FittedModels) -> tuple[Game, Game]:
     """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
-
-    Args:
-        models: what the average player chooses.
 
     Raises:
         ShuttleError: too few kinds of stroke occur often enough.

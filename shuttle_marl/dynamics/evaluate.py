@@ -197,11 +197,7 @@ def prediction_scores(shot: F64, area: F64, given: F64, rows: Rows) -> dict[str,
 
 
 def tree_predictions(
-    names: tuple[str, ...],
-    train: Mapping[str, Ints],
-    label: Bools,
-    match: Ints,
-    test: Mapping[str, Ints],
+    names: tuple[str, ...], train: Mapping[str, Ints], label: Bools, match: Ints, test: Mapping[str, Ints]
 ) -> F64:
     """Predictions of trees; numbers of leaves and rounds are chosen by cross-validation over matches.
 
@@ -250,7 +246,7 @@ REQUIRED: Final[dict[str, tuple[float, float]]] = {
     "best_response_unsupported": (0.0, 0.1),
 }
 """Limits of the values of :func:`health` that every fit keeps: a game outside of them rewards strokes that nobody plays."""
-LIMITS: Final[dict[str, tuple[float, float]]] = {
+LIMITS: Final[dict[str, tuple[float, float]]] = {  # limits of the values of :func:`health` without warning
     **REQUIRED,
     # Closer than what a fit must keep: a near tie between strokes of .9 and 30 % moves some points with every few matches.
     "minimax_rare": (0.0, 0.02),
@@ -262,7 +258,6 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
     "minimax_thin": (0.0, 0.25),
     "best_response_thin": (0.0, 0.25),
 }
-"""Limits of the values of :func:`health` without warning."""
 THIN: Final = 5.0  # a stroke with fewer real strokes in its innermost cell is thinly supported
 _ANY: Final = 0.5
 """A stroke with fewer real strokes in its innermost cell has no support; faults of unknown target count in parts."""
@@ -359,11 +354,7 @@ _TEMPLATES: Final = Path(__file__).with_name("templates")
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:
-    """Write the card of a model with the hashes of its files.
-
-    Raises:
-        FileWriteError: it cannot be written.
-    """
+    """Write the card of a model with the hashes of its files. Raises FileWriteError: it cannot be written."""
     files = [*FILES, *(name for name in OPTIONAL_FILES if (folder / name).is_file())]
     replace_sealed(folder / CARD, with_hashes(card, {name: (folder / name).read_bytes() for name in files}))
 

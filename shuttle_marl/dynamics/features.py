@@ -47,7 +47,7 @@ _SHORTEST: Final = 0.2  # minimum time between two strokes in a speed [s]
 _BEFORE: Final = {"shot": N_SHOTS + 2, "area": N_AREAS + 2, "height": 4, "technique": N_TECHNIQUES + 2}
 
 
-SLOTS: Final[dict[str, int]] = {
+SLOTS: Final[dict[str, int]] = {  # number of values of each attribute
     **{f"{stroke}_{attribute}": size for stroke in ("own", "incoming") for attribute, size in _BEFORE.items()},
     "contact": 2,
     "hurried": 2,
@@ -57,7 +57,6 @@ SLOTS: Final[dict[str, int]] = {
     "technique": N_TECHNIQUES,
     "area": N_AREAS,
 }
-"""Number of values of each attribute."""
 STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
 """Attributes of the context, which the striker knows before choosing."""
 ATTACK: Final = np.isin(SHOTS, ATTACKS)
@@ -426,22 +425,15 @@ class Hurry:
 
     Node m of a tree tests one input of a row (:meth:`inputs`), and sends the row to its first child where that is at most the
     cut: to a later node, or to leaf -1 - child.
-
-    Attributes:
-        matches: names of the matches of the fit; the k-th belongs to fold ``fold[k]``.
-        fold: ``[matches]`` forest that was not fitted to each match; the last forest was fitted to all.
-        attribute: ``[K, T, M]`` input that a node tests; ``cut``: ``[K, T, M]`` its threshold.
-        child: ``[K, T, M, 2]`` children; ``value``: ``[K, T, M + 1]`` leaves.
-        threshold: ``[15, 2]`` index below which a striker is hurried, by code of the incoming shot type and contact height.
     """
 
-    matches: tuple[str, ...]
-    fold: I32
-    attribute: I32
-    cut: F64
-    child: I32
-    value: F64
-    threshold: F64
+    matches: tuple[str, ...]  # names of the matches of the fit; the k-th belongs to fold `fold[k]`
+    fold: I32  # [matches] forest that was not fitted to each match; the last forest was fitted to all
+    attribute: I32  # [K, T, M] input that a node tests
+    cut: F64  # [K, T, M] its threshold
+    child: I32  # [K, T, M, 2] children
+    value: F64  # [K, T, M + 1] leaves
+    threshold: F64  # [15, 2] index below which a striker is hurried, by code of the incoming shot type and contact height
 
     def index(self, rows: Rows) -> F64:
         """``[N]`` index of each stroke, the lower the more hurried; NaN where a position or time is unknown."""
@@ -476,11 +468,7 @@ class Hurry:
 
     @classmethod
     def checked(cls, tensors: Tensors) -> Self:
-        """An index from the content of a file.
-
-        Raises:
-            KeyError, TypeError, ValueError: a part is missing or invalid.
-        """
+        """An index from the content of a file. Raises KeyError, TypeError, ValueError: a part is missing or invalid."""
         header, arrays = tensors
         forests, trees, nodes = arrays["attribute"].shape
         matches = tuple(map(str, parsed(header["matches"])))

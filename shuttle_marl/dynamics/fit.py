@@ -279,22 +279,14 @@ _SMALL: Final = 0.01
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Prior:
-    """A model to be corrected.
-
-    Attributes:
-        game: the game, whose layout the fit shares.
-        support: support in its data.
-        opposite: its game of players with different hands, and the support in that.
-        hurry: its index of hurried strikers, if it has one.
-        skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
-    """
+    """A model to be corrected."""
 
     models: FittedModels
-    game: Game
-    support: Support
-    opposite: tuple[Game, Support]
-    hurry: Hurry | None
-    skill: F64 | None
+    game: Game  # the game, whose layout the fit shares
+    support: Support  # support in its data
+    opposite: tuple[Game, Support]  # its game of players with different hands, and the support in that
+    hurry: Hurry | None  # its index of hurried strikers, if it has one
+    skill: F64 | None  # standard deviations of its offsets of players (`sd`), if it has any
     refits: Sequence[Game]
 
 

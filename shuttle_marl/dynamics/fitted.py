@@ -41,16 +41,11 @@ class ModelError(ShuttleError):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PlayerChoices:
-    """Choices of M players, as shifts of the average player's logits.
-
-    Attributes:
-        style: ``[M, 15, 2, 39]`` shifts for shot type and technique, by incoming shot type and contact height.
-        area: ``[M, 13, 3, 9]`` shifts for the target, by shot type and technique.
-    """
+    """Choices of M players, as shifts of the average player's logits."""
 
     players: tuple[str, ...]
-    style: F64
-    area: F64
+    style: F64  # [M, 15, 2, 39] shifts for shot type and technique, by incoming shot type and contact height
+    area: F64  # [M, 13, 3, 9] shifts for the target, by shot type and technique
 
     def shifted_choice(self, choice: F64, codes: dict[str, I16], player: Ints) -> F64:
         """``[N, 39]`` probabilities of each row's player, from those of the average player (player -1)."""
@@ -247,7 +242,6 @@ def _network(name: str, arrays: dict[str, npt.NDArray[Any]]) -> Ensemble:
 
 
 def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> Situations:
-    """Offsets of situations from the description of a model and its arrays."""
     duel = checked(np.array([float(described["duel"]), float(described["duel_share"])]), np.float64, (2,))
     effort = checked(arrays["effort"], np.float64, arrays["effort"].shape[:1])
     return Situations(

@@ -107,15 +107,10 @@ def plays_of(rows: Rows) -> Plays:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Question:
-    """A question, and what each stroke answers.
+    """A question, and what each stroke answers."""
 
-    Attributes:
-        kind: type of the question, a key of the catalogue of texts.
-        about: values of the question: names of shot types and contact heights.
-    """
-
-    kind: str
-    about: tuple[str, ...]
+    kind: str  # type of the question, a key of the catalogue of texts
+    about: tuple[str, ...]  # values of the question: names of shot types and contact heights
     answers: tuple[str, ...]
 
 
@@ -167,19 +162,12 @@ _STARTS: Final = np.cumsum([0, *(len(question.answers) for question in QUESTIONS
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Tally:
-    """Counted strokes of a player.
+    """Counted strokes of a player."""
 
-    Attributes:
-        counts: ``[A]`` number of strokes with each answer, of all :data:`QUESTIONS` in turn.
-        dispersion: ``[Q]`` dispersion of the counts of each question, 1 or more.
-        ends: ``[13, 4, 3]`` number of strokes, faults and winners by shot type and technique; unknown techniques last.
-        positions: ``[13, 9]`` how often the player waited at each position after each shot type.
-    """
-
-    counts: F32
-    dispersion: F32
-    ends: F32
-    positions: F32
+    counts: F32  # [A] number of strokes with each answer, of all `QUESTIONS` in turn
+    dispersion: F32  # [Q] dispersion of the counts of each question, 1 or more
+    ends: F32  # [13, 4, 3] number of strokes, faults and winners by shot type and technique; unknown techniques last
+    positions: F32  # [13, 9] how often the player waited at each position after each shot type
 
     def answers(self, number: int) -> F64:
         """Counts of the answers to a question."""

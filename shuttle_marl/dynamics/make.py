@@ -25,21 +25,8 @@ from shuttle_marl.data.table import strokes_hash
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.boosting import fit_hurry
 from shuttle_marl.dynamics.choices import fit_history, load_history
-from shuttle_marl.dynamics.compiled import (
-    THREADS,
-    load_support,
-    pair_log_choices,
-    save_support,
-)
-from shuttle_marl.dynamics.evaluate import (
-    REQUIRED,
-    criteria,
-    evaluate,
-    health,
-    play_of_people,
-    variety_of,
-    write_card,
-)
+from shuttle_marl.dynamics.compiled import THREADS, load_support, pair_log_choices, save_support
+from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, health, play_of_people, variety_of, write_card
 from shuttle_marl.dynamics.features import Hurry, Rows, load_hurry, marked_rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import Fit, Prior, Report, fit, fit_from, refits_from
 from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
@@ -61,11 +48,7 @@ MIN_MATCHES: Final = 2  # training matches: members of an ensemble leave one out
 
 
 def rows_of(rows: Rows, split: Split) -> Rows:
-    """Strokes of a split of the published matches.
-
-    Raises:
-        ShuttleError: the data contain none of its matches.
-    """
+    """Strokes of a split of the published matches. Raises ShuttleError: the data contain none of its matches."""
     chosen = rows.in_matches(matches_of(split))
     if not len(chosen):
         raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")

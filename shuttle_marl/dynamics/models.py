@@ -69,25 +69,16 @@ _GRADIENT: Final = 0.5
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EnsembleConfig:
-    """Settings of the fit of an ensemble, chosen on the validation matches.
-
-    Attributes:
-        learning_rate: peak of the one-cycle schedule of AdamW.
-        decay: weight decay of the perceptron.
-        decay_linear: weight decay of the linear part.
-        dropout: dropout probability of hidden units.
-        folds: number of folds of matches; member k leaves out fold k modulo this number.
-        members: size of the ensemble; None: that of its :class:`NetworkSpec`.
-    """
+    """Settings of the fit of an ensemble, chosen on the validation matches."""
 
     epochs: int = 12
     batch: int = 1024
-    learning_rate: float = 3e-3
-    decay: float = 0.2
-    decay_linear: float = 1e-3
-    dropout: float = 0.2
-    folds: int = 10
-    members: int | None = None
+    learning_rate: float = 3e-3  # peak of the one-cycle schedule of AdamW
+    decay: float = 0.2  # weight decay of the perceptron
+    decay_linear: float = 1e-3  # weight decay of the linear part
+    dropout: float = 0.2  # dropout probability of hidden units
+    folds: int = 10  # number of folds of matches; member k leaves out fold k modulo this number
+    members: int | None = None  # size of the ensemble; None: that of its `NetworkSpec`
 
 
 QUICK: Final = EnsembleConfig(folds=5, members=5)

@@ -40,18 +40,12 @@ LONG_DUEL: Final = 3  # minimum number of consecutive net shots before a stroke 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class NetworkSpec:
-    """Inputs, outputs and size of an ensemble.
+    """Inputs, outputs and size of an ensemble."""
 
-    Attributes:
-        inputs: names of attributes (:data:`shuttle_marl.dynamics.features.SLOTS`).
-        crosses: tuples of inputs whose products enter the linear part.
-        hidden: width of both hidden layers.
-    """
-
-    inputs: tuple[str, ...]
-    crosses: tuple[tuple[str, ...], ...]
+    inputs: tuple[str, ...]  # names of attributes (`SLOTS`)
+    crosses: tuple[tuple[str, ...], ...]  # tuples of inputs whose products enter the linear part
     outputs: int
-    hidden: int = 64
+    hidden: int = 64  # width of both hidden layers
     members: int = 10
 
 
@@ -87,7 +81,6 @@ _TRIPLES: Final = _products(
     "incoming_area shot area, own_shot incoming_shot shot, discipline shot area, incoming_shot incoming_area shot"
 )
 RIDGE: Final = NetworkSpec(inputs=tuple(SLOTS), crosses=(*_PAIRS, *_TRIPLES), outputs=1)
-"""Inputs of the ridge regression: attributes and products of attributes."""
 RIDGE_SIZES: Final = (*SLOTS.values(), *(math.prod(SLOTS[name] for name in cross) for cross in RIDGE.crosses))
 RIDGE_SCALES: Final = np.array([1.0] * len(SLOTS) + [0.25] * len(_PAIRS) + [0.3] * len(_TRIPLES))
 """By product: those that are scaled down have a stronger ridge."""
@@ -256,11 +249,7 @@ class Trees(nn.Module):
 
     @classmethod
     def checked(cls, arrays: dict[str, npt.NDArray[Any]]) -> Self:
-        """Trees from the arrays of a file.
-
-        Raises:
-            KeyError, ValueError: an array is missing or invalid.
-        """
+        """Trees from the arrays of a file. Raises KeyError, ValueError: an array is missing or invalid."""
         trees, nodes = arrays["attribute"].shape
         attribute, left = (checked(arrays[name], np.int32, (trees, nodes)) for name in ("attribute", "left"))
         child = checked(arrays["child"], np.int32, (trees, nodes, 2))

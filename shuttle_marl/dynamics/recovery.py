@@ -29,13 +29,12 @@ from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recove
 from shuttle_marl.game.shipped import POSITIONS, read_model_card, readable
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 
-GROUPS: Final[dict[str, tuple[str, ...]]] = {
+GROUPS: Final[dict[str, tuple[str, ...]]] = {  # shot types with the same coefficients; those of serves are 0
     "smash": ("smash", "half-smash"),
     "flat": ("drive", "push", "net-kill"),
     "short": ("drop", "net-shot", "cross-court-net-shot", "block"),
     "high": ("clear", "lift"),
 }
-"""Shot types with the same coefficients; those of serves are 0."""
 FEATURES: Final = ("lateral", "deeper", "in front")
 """How far a position lies to a side of the place where a stroke is met, behind it, and in front of it [m]."""
 MIN_ROWS: Final = 5000  # strokes with a known position of the receiver of a fit; fewer have some hundred winners
@@ -95,11 +94,7 @@ class FittedRecovery(NamedTuple):
 
     @classmethod
     def checked(cls, tensors: Tensors) -> "FittedRecovery":
-        """From the content of a file.
-
-        Raises:
-            KeyError, TypeError, ValueError, ShuttleError: a part is missing or invalid.
-        """
+        """From the content of a file. Raises KeyError, TypeError, ValueError, ShuttleError: a part is missing or invalid."""
         shapes = ((N_POSITIONS, 2), (N_SHOTS, N_AREAS, 2))
         court = (checked(tensors.arrays[name], np.float64, shape) for name, shape in zip(Court._fields, shapes, strict=True))
         size = (len(EFFECTS), len(GROUPS), len(FEATURES))
@@ -123,11 +118,7 @@ class FittedRecovery(NamedTuple):
 
 
 def load_recovery(folder: Path) -> FittedRecovery | None:
-    """The fit in a model folder; None if it has none.
-
-    Raises:
-        GameError: the file cannot be read.
-    """
+    """The fit in a model folder; None if it has none. Raises GameError: the file cannot be read."""
     if not (folder / POSITIONS).is_file():
         return None
     with readable(folder, POSITIONS, "positions") as tensors:

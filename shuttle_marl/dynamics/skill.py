@@ -97,24 +97,15 @@ class MixedModel:
     deviation of the variance component c of innovation j. D is the identity for independent effects, and takes differences of a
     random walk. With the posterior mode b and H = X'WX + P, the negative log marginal likelihood is approximately
     -l(b) + b'Pb / 2 + log|H| / 2 - log|P| / 2 (Tierney and Kadane, JASA 1986), as in lme4 (Bates et al., J. Stat. Softw. 2015).
-
-    Attributes:
-        x: ``[G, E]`` coefficients of the effects in each distinct row.
-        row: ``[N]`` distinct row of each observation.
-        offset: ``[N]`` log-odds without effects.
-        label: ``[N]`` observations.
-        difference: ``[E, E]`` D, with determinant 1.
-        component: ``[E]`` variance component of each innovation.
-        scale: ``[E]`` variance of each innovation relative to that of its component.
     """
 
-    x: csr_matrix
-    row: Ints
-    offset: F64
-    label: Bools
-    difference: csr_matrix
-    component: Ints
-    scale: F64
+    x: csr_matrix  # [G, E] coefficients of the effects in each distinct row
+    row: Ints  # [N] distinct row of each observation
+    offset: F64  # [N] log-odds without effects
+    label: Bools  # [N] observations
+    difference: csr_matrix  # [E, E] D, with determinant 1
+    component: Ints  # [E] variance component of each innovation
+    scale: F64  # [E] variance of each innovation relative to that of its component
 
     @property
     def components(self) -> int:
@@ -124,19 +115,12 @@ class MixedModel:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Posterior:
-    """Posterior of the effects given the standard deviations.
+    """Posterior of the effects given the standard deviations."""
 
-    Attributes:
-        sd: ``[C]`` standard deviation of each component.
-        mode: ``[E]`` posterior mode.
-        covariance: ``[E, E]`` inverse of the negative Hessian at the mode.
-        log_likelihood: Laplace approximation of the log marginal likelihood.
-    """
-
-    sd: F64
-    mode: F64
-    covariance: F64
-    log_likelihood: float
+    sd: F64  # [C] standard deviation of each component
+    mode: F64  # [E] posterior mode
+    covariance: F64  # [E, E] inverse of the negative Hessian at the mode
+    log_likelihood: float  # Laplace approximation of the log marginal likelihood
 
     @property
     def deviation(self) -> F64:
@@ -236,17 +220,11 @@ _EPOCH: Final = datetime.date(1970, 1, 1)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Predicted:
-    """Strokes of one component with the average player's predictions.
+    """Strokes of one component with the average player's predictions."""
 
-    Attributes:
-        rows: N strokes.
-        label: ``[N]`` what happened: a fault, a return, or a contact above the net.
-        logit: ``[N]`` log-odds from models that were not fitted to the match.
-    """
-
-    rows: Rows
-    label: Bools
-    logit: F64
+    rows: Rows  # N strokes
+    label: Bools  # [N] what happened: a fault, a return, or a contact above the net
+    logit: F64  # [N] log-odds from models that were not fitted to the match
 
     def take(self, which: Bools) -> "Predicted":
         """Strokes by mask."""
@@ -255,15 +233,10 @@ class Predicted:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class FittedSkill:
-    """Result of a fit.
+    """Result of a fit."""
 
-    Attributes:
-        skill: offsets of the players on the days of their matches.
-        sd: ``[3, 9]`` standard deviations of the :data:`VARIANCES` of each component.
-    """
-
-    skill: Skill
-    sd: F64
+    skill: Skill  # offsets of the players on the days of their matches
+    sd: F64  # [3, 9] standard deviations of the `VARIANCES` of each component
 
     def save(self, folder: Path) -> None:
         """Write the offsets to a model folder; :func:`shuttle_marl.game.pairs.load_skill` reads them."""

@@ -96,11 +96,7 @@ def figure(width: float, height: float) -> Any:
 
 
 class Chart:
-    """A figure of matplotlib with the tooltips of its elements.
-
-    Args:
-        width, height: size [px].
-    """
+    """A figure of matplotlib with the tooltips of its elements; ``width``, ``height``: size [px]."""
 
     def __init__(self, width: float, height: float) -> None:
         self._tooltips: dict[str, Sequence[str]] = {}
@@ -416,11 +412,7 @@ def course(chance: Sequence[float], games: Sequence[int], moments: Sequence[int]
 
 
 def check_format(path: Path) -> None:
-    """Check the suffix of a picture file.
-
-    Raises:
-        OptionError: it is not a supported format.
-    """
+    """Check the suffix of a picture file. Raises OptionError: it is not a supported format."""
     if path.suffix not in _FORMATS:
         raise OptionError(f"{path}: pictures are written as {', '.join(_FORMATS)}; use one of these suffixes")
 
@@ -473,9 +465,6 @@ def landings(summaries: Mapping[str, "Summary"], reference: "Summary", name: str
     """Where the good strokes of some land, of 100, and the difference from a reference.
 
     Landing points are drawn for annotated matches; a log holds only areas. All receivers are drawn as right-handed.
-
-    Args:
-        reference: summary that they are compared with.
     """
     drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
     for axes, (player, summary) in zip(np.atleast_1d(drawn.subplots(1, len(summaries))), summaries.items(), strict=True):

@@ -7,6 +7,7 @@ Example::
 """
 
 import dataclasses
+import functools
 import shlex
 import string
 import warnings
@@ -43,30 +44,18 @@ _LISTED = 12
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Source:
-    """The file of a match, for what its page shows beside the figures.
-
-    Attributes:
-        game: in which strokes are valued; of a log, that was played.
-        match: name of the match, or numbers of the pairing and of the match in a log.
-        people: the two players of the match.
-        strokes: all annotated strokes of the file; None: it is a log.
-        mapped: whether the columns are mapped, so that the live court cannot open the file.
-        numbers: of the rallies in a log, from 0.
-        policies: that played a log; None: not known.
-        video: address of the video at a time in seconds; None: no video.
-        anonymous: whether names are hidden.
-    """
+    """The file of a match, for what its page shows beside the figures."""
 
     path: Path
-    game: Game
-    match: str | tuple[int, int]
-    people: tuple[str, str]
-    strokes: pa.Table | None = None
-    mapped: bool = False
-    numbers: tuple[int, ...] = ()
-    policies: Players | None = None
-    video: Callable[[float], str] | None = None
-    anonymous: bool = False
+    game: Game  # in which strokes are valued; of a log, that was played
+    match: str | tuple[int, int]  # name of the match, or numbers of the pairing and of the match in a log
+    people: tuple[str, str]  # the two players of the match
+    strokes: pa.Table | None = None  # all annotated strokes of the file; None: it is a log
+    mapped: bool = False  # whether the columns are mapped, so that the live court cannot open the file
+    numbers: tuple[int, ...] = ()  # of the rallies in a log, from 0
+    policies: Players | None = None  # that played a log; None: not known
+    video: Callable[[float], str] | None = None  # address of the video at a time in seconds; None: no video
+    anonymous: bool = False  # whether names are hidden
 
     @property
     def command(self) -> str:
@@ -166,11 +155,7 @@ def of_log(path: Path, game: Game, pairing: int, match: int) -> tuple[MatchRepor
 
 
 def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
-    """Strokes of a match of a rally log, with places drawn in their areas.
-
-    Raises:
-        AnalysisError: no such match.
-    """
+    """Strokes of a match of a rally log, with places drawn in their areas. Raises AnalysisError: no such match."""
     numbers = log.numbers_of_match(pairing, match).tolist()
     if not numbers:
         raise AnalysisError(f"no match {match} of pairing {pairing}; the log has {len(log.pairings)} pairings")
@@ -178,15 +163,9 @@ def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
     if len(odd := breaks(rallies, log.header.rules, log.catalogue)):
         told = f"rally {numbers[odd[0]]} does not follow from the one before, or from its strokes, so the report may be wrong"
         warnings.warn(f"{log.path}: {told}; `{command('recording', 'check', str(log.path))}` tells more", stacklevel=2)
-    names = [player.name for player in log.policies]
-    return stroke_table(
-        rallies,
-        log.catalogue,
-        names,
-        [log_title(pairing, match)] * len(rallies),
-        np.random.default_rng([0, pairing, match]),
-        looks=log.header.looks,
-    )
+    names, titles = [player.name for player in log.policies], [log_title(pairing, match)] * len(rallies)
+    draws = np.random.default_rng([0, pairing, match])
+    return stroke_table(rallies, log.catalogue, names, titles, draws, looks=log.header.looks)
 
 
 def video_of(template: str) -> Callable[[float], str]:
@@ -204,14 +183,11 @@ def video_of(template: str) -> Callable[[float], str]:
     return lambda seconds: template.format(seconds=int(seconds))
 
 
-def anonymous(report: MatchReport, source: Source) -> tuple[MatchReport, Source]:
-    """The same without the names of players and match."""
+def _anonymous(report: MatchReport, source: Source) -> tuple[MatchReport, Source]:
     names = words()("report.player_a"), words()("report.player_b")
     game = hidden(report.game, report.players, names)
-    return (
-        dataclasses.replace(report, players=names, match="", game=game),
-        dataclasses.replace(source, anonymous=True, video=None),
-    )
+    report = dataclasses.replace(report, players=names, match="", game=game)
+    return report, dataclasses.replace(source, anonymous=True, video=None)
 
 
 def hidden(game: Game, people: tuple[str, str], names: tuple[str, str]) -> Game:
@@ -224,10 +200,15 @@ def hidden(game: Game, people: tuple[str, str], names: tuple[str, str]) -> Game:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class CoachReport:
-    """A report; ``figures``: all figures by name, as ``--json`` prints them."""
+    """A report."""
 
-    figures: Mapping[str, Any]
+    _report: MatchReport | ScoutingReport
     _page: Callable[[], bytes]
+
+    @functools.cached_property
+    def figures(self) -> Mapping[str, Any]:
+        """All figures by name, as ``--json`` prints them."""
+        return self._report.as_json()
 
     def html(self, language: Language = "en") -> bytes:
         """The page, one HTML file: English, Chinese (``zh``) or Indonesian (``id``)."""
@@ -248,9 +229,12 @@ def report(
     path: Path | str,
     match: str | None = None,
     *,
+    pairing: int = 0,
     game: Game | str | None = None,
     columns: Path | str | None = None,
     rules: RulesName | None = None,
+    video: str | None = None,
+    anonymous: bool = False,
     clips: Callable[[MatchReport, Source], Clips] | None = None,
 ) -> CoachReport:
     """The report of a match: what decided it, its key moments, and the choices that cost most.
@@ -258,9 +242,12 @@ def report(
     Args:
         path: annotated matches, as :func:`shuttle_marl.data.read_matches` reads them, or a rally log.
         match: words of the name of the match, or its number in a rally log; None: the only match, or the first of a log.
+        pairing: of a rally log, number of the pairing.
         game: in which strokes are valued; None: the benchmark's.
         columns: column map of a CSV file.
         rules: of the match; None: those of the table, or of its scores.
+        video: address of the video, with ``{seconds}`` where the time goes.
+        anonymous: replace the names of players and match.
         clips: what stages the rallies of the page, ``shuttle_marl.court.clips.match_clips``; None: without rallies.
 
     Raises:
@@ -268,9 +255,13 @@ def report(
         AnalysisError: no such match, or several.
     """
     mapped = None if columns is None else Path(columns)
-    found, source = of_file(Path(path), resolve_game(game), match, columns=mapped, rules=rules)
-    staged = NO_CLIPS if clips is None else clips(found, source)
-    return CoachReport(figures=found.as_json(), _page=lambda: match_page(found, source, staged))
+    found, source = of_file(Path(path), resolve_game(game), match, pairing=pairing, columns=mapped, rules=rules)
+    if video is not None:
+        source = dataclasses.replace(source, video=video_of(video))
+    if anonymous:
+        found, source = _anonymous(found, source)
+    staged = clips or (lambda *_: NO_CLIPS)
+    return CoachReport(_report=found, _page=lambda: match_page(found, source, staged(found, source)))
 
 
 def scouting_report(
@@ -282,6 +273,7 @@ def scouting_report(
     beside: str | None = None,
     date: str | None = None,
     model: str = "default",
+    anonymous: bool = False,
     clips: Callable[[ScoutingReport, pa.Table | None], Clips] | None = None,
 ) -> CoachReport:
     """Scouting report: what a player should do against an opponent, how the opponent plays, and where the opponent is weak.
@@ -293,6 +285,7 @@ def scouting_report(
         beside: another opponent, whose habits are shown beside.
         date: day of the players' skill, such as 2021-07-31; None: the last one known.
         model: name or folder of the model.
+        anonymous: replace the names of the players.
         clips: what stages the rallies of the page, ``shuttle_marl.court.clips.scout_clips``; None: without rallies.
 
     Raises:
@@ -301,7 +294,13 @@ def scouting_report(
     strokes = None if data is None else read_matches(data, rules=rules)
     names = (player,) if opponent is None else (opponent, player)
     found = scout(*names, beside=beside, model=model, date=date, data=strokes)
-    staged = NO_CLIPS if clips is None else clips(found, strokes)
-    return CoachReport(
-        figures=found.as_json(), _page=lambda: scouting_page(found, () if strokes is None else gaps(strokes), staged)
-    )
+    if anonymous:
+        shown = [known.name for known in (found.player, found.opponent) if known is not None]
+        letters = [words()(f"report.player_{letter}") for letter in "abc"]
+        found = found.renamed(lambda name: letters[shown.index(name)] if name in shown else letters[2])
+
+    def page() -> bytes:
+        staged = NO_CLIPS if clips is None else clips(found, None if anonymous else strokes)
+        return scouting_page(found, () if strokes is None else gaps(strokes), staged)
+
+    return CoachReport(_report=found, _page=page)

@@ -33,14 +33,13 @@ from shuttle_marl.reports.value import NORMAL
 if TYPE_CHECKING:
     from shuttle_marl.reports.waits import Difference
 
-RULES: Final = (
+RULES: Final = (  # rules that every report follows; ``python -m experiments.reports`` checks them
     "an advised stroke won no smaller share of the rallies in its situation than the one it replaces, where both were played",
     "no stroke is advised and advised against in one situation, and none is advised to two areas there",
     "each drill trains a stroke that the report advises",
     "shares, strokes and places on page 1 are those of the later pages",
     "points, games and numbers of rallies follow from the points in the data",
 )
-"""Rules that every report follows; ``python -m experiments.reports`` checks them."""
 _SURE: Final = 5  # most habits on page 1
 _LEAST: Final = 10  # strokes from which answers are told
 _FEW: Final = 2  # most endings, most places, and most options that are advised, and that are advised against
@@ -173,19 +172,12 @@ _HIGH: Final = (SHOTS.index("clear"), SHOTS.index("lift"))
 
 
 class Situation(NamedTuple):
-    """Situation in which a player chooses a stroke.
+    """Situation in which a player chooses a stroke."""
 
-    Attributes:
-        shot: index of the shot type of the incoming stroke; -1: the player serves.
-        area: where the player strikes; -1 for a serve.
-        contact: 0 below, 1 above the net.
-        hurried: whether the player is late or stretched.
-    """
-
-    shot: int
-    area: int
-    contact: int
-    hurried: bool
+    shot: int  # index of the shot type of the incoming stroke; -1: the player serves
+    area: int  # where the player strikes; -1 for a serve
+    contact: int  # 0 below, 1 above the net
+    hurried: bool  # whether the player is late or stretched
 
 
 SERVING: Final = Situation(-1, -1, 0, False)
@@ -359,39 +351,25 @@ def plain(value: Any) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Statement:
-    """A statement of page 1.
+    """A statement of page 1."""
 
-    Attributes:
-        kind: ``habit``, ``fault``, ``winner``, ``wait``, ``answer``, ``do`` or ``dont``.
-        player: whom it describes, or whom an option advises.
-        figure: what it says.
-        count: of strokes, of rallies for an option.
-        value: share, or distance [m]; ``low``, ``high``: its interval; ``usual``: share of the others, NaN without.
-        q: p-value with the correction for the number of differences tested; NaN of a description.
-    """
-
-    kind: str
-    player: int
-    figure: "Habit | Difference | Expected | Option"
-    count: int
-    value: float
+    kind: str  # `habit`, `fault`, `winner`, `wait`, `answer`, `do` or `dont`
+    player: int  # whom it describes, or whom an option advises
+    figure: "Habit | Difference | Expected | Option"  # what it says
+    count: int  # of strokes, of rallies for an option
+    value: float  # share, or distance [m]; `low`, `high`: its interval
     low: float
     high: float
-    usual: float = np.nan
-    q: float = np.nan
+    usual: float = np.nan  # share of the others, NaN without
+    q: float = np.nan  # p-value with the correction for the number of differences tested; NaN of a description
 
 
 class Page1(NamedTuple):
-    """Page 1.
-
-    Attributes:
-        tested: number of options that were compared; None: no matches were given.
-        serves: of each player, the serves that the data have, and all; None: not counted.
-    """
+    """Page 1."""
 
     statements: tuple[Statement, ...]
-    tested: int | None
-    serves: tuple[tuple[int, int] | None, ...]
+    tested: int | None  # number of options that were compared; None: no matches were given
+    serves: tuple[tuple[int, int] | None, ...]  # of each player, the serves that the data have, and all; None: not counted
 
     def of(self, player: int, *kinds: str) -> list[Statement]:
         """Statements of some kinds about a player."""

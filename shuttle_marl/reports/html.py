@@ -22,20 +22,13 @@ _MARKUP: Final = re.compile(r"[\\`*\[\]<>|~&#]|(?<![A-Za-z0-9])_|_(?![A-Za-z0-9]
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """A cell of a table.
-
-    Attributes:
-        key: what it is sorted by; None: after all others.
-        link: address that it leads to; empty: none.
-        kind: class in the style sheet; empty: that of its column. ``shade-0`` to ``shade-10`` are colours from lost to won.
-        span: what is drawn instead of the text, which describes it.
-    """
+    """A cell of a table."""
 
     text: str = ""
-    key: float | str | None = None
-    link: str = ""
-    kind: str = ""
-    span: "Span | None" = None
+    key: float | str | None = None  # what it is sorted by; None: after all others
+    link: str = ""  # address that it leads to; empty: none
+    kind: str = ""  # class in the style sheet; empty: that of its column. `shade-0` to `shade-10`: colours from lost to won
+    span: "Span | None" = None  # what is drawn instead of the text, which describes it
 
 
 class Span(NamedTuple):
@@ -50,21 +43,14 @@ class Span(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Heading:
-    """The heading of a column of a table.
-
-    Attributes:
-        about: tooltip of the heading.
-        left: whether the column is aligned to the left, as text is.
-        wrap: whether lines in it may break.
-        ascending: whether the first click puts the smallest key on top.
-    """
+    """The heading of a column of a table."""
 
     heading: str
     _: dataclasses.KW_ONLY
-    about: str = ""
-    left: bool = False
-    wrap: bool = False
-    ascending: bool = False
+    about: str = ""  # tooltip of the heading
+    left: bool = False  # whether the column is aligned to the left, as text is
+    wrap: bool = False  # whether lines in it may break
+    ascending: bool = False  # whether the first click puts the smallest key on top
 
     @property
     def kind(self) -> str:
@@ -122,13 +108,9 @@ def name(value: str) -> Cell:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Viewer:
-    """A program that a page contains and opens in frames of its own.
+    """A program that a page contains and opens in frames of its own."""
 
-    Attributes:
-        script: its module, in the form in which it stands in a script element.
-    """
-
-    script: str
+    script: str  # its module, in the form in which it stands in a script element
     style: str
 
 

@@ -146,20 +146,13 @@ _LATE: Final = 30  # number of the stroke in a rally after which players tire
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ShotValue:
-    """Points that the strokes of one shot type added for a player, beyond an average player.
+    """Points that the strokes of one shot type added for a player, beyond an average player."""
 
-    Attributes:
-        player: 0 or 1.
-        strokes: number of strokes with a known value.
-        points: sum of the values, with its 90 % interval over rallies.
-        clear: whether the mean differs from 0 by more than chance, with a correction for the number of tests.
-    """
-
-    player: int
+    player: int  # 0 or 1
     shot: str
-    strokes: int
-    points: Estimate
-    clear: bool = False
+    strokes: int  # number of strokes with a known value
+    points: Estimate  # sum of the values, with its 90 % interval over rallies
+    clear: bool = False  # whether the mean differs from 0 by more than chance, with a correction for the number of tests
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -355,9 +348,8 @@ def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
     people = strokes["player"].unique().to_pylist()
     first = [strokes["player"][0].as_py(), strokes["opponent"][0].as_py()] if strokes.num_rows else []
     if len(matches_in(strokes)) != 1 or not set(people) <= set(first):
-        raise AnalysisError(
-            f"{len(matches_in(strokes))} matches of {len(people)} players: expected the strokes of one match of two"
-        )
+        found = f"{len(matches_in(strokes))} matches of {len(people)} players"
+        raise AnalysisError(f"{found}: expected the strokes of one match of two")
     return str(strokes["match"][0].as_py()), (str(first[0]), str(first[1]))
 
 

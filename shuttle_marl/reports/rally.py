@@ -329,11 +329,7 @@ def _aim(game: Game, value: Value, states: Intp) -> Aim:
 
 
 def stroke_index(game: Game, name: str) -> int:
-    """Catalogue index of a stroke name.
-
-    Raises:
-        ExactError: unknown name; the message lists similar ones.
-    """
+    """Catalogue index of a stroke name. Raises ExactError: unknown name; the message lists similar ones."""
     try:
         return game.catalogue.index(name)
     except UnknownStrokeError as error:

@@ -269,17 +269,11 @@ def places_of(game: Game, state: int, seat: int, solution: Solution) -> Places |
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Rating:
-    """A rating; a new player has the default.
+    """A rating; a new player has the default."""
 
-    Attributes:
-        points: the rating.
-        deviation: its standard deviation.
-        volatility: how much the player's strength varies.
-    """
-
-    points: float = _CENTRE
-    deviation: float = 350.0
-    volatility: float = 0.06
+    points: float = _CENTRE  # the rating
+    deviation: float = 350.0  # its standard deviation
+    volatility: float = 0.06  # how much the player's strength varies
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.points) and 0 <= self.deviation <= 1000 and 0 < self.volatility <= 1):

@@ -28,15 +28,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.reports import habits as counts
-from shuttle_marl.reports.summary import (
-    AnalysisError,
-    Met,
-    hand_of,
-    met,
-    rally_table,
-    with_hands_of_model,
-    won_or_lost,
-)
+from shuttle_marl.reports.summary import AnalysisError, Met, hand_of, met, rally_table, with_hands_of_model, won_or_lost
 from shuttle_marl.reports.value import TOLERANCE
 from shuttle_marl.reports.waits import Stand, Wait, differences, stands, waits
 from shuttle_marl.reports.words import words
@@ -159,11 +151,7 @@ class ListedPlayer:
 
 
 def players_of(model: str = "default") -> list[ListedPlayer]:
-    """The players of a model, most strokes first.
-
-    Raises:
-        GameError: the model has no skill of players.
-    """
+    """The players of a model, most strokes first. Raises GameError: the model has no skill of players."""
     folder = model_folder(model)
     skill, imitated_ones = load_skill(folder), baselines.clones(folder).players
     listed = [
@@ -310,11 +298,7 @@ def _as_known(name: str, known: Sequence[str]) -> str:
 
 
 def _discipline(skill: Skill, names: Sequence[str], strokes: pa.Table) -> str:
-    """The discipline that all players share.
-
-    Raises:
-        AnalysisError: they share none, or one is unknown.
-    """
+    """The discipline that all players share. Raises AnalysisError: they share none, or one is unknown."""
     kinds = {}
     for name in names:
         if name in skill.players:

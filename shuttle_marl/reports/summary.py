@@ -188,11 +188,8 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
     length = rallies["length"].to_numpy()[present].astype(np.int64)
     transitions = np.zeros((N_SHOTS, N_SHOTS), np.int64)
     np.add.at(transitions, (frame.shot[after - 1], frame.shot[after]), 1)
-    value = (
-        strokes["value_added"].to_numpy(zero_copy_only=False)[mine]
-        if "value_added" in strokes.column_names
-        else np.array([np.nan])
-    )
+    valued = "value_added" in strokes.column_names
+    value = strokes["value_added"].to_numpy(zero_copy_only=False)[mine] if valued else np.array([np.nan])
     return Summary(
         strokes=int(mine.sum()),
         rallies=int(present.sum()),

@@ -196,21 +196,13 @@ def _game_of_people(strokes: pa.Table, game: Game) -> Game:
 
 
 class Placed(NamedTuple):
-    """N strokes of a table in a game.
+    """N strokes of a table in a game."""
 
-    Attributes:
-        rows: the strokes in context.
-        incoming: ``[N]`` catalogue index of the incoming stroke (:func:`~shuttle_marl.reports.value.strokes_before`).
-        state: ``[N]`` state; -1: unknown.
-        stroke: ``[N]`` catalogue index of the stroke, or of the nearest one to it; -1: unknown.
-        rank: ``[N]`` its position among the legal strokes of the state; -1: unknown or not legal.
-    """
-
-    rows: Rows
-    incoming: I64
-    state: I64
-    stroke: I64
-    rank: I64
+    rows: Rows  # the strokes in context
+    incoming: I64  # [N] catalogue index of the incoming stroke (`strokes_before`)
+    state: I64  # [N] state; -1: unknown
+    stroke: I64  # [N] catalogue index of the stroke, or of the nearest one to it; -1: unknown
+    rank: I64  # [N] its position among the legal strokes of the state; -1: unknown or not legal
 
 
 def placed(strokes: pa.Table, game: Game) -> Placed:

@@ -34,20 +34,13 @@ _BOUNDS: Final = (0.05, 0.95)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Place:
-    """A mean coordinate of a waiting player [m], with 90 % intervals.
-
-    Attributes:
-        difference: from the opponents in the same matches; NaN where they played no such strokes at both ends.
-        p: p-value of the difference; NaN where one of them played it less than 20 times.
-        q: the same with a correction for the number of differences.
-        clear: whether the difference is more than chance, with this correction, and large enough.
-    """
+    """A mean coordinate of a waiting player [m], with 90 % intervals."""
 
     mean: Estimate
-    difference: Estimate
-    p: float
-    q: float = float("nan")
-    clear: bool = False
+    difference: Estimate  # from the opponents in the same matches; NaN where they played no such strokes at both ends
+    p: float  # p-value of the difference; NaN where one of them played it less than 20 times
+    q: float = float("nan")  # the same with a correction for the number of differences
+    clear: bool = False  # whether the difference is more than chance, with this correction, and large enough
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -87,10 +87,12 @@ class Words(Texts):
         """
         shot, target = SHOTS[catalogue.shot[stroke]], int(catalogue.area[stroke])
         if catalogue.is_serve[stroke]:  # it flies diagonally into one service court, of which only the side is a choice
-            flick = (
-                "flick_serve" if (shot, catalogue.technique[stroke]) == ("long-serve", TECHNIQUES.index("backhand")) else "served"
+            flicked = (shot, catalogue.technique[stroke]) == ("long-serve", TECHNIQUES.index("backhand"))
+            return self(
+                f"stroke.{'flick_serve' if flicked else 'served'}",
+                shot=self.shot(shot),
+                direction=self(f"directions.{AREAS[target].split('-')[1]}"),
             )
-            return self(f"stroke.{flick}", shot=self.shot(shot), direction=self(f"directions.{AREAS[target].split('-')[1]}"))
         fields = {"technique": self.technique(TECHNIQUES[catalogue.technique[stroke]]), "area": self.area(target, whose)}
         if shot in AT_BODY and AREAS[target] == "middle-centre":
             return self("stroke.at_body", shot=self.shot(shot), technique=fields["technique"])
@@ -127,11 +129,9 @@ class Words(Texts):
 
     def strokes_with(self, shot: str, technique: str | None = None) -> str:
         """Strokes of a shot type, such as ``clears with the backhand``; None: with any technique."""
-        return (
-            self.shots(shot)
-            if technique is None
-            else self("stroke.with", shots=self.shots(shot), technique=self.technique(technique))
-        )
+        if technique is None:
+            return self.shots(shot)
+        return self("stroke.with", shots=self.shots(shot), technique=self.technique(technique))
 
     def situation(self, place: Situation, whose: str) -> str:
         """A situation, such as ``against a lift to your rear forehand corner, met above the net``."""

@@ -13,11 +13,10 @@ import pytest
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import read_parquet, write_parquet
-from shuttle_marl.commands.options import ReportOptions
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
-from shuttle_marl.court import WatchError, clips
+from shuttle_marl.court import clips
 from shuttle_marl.court.recorded import LogRallies, RealRallies
 from shuttle_marl.court.staged import habits_shown
 from shuttle_marl.data.matches import game_end
@@ -485,10 +484,14 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     assert read(page(number + 1))[1] == text
 
 
-def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_that_does_not_work(
+    tmp_path: Path, model: str, unbuilt: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("CHROMIUM", "false")
-    with pytest.raises(WatchError, match=r"/false cannot print the report \(.*\); open .*page.html in another browser"):
-        ReportOptions(pdf=tmp_path / "page.pdf", out=tmp_path / "page.html").write({}, lambda: b"<p>report</p>", "")
+    out = tmp_path / "page.html"
+    options = ["--match", "SIMULATED 2", "--game", model, "--out", str(out), "--pdf", str(tmp_path / "page.pdf")]
+    assert report_command([str(SAMPLE), *options]) == 1
+    assert re.search(r"/false cannot print the report \(.*\); open .*page.html in another browser", capsys.readouterr().err)
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 

@@ -28,7 +28,6 @@ from shuttle_marl.court.messages import SHOWN, Saved, TagRequest, TagRow, TagStr
 from shuttle_marl.court.tagging import TagFile, suggestions
 from shuttle_marl.court.values import hall_facts
 from shuttle_marl.data import read_matches
-from shuttle_marl.data.matches import TaggingError
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
 from shuttle_marl.game import default_game
@@ -423,7 +422,7 @@ def test_another_film_does_not_continue_the_strokes(tmp_path: Path) -> None:
     save(file, "[0]")
     file.close()
     (tmp_path / "other.webm").write_bytes(bytes(5000))
-    with pytest.raises(TaggingError, match=r"of the film 'match.webm' of 4 bytes, not of .*other.webm of 5,000"):
+    with pytest.raises(WatchError, match=r"of the film 'match.webm' of 4 bytes, not of .*other.webm of 5,000"):
         TagFile(tmp_path / "other.webm", tmp_path / "match.csv")
     assert tag_file(tmp_path).facts().inputs == ["[0]"]
 
@@ -431,7 +430,7 @@ def test_another_film_does_not_continue_the_strokes(tmp_path: Path) -> None:
 def test_a_journal_of_another_kind_is_refused(tmp_path: Path) -> None:
     journal = tmp_path / "match.inputs.jsonl"
     journal.write_bytes(seal({"input": 3}, indent=None))
-    with pytest.raises(TaggingError, match=r"3 is no input; move it away, and match.csv too, and begin again"):
+    with pytest.raises(WatchError, match=r"3 is no input; move it away, and match.csv too, and begin again"):
         tag_file(tmp_path)
     journal.write_bytes(b"x\n")
     with pytest.raises(RunError, match=r"line 1 is damaged .*; move it away, and match.csv too"):
@@ -490,7 +489,7 @@ def test_a_table_that_a_spreadsheet_saved(tmp_path: Path) -> None:
         assert out.read_text(encoding="utf-8") == saved + saved.split("\n")[1] + "\n"
     for content in (saved.encode("cp1252", "replace"), saved.replace(",", ";").encode()):
         out.write_bytes(content)
-        with pytest.raises(TaggingError, match="another program saved it with other columns"):
+        with pytest.raises(WatchError, match="another program saved it with other columns"):
             TagFile(video, out)
 
 
@@ -504,7 +503,7 @@ def test_files_that_are_not_ours_are_not_touched(tmp_path: Path) -> None:
         (TagOptions(tag=video, out=tmp_path / "new.parquet"), "ends in .csv"),
         (TagOptions(tag=video), "belong together"),
     ):
-        with pytest.raises((WatchError, TaggingError), match=says):
+        with pytest.raises(WatchError, match=says):
             options.open()
     assert out.read_text() == "mine\n"
     with pytest.raises(msgspec.ValidationError):  # no formula gets into the table

@@ -153,14 +153,7 @@ class TimelineBuilder:
     """
 
     def __init__(
-        self,
-        trajectory: Trajectory,
-        athlete: Athlete,
-        hips: F64,
-        higher: F64,
-        fps: int,
-        mood: int,
-        past: Past | None = None,
+        self, trajectory: Trajectory, athlete: Athlete, hips: F64, higher: F64, fps: int, mood: int, past: Past | None = None
     ) -> None:
         self.trajectory, self.hips, self.higher, self.fps = trajectory, hips, higher, fps
         self.seat, self.right_handed, self.library = athlete.seat, athlete.right_handed, athlete.library

@@ -29,11 +29,10 @@ REPOSITORY: Final = "wywyWang/CoachAI-Projects"
 COMMIT: Final = "39bbf3fd99b0b709ff6d1647383959b6fa5f5b74"
 BASE_URL: Final = f"https://raw.githubusercontent.com/{REPOSITORY}/{COMMIT}"
 """Base URL of the files; the path of a file below the root is appended."""
-SOURCES: Final = {
+SOURCES: Final = {  # folder of each data set below the root
     "ShuttleSet": PurePosixPath("ShuttleSet/set"),
     "ShuttleSet22": PurePosixPath("CoachAI-Challenge-IJCAI2023/ShuttleSet22/set"),
 }
-"""Folder of each data set below the root."""
 Split = Literal["train", "validation", "test"]
 SPLITS: Final[tuple[Split, ...]] = get_args(Split)
 CITATIONS: Final = (

@@ -32,11 +32,7 @@ class Texts(string.Formatter):
         self._marks = str.maketrans({",": own["thousands"], ".": own["decimal"]})
 
     def __call__(self, key: str, **fields: Any) -> str:
-        """A text with its fields filled.
-
-        Raises:
-            ShuttleError: the catalogue has no such text.
-        """
+        """A text with its fields filled. Raises ShuttleError: the catalogue has no such text."""
         group, _, name = key.partition(".")
         text = self.groups.get(group, {}).get(name)
         if not isinstance(text, str):
