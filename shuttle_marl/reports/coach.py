@@ -258,10 +258,14 @@ def report(
     found, source = of_file(Path(path), resolve_game(game), match, pairing=pairing, columns=mapped, rules=rules)
     if video is not None:
         source = dataclasses.replace(source, video=video_of(video))
-    if anonymous:
-        found, source = _anonymous(found, source)
-    staged = clips or (lambda *_: NO_CLIPS)
-    return CoachReport(_report=found, _page=lambda: match_page(found, source, staged(found, source)))
+
+    def shown() -> tuple[MatchReport, Source]:
+        return _anonymous(found, source) if anonymous else (found, source)
+
+    def page() -> bytes:
+        return match_page(*shown(), NO_CLIPS if clips is None else clips(*shown()))
+
+    return CoachReport(_report=shown()[0], _page=page)
 
 
 def scouting_report(
@@ -294,13 +298,14 @@ def scouting_report(
     strokes = None if data is None else read_matches(data, rules=rules)
     names = (player,) if opponent is None else (opponent, player)
     found = scout(*names, beside=beside, model=model, date=date, data=strokes)
-    if anonymous:
-        shown = [known.name for known in (found.player, found.opponent) if known is not None]
+    people = [known.name for known in (found.player, found.opponent) if known is not None]
+
+    def shown() -> ScoutingReport:
         letters = [words()(f"report.player_{letter}") for letter in "abc"]
-        found = found.renamed(lambda name: letters[shown.index(name)] if name in shown else letters[2])
+        return found.renamed(lambda name: letters[people.index(name)] if name in people else letters[2]) if anonymous else found
 
     def page() -> bytes:
-        staged = NO_CLIPS if clips is None else clips(found, None if anonymous else strokes)
-        return scouting_page(found, () if strokes is None else gaps(strokes), staged)
+        staged = NO_CLIPS if clips is None else clips(shown(), None if anonymous else strokes)
+        return scouting_page(shown(), () if strokes is None else gaps(strokes), staged)
 
-    return CoachReport(_report=found, _page=page)
+    return CoachReport(_report=shown(), _page=page)
