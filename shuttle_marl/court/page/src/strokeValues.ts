@@ -79,9 +79,9 @@ export class StrokeValues {
         }
         if (now()) {
           screen.showAnalysis(analysis);
-          if (person) {
-            screen.decisions.show(rally, analysis, person.seat, practice !== null);
-          }
+        }
+        if (person && matches === this.matches && (now() || rally.winner !== null)) {
+          screen.decisions.show(rally, analysis, person.seat, practice !== null, now() ? screen.told : Infinity);
         }
       }
       if (screen.mode === "analyse" || screen.browser) {
