@@ -102,9 +102,7 @@ export class App {
     const { hello, screen } = this;
     const names = hello.plan.sides.map(({ policy }) => policy) as [string, string];
     this.card?.remove();
-    this.card = startCard(names, hello.ladder, hello.duel, (choice) => {
-      void opened.then(() => this.begin(choice));
-    });
+    this.card = startCard(names, hello.ladder, hello.duel, (choice) => void opened.then(() => this.begin(choice)));
     screen.layout.court.append(this.card);
   }
 
@@ -262,6 +260,8 @@ export class App {
     const { challenges } = this;
     const failed = (error: Error) => this.screen.layout.say(error.message, true);
     this.player.playing = false; // what runs is not the match that begins
+    this.screen.answered = this.shown?.rally.turn ?? null;
+    this.screen.board.show(null);
     if (typeof choice === "number") {
       challenges.duel(choice).catch(failed);
     } else if (choice === "friend") {
