@@ -50,6 +50,7 @@ export class Decisions {
   private readonly told = h("p", { role: "status" });
   private readonly line = h("p", {});
   private readonly again: HTMLButtonElement;
+  played = 0; // strokes of the person, so that no verdict comes after the next one
   private judged: [RallyFacts, Analysis, number] | null = null; // the stroke of the verdict
   private readonly rallies = new Map<number, Decision[]>();
   private readonly rated = new Set<number>();
@@ -125,8 +126,9 @@ export class Decisions {
 
   /** Takes the last verdict away: the person has played another stroke. */
   clear(): void {
+    this.played++;
     this.judged = null;
-    this.told.replaceChildren();
+    replaceChildren(this.told, h("span", { class: "quiet" }, say("page.computing")));
   }
 
   /** Scores of the person and of the opponent; null: nothing was judged. */

@@ -83,7 +83,6 @@ export class Screen {
   private person = false; // whether one plays
   private readonly player: Player;
   private readonly stage: Stage | null;
-
   private readonly hall: HallFacts;
 
   /** @param live whether the page has a server. */

@@ -30,10 +30,7 @@ export function choiceKind({ change, mark, loss }: StrokeValue): string {
   return change !== null && (mark.includes("?") || (!mark && change <= DEBATABLE)) ? "down" : good ? "up" : "quiet";
 }
 
-/**
- * What became of a stroke, with its change of the probability of winning the rally; null: not known yet.
- * @param named number of strokes of the rally that are told; more than it has: its end as well.
- */
+/** What became of a stroke, as `named` strokes tell it, one more with the end of the rally; null: not known yet. */
 export function result(rally: RallyFacts, { strokes }: Analysis, i: number, named: number): HTMLElement | null {
   const [stroke, next] = [rally.strokes[i]!, rally.strokes[i + 1]];
   const win = next ? strokes[i + 1]?.win : Number(rally.winner === 0); // undefined: struck after the analysis
