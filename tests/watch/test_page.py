@@ -200,7 +200,7 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         dialog.wait_for()
         text = dialog.inner_text()
         assert f"You chose {chosen} strokes." in text, text
-        assert re.search("wins? the match · {} – {}".format(*after["points"]), text), text
+        assert re.search(r"wins? the match · {} \W {}".format(*after["points"]), text), text
         points, low, high = map(int, re.search(r"Rating of your decisions: (\d+) \((\d+) to (\d+)\)", text).groups())
         assert low < points < high
         kept = viewer.page.evaluate("JSON.parse(localStorage.getItem('shuttle_marl.rating')).points")
