@@ -199,7 +199,8 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         dialog = viewer.page.get_by_role("dialog", name="Game summary")
         dialog.wait_for()
         text = dialog.inner_text()
-        assert f"You chose {chosen} strokes: accuracy " in text, text
+        assert f"You chose {chosen} strokes." in text, text
+        assert re.search(r"wins? the match · {} \W {}".format(*after["points"]), text), text
         points, low, high = map(int, re.search(r"Rating of your decisions: (\d+) \((\d+) to (\d+)\)", text).groups())
         assert low < points < high
         kept = viewer.page.evaluate("JSON.parse(localStorage.getItem('shuttle_marl.rating')).points")
@@ -759,7 +760,7 @@ def test_choice_and_result_are_told_apart(viewer: Any, served: Any) -> None:
         rows = viewer.analysed().page.locator(".moves li .what")
         viewer.until(lambda rows=rows: rows.locator(".judged").count() == rows.count())
         verdicts = [row.locator(".judged > span").all_inner_texts() for row in rows.all()]
-        choices = r"(brilliant|strong|right|good|fair|debatable|doubtful) choice|mistake|blunder|few pros play this; the model"
+        choices = r"(brilliant|strong|right|good|fair|debatable|doubtful) choice|mistake|blunder|too rare to judge; the model"
         results = r"(killed|attacked|came back|winner|out|into the net|the rally ends) "
         assert all(re.match(choices, choice) and re.match(results, result) for choice, result in verdicts)
         shots = rows.locator("b").all_inner_texts()
@@ -789,6 +790,12 @@ def test_a_rally_is_played_with_one_click_a_stroke(viewer: Any, page_folder: Any
             assert viewer.state("strokes")[number] == wanted["stroke"], "what people play there most"
             clicks += 1
         assert clicks
+        told = viewer.page.locator(".verdict [role='status'] > span")
+        viewer.until(lambda: told.count() == 2)
+        assert re.search(r"^(out|into the net|winner) | wins? · ", told.last.inner_text()), "the choice, and how the rally ended"
+        viewer.page.get_by_text("Menu", exact=True).click()
+        viewer.page.get_by_role("button", name=f"Duel to {DUEL} points").click()
+        viewer.page.get_by_label("Opponent of the duel").wait_for()
 
 
 def test_best_play_stands_in_the_laboratory(viewer: Any, served: Any) -> None:

@@ -93,14 +93,17 @@ export class App {
     const opened = this.openPlace({ ...place, rally: first }, place.stroke === null);
     this.frames.start(this.listener);
     if (!location.hash && this.live) {
-      this.card = startCard(
-        hello.plan.sides.map(({ policy }) => policy) as [string, string],
-        hello.ladder,
-        hello.duel,
-        (choice) => void opened.then(() => this.begin(choice)),
-      );
-      layout.court.append(this.card);
+      this.offer(opened);
     }
+  }
+
+  /** Offers duels and what else there is to do, once the first rally is open. */
+  private offer(opened = Promise.resolve()): void {
+    const { hello, screen } = this;
+    const names = hello.plan.sides.map(({ policy }) => policy) as [string, string];
+    this.card?.remove();
+    this.card = startCard(names, hello.ladder, hello.duel, (choice) => void opened.then(() => this.begin(choice)));
+    screen.layout.court.append(this.card);
   }
 
   /** Shows what a link names: a game with a friend, or a rally. */
@@ -138,6 +141,7 @@ export class App {
       mode: (mode) => this.setMode(mode),
       newMatch: () => this.askNewMatch(),
       friend: () => this.begin("friend"),
+      duel: () => (this.course.friend?.now ? this.askLeave(() => this.offer()) : this.offer()),
       copyLink: () => this.copyLink(),
       savePage: () => void this.savePage(),
       rally: (step) => void this.go(this.course.number + step),
@@ -255,6 +259,9 @@ export class App {
   private begin(choice: Choice): void {
     const { challenges } = this;
     const failed = (error: Error) => this.screen.layout.say(error.message, true);
+    this.player.playing = false; // what runs is not the match that begins
+    this.screen.answered = this.shown?.rally.turn ?? null;
+    this.screen.board.show(null);
     if (typeof choice === "number") {
       challenges.duel(choice).catch(failed);
     } else if (choice === "friend") {
@@ -457,6 +464,9 @@ export class App {
     const chosen = performance.now();
     const undo = course.mark();
     course.choose(turn, choice);
+    if (turn.strokes.length) {
+      screen.decisions.clear();
+    }
     player.finish(); // while the rest is staged
     this.unseen.push(chosen);
     const next = await this.rallies.fetch(course.wanted(course.number), shown.motion, () => {

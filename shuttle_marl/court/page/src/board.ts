@@ -95,17 +95,13 @@ export class Board {
   }
 
   private wait(): void {
-    const height = this.element.clientHeight;
+    const height = this.element.offsetHeight;
     this.element.style.minHeight = height ? `${height}px` : "";
     this.say(say(document.body.classList.contains("friend") ? "friend.waits" : "board.goes_on"));
   }
 
-  /** Says that the rally is over, or the match. */
-  finish(match: boolean): void {
-    this.say(say(match ? "board.over" : "board.next"));
-  }
-
-  private say(text: string): void {
+  /** Says how the rally ended, until the next stroke of the person. */
+  say(text: string): void {
     replaceChildren(this.element, h("h2", {}, h("span", {}, say("board.label"))), h("p", { class: "quiet" }, text));
   }
 
@@ -156,9 +152,8 @@ export class Board {
     const { strokes, seat, height, hurried } = this.turn!;
     const focused = (document.activeElement as HTMLElement | null)?.dataset["key"];
     const serves = strokes[0]!.shot.endsWith("serve");
-    const shots = this.hall.shots.filter((shot) => shot.endsWith("serve") === serves);
-    const legal = shots.filter((shot) => strokes.some((s) => s.shot === shot));
-    const shotButtons = legal.map((shot) => {
+    const shots = this.hall.shots.filter((shot) => strokes.some((s) => s.shot === shot));
+    const shotButtons = shots.map((shot) => {
       const best = this.best(strokes.filter((s) => s.shot === shot));
       return h(
         "button",
@@ -167,30 +162,29 @@ export class Board {
         h("small", {}, h("kbd", {}, KEYS[shot]!), best ? say("board.wins", { share: best }) : ""),
       );
     });
-    const folded = shots.filter((shot) => !legal.includes(shot));
     const ofShot = this.offered;
     this.hooks.paint(Object.values(Object.fromEntries(ofShot.map(({ area, box }) => [area, box]))));
     const areaButtons = this.order.map((index, place) => {
       const area = this.hall.areas[index]!.name;
       const mine = ofShot.filter((s) => s.area === area);
-      const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
+      if (!mine.length) {
+        return h("button", { disabled: true }); // keeps its place, and is not seen
+      }
+      const share = Math.max(...mine.map((s) => s.p_succ));
       const best = this.best(mine);
-      const shot = this.shot ? null : words(this.usual(mine)?.shot ?? "clear");
-      const facts = mine.length
-        ? [shot, say("board.in", { share: percent(share) }), best && say("board.wins", { share: best }).trim()]
-        : [say(`board.not_${height}` as Key)];
+      const shot = this.shot ? null : words(this.usual(mine)!.shot);
+      const facts = [shot, say("board.in", { share: percent(share) }), best && say("board.wins", { share: best }).trim()];
       return h(
         "button",
         {
-          disabled: !mine.length,
           "aria-pressed": String(area === this.area),
           "data-key": `area ${area}`,
           "aria-label": listed([words(area), ...facts.filter((fact) => fact !== null)]),
           title: `${words(area)} (${KEYPAD[place]!})`,
-          style: mine.length ? `background:${shade(share)}` : "",
+          style: `background:${shade(share)}`,
           onclick: () => this.choose({ area }),
         },
-        mine.length ? (best ?? shot ?? percent(share)) : "",
+        best ?? shot ?? percent(share),
       );
     });
     const there = (technique: string) => ofShot.some((s) => s.area === this.area && s.technique === technique);
@@ -232,18 +226,7 @@ export class Board {
       h(
         "div",
         { class: "halves" },
-        h(
-          "div",
-          {},
-          h("div", { class: "shots" }, ...shotButtons),
-          folded.length
-            ? h(
-                "p",
-                { class: "folded" },
-                say(`board.not_${height}` as Key) + say("board.folded", { shots: listed(folded.map(words)) }),
-              )
-            : null,
-        ),
+        h("div", {}, h("div", { class: "shots" }, ...shotButtons)),
         h("div", { class: "targets", role: "group", "aria-label": say("board.target") }, ...areaButtons),
       ),
       h("div", { class: "row techniques", role: "group", "aria-label": say("board.technique") }, ...techniques),

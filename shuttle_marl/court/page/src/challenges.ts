@@ -3,7 +3,7 @@
 import { keepRating, keepRung, rating } from "./decisions";
 import { h, replaceChildren } from "./dom";
 import type { Mode } from "./layout";
-import { displayName } from "./names";
+import { displayName, does } from "./names";
 import type { Source } from "./rallies";
 import type { Screen } from "./screen";
 import type { StrokeValues } from "./strokeValues";
@@ -112,7 +112,9 @@ export class Challenges {
     }
     const stronger = ahead ? ladder[at + 1] : undefined;
     const score = { mine: mine ?? "–", theirs: theirs ?? "–" };
+    const won = does(rally.names, rally.winner!, "win") + say(rally.after!.over ? "won.match" : "won.game");
     const content = [
+      h("p", {}, h("b", {}, `${won} · ${rally.after!.points.join(" – ")}`)),
       h("p", {}, h("b", {}, say(ahead ? "decide.ahead" : "decide.behind", score))),
       h("p", {}, say("decide.rating", { points, low, high })),
       ...found,

@@ -1,7 +1,9 @@
-// Decisions of a person: what the last one was worth, the score of both sides, the streak, and the rating that the browser keeps.
+// Decisions of a person: what the last one was worth, the score of both sides, and the rating that the browser keeps.
 
-import { capitalised, h, keep, kept, signed } from "./dom";
-import { choiceWords, kind, RIGHT } from "./verdict";
+import { capitalised, h, keep, kept, replaceChildren, signed } from "./dom";
+import { does } from "./names";
+import { reason } from "./narration";
+import { choiceKind, choiceWords, RIGHT, result } from "./verdict";
 import type { Analysis, RallyFacts, RatingReply } from "./wire.gen";
 import { say, words } from "./words";
 
@@ -13,9 +15,7 @@ const NEW: RatingReply = { points: 1500, deviation: 350, volatility: 0.06, inter
 
 interface Decision {
   seat: number;
-  /** null: not judged. */
-  quality: number | null;
-  mistake: boolean;
+  quality: number | null; // null: not judged
 }
 
 export function rating(): RatingReply {
@@ -50,13 +50,15 @@ export class Decisions {
   private readonly told = h("p", { role: "status" });
   private readonly line = h("p", {});
   private readonly again: HTMLButtonElement;
+  played = 0; // strokes of the person, so that no verdict comes after the next one
+  private judged: [RallyFacts, Analysis, number] | null = null; // the stroke of the verdict
   private readonly rallies = new Map<number, Decision[]>();
   private readonly rated = new Set<number>();
 
   /** @param retry plays the last stroke of the person that is shown again, for practice. */
   constructor(retry: () => void) {
     this.again = h("button", { onclick: retry }, say("decide.retry"), h("kbd", {}, "u"));
-    this.element.append(h("div", {}, this.told, this.line), this.again);
+    this.element.append(this.told, h("div", {}, this.line, this.again));
     this.reset();
   }
 
@@ -70,16 +72,14 @@ export class Decisions {
     this.rallies.clear();
     this.rated.clear();
     this.again.classList.add("hidden");
-    this.told.className = "quiet";
-    this.told.textContent = say("board.point");
+    this.judged = null;
+    replaceChildren(this.told, h("span", { class: "quiet" }, say("board.point")));
     this.line.textContent = "";
   }
 
   /** Counts the decisions of both sides in a rally, from the first stroke of the person, or the one before it, on. */
   count(rally: RallyFacts, analysis: Analysis): void {
-    const found = analysis.strokes.map(({ quality, mark }, i) => {
-      return { seat: rally.strokes[i]!.seat, quality, mistake: mark.includes("?") };
-    });
+    const found = analysis.strokes.map(({ quality }, i) => ({ seat: rally.strokes[i]!.seat, quality }));
     const first = rally.strokes.findIndex((stroke) => stroke.person);
     if (found.length >= (this.rallies.get(rally.number)?.length ?? 0)) {
       this.rallies.set(rally.number, first < 0 ? [] : found.slice(Math.max(0, first - 1)));
@@ -89,8 +89,9 @@ export class Decisions {
   /**
    * Shows what the last stroke of the person in a rally is worth.
    * @param practice whether the rally is played again; then it does not count.
+   * @param named number of strokes of the rally that are told; more than it has: its end as well.
    */
-  show(rally: RallyFacts, analysis: Analysis, seat: number, practice: boolean): void {
+  show(rally: RallyFacts, analysis: Analysis, seat: number, practice: boolean, named: number): void {
     const last = rally.strokes.findLastIndex((stroke) => stroke.person && stroke.seat === seat);
     const value = analysis.strokes[last];
     if (!value) {
@@ -102,32 +103,38 @@ export class Decisions {
     const { change, loss } = value;
     const choice = capitalised(choiceWords(value, seat));
     const worse = change !== null && loss > RIGHT && stroke;
-    this.told.className = change !== null && !worse ? "up" : kind(change);
-    this.told.textContent = worse ? say("decide.worse", { choice, stroke, share: signed(change + loss) }) : choice;
-    this.line.textContent = practice ? say("decide.practice") : this.summary(seat);
+    const told = worse ? say("decide.worse", { choice, stroke, share: signed(change + loss) }) : choice;
+    replaceChildren(this.told, h("span", { class: choiceKind(value) }, told));
+    const [mine, theirs] = this.scores(seat).map((score) => score ?? "–") as [string, string];
+    this.line.textContent = practice ? say("decide.practice") : say("decide.score", { mine, theirs });
+    this.judged = [rally, analysis, last];
+    this.became(rally, named);
   }
 
-  /** Score of both sides and the streak, in words. */
-  private summary(seat: number): string {
-    const [mine, theirs] = this.scores(seat);
-    const streak = this.streak(seat);
-    const both = say("decide.score", { mine: mine ?? "–", theirs: theirs ?? "–" });
-    return streak > 1 ? both + say("decide.streak", { count: streak }) : both;
+  /** Says what became of the stroke of the verdict, once so many strokes of its rally tell it. */
+  became(rally: RallyFacts, named: number): void {
+    if (this.judged?.[0].number !== rally.number) {
+      return;
+    }
+    const [{ names, strokes, winner }, , i] = this.judged;
+    const ended = winner !== null && named > strokes.length && i < strokes.length - 1; // by the opponent
+    const found = ended ? h("span", {}, `${does(names, winner, "win")} · ${reason(rally)}`) : result(...this.judged, named);
+    if (found && found.textContent !== this.told.lastChild?.textContent) {
+      replaceChildren(this.told, this.told.firstChild, found);
+    }
+  }
+
+  /** Takes the last verdict away: the person has played another stroke. */
+  clear(): void {
+    this.played++;
+    this.judged = null;
+    replaceChildren(this.told, h("span", { class: "quiet" }, say("page.computing")));
   }
 
   /** Scores of the person and of the opponent; null: nothing was judged. */
   scores(seat: number): [number | null, number | null] {
     const all = [...this.rallies.values()].flat();
     return [score(all.filter((one) => one.seat === seat)), score(all.filter((one) => one.seat !== seat))];
-  }
-
-  /** Number of the person's last judged decisions without a mistake. */
-  private streak(seat: number): number {
-    const order = [...this.rallies.keys()].sort((a, b) => a - b);
-    const mine = order
-      .flatMap((number) => this.rallies.get(number)!)
-      .filter((one) => one.seat === seat && one.quality !== null);
-    return mine.length - 1 - mine.findLastIndex(({ mistake }) => mistake);
   }
 
   /** Qualities of the person's judged decisions since the last rating. */

@@ -16,6 +16,8 @@ export interface Hooks {
   newMatch(): void;
   /** Opens a game with a friend. */
   friend(): void;
+  /** Offers duels. */
+  duel(): void;
   copyLink(): void;
   savePage(): void;
   rally(step: number): void;
@@ -64,8 +66,9 @@ export class Layout {
   private timer = 0;
   private busyTimer = 0;
 
-  constructor(parts: Parts, modes: readonly Mode[], hooks: Hooks, canShare: boolean, isMatch: boolean) {
-    const keys = keyList(isMatch);
+  /** @param duel points that win a duel; null: nobody can play. */
+  constructor(parts: Parts, modes: readonly Mode[], hooks: Hooks, canShare: boolean, duel: number | null) {
+    const keys = keyList(duel !== null);
     const list = (entries: [string, string][]) =>
       h("ul", { class: "keys" }, ...entries.map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`)));
     const playing = keys.play.length ? [h("h3", {}, say("page.keys_play")), list(keys.play)] : [];
@@ -93,7 +96,8 @@ export class Layout {
     const button = (text: Child, act: () => void) => h("button", { onclick: act }, text);
     const more = menu(
       say("page.menu"),
-      ...(isMatch ? [button(say("page.new_match"), hooks.newMatch), button(say("friend.title"), hooks.friend)] : []),
+      ...(duel ? [button(say("page.new_match"), hooks.newMatch), button(say("start.duel", { points: duel }), hooks.duel)] : []),
+      duel !== null && button(say("friend.title"), hooks.friend),
       ...(canShare ? [button(say("page.copy_link"), hooks.copyLink), button(say("page.save_rally"), hooks.savePage)] : []),
       this.textButton,
       this.soundButton,

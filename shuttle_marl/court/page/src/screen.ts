@@ -83,7 +83,6 @@ export class Screen {
   private person = false; // whether one plays
   private readonly player: Player;
   private readonly stage: Stage | null;
-
   private readonly hall: HallFacts;
 
   /** @param live whether the page has a server. */
@@ -161,7 +160,7 @@ export class Screen {
       this.modes,
       acts,
       live,
-      match && live,
+      match && live ? hello.duel : null,
     );
     this.layout.showMode(this.mode);
     this.layout.showText(!stage);
@@ -271,7 +270,7 @@ export class Screen {
   }
 
   /** Number of strokes of the rally that are told, one more with its end: in Watch and Play, what was on the court. */
-  private get told(): number {
+  get told(): number {
     const { rally, mode } = this;
     const played = mode === "analyse" || mode === "learn" ? Infinity : (this.furthest.get(keyOf(rally!)) ?? 0);
     return this.hidden ?? played;
@@ -282,6 +281,7 @@ export class Screen {
     const seen = this.hidden === null ? this.analysis : null;
     this.curve.show(rally, this.player.duration, seen, this.told);
     this.moves.show(rally, seen, this.told);
+    this.decisions.became(rally, this.told);
     this.shownStroke = -2;
   }
 
@@ -380,7 +380,7 @@ export class Screen {
     this.reach(rally.strokes.length + 1);
     this.layout.tell(endSentence(rally));
     if (this.person) {
-      this.board.finish(after.over);
+      this.board.say(after.over ? say("board.over") : endSentence(rally));
     }
     if (after.game_won) {
       this.acts.gameOver(rally);

@@ -73,15 +73,17 @@ export class StrokeValues {
         ) {
           this.played.push({ number: rally.number, rally, analysis: asked });
         }
+        const { played } = screen.decisions;
         const analysis = await asked;
         if (person && !practice && matches === this.matches) {
           screen.decisions.count(rally, analysis); // also if the next rally is shown already
         }
         if (now()) {
           screen.showAnalysis(analysis);
-          if (person) {
-            screen.decisions.show(rally, analysis, person.seat, practice !== null);
-          }
+        }
+        const named = now() || rally.winner === null ? screen.told : Infinity;
+        if (person && matches === this.matches && played === screen.decisions.played) {
+          screen.decisions.show(rally, analysis, person.seat, practice !== null, named);
         }
       }
       if (screen.mode === "analyse" || screen.browser) {

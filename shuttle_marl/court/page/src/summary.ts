@@ -1,6 +1,5 @@
 // The summary of a game that a person played: their costliest decisions.
 
-import { accuracy } from "./analysis";
 import { h, signed } from "./dom";
 import type { Analysis, RallyFacts } from "./wire.gen";
 import { say, words } from "./words";
@@ -46,14 +45,8 @@ export async function summary(
       better ? say("duel.better", { stroke: target(better) }) : "",
     );
   });
-  const score = last.after!.points.join(" – ");
   return [
-    h(
-      "p",
-      {},
-      say("duel.summary", { score, count: strokes.length, accuracy: accuracy(found, seat) }),
-      worst.length ? say("duel.costliest") : "",
-    ),
+    h("p", {}, say("duel.summary", { count: strokes.length }), worst.length ? say("duel.costliest") : ""),
     h("ol", {}, ...rows),
   ];
 }

@@ -24,8 +24,14 @@ export function choiceWords({ change, mark, loss, win, chosen }: StrokeValue, se
   return say(`verdict.${name}` as Key, { share: signed(change) });
 }
 
-/** What became of a stroke, in words, with its change of the probability of winning the rally; null: not known yet. */
-function resultWords(rally: RallyFacts, { strokes }: Analysis, i: number, named: number): [string, number] | null {
+/** Class of a choice: down only where its words are bad. */
+export function choiceKind({ change, mark, loss }: StrokeValue): string {
+  const good = change !== null && (loss <= RIGHT || change > RIGHT);
+  return change !== null && (mark.includes("?") || (!mark && change <= DEBATABLE)) ? "down" : good ? "up" : "quiet";
+}
+
+/** What became of a stroke, as `named` strokes tell it, one more with the end of the rally; null: not known yet. */
+export function result(rally: RallyFacts, { strokes }: Analysis, i: number, named: number): HTMLElement | null {
   const [stroke, next] = [rally.strokes[i]!, rally.strokes[i + 1]];
   const win = next ? strokes[i + 1]?.win : Number(rally.winner === 0); // undefined: struck after the analysis
   if (win === undefined || (next ? i + 1 >= named : rally.winner === null || named <= rally.strokes.length)) {
@@ -34,25 +40,17 @@ function resultWords(rally: RallyFacts, { strokes }: Analysis, i: number, named:
   const gain = own(win, stroke.seat) - own(strokes[i]!.chosen, stroke.seat);
   const answer = next?.shot === "net-kill" ? "killed" : ATTACKS.has(next?.shot ?? "") ? "attacked" : "returned";
   const kind = next ? answer : ["winner", "out", "net"].includes(stroke.end) ? stroke.end : "other";
-  return [say(`verdict.${kind}` as Key, { share: signed(gain) }), gain];
+  const change = Math.abs(gain) <= RIGHT ? "quiet" : gain > 0 ? "up" : "down";
+  return h("span", { class: change }, say(`verdict.${kind}` as Key, { share: signed(gain) }));
 }
 
-/** Class of a gain or a loss. */
-export function kind(gain: number | null): string {
-  return gain === null || Math.abs(gain) <= RIGHT ? "quiet" : gain > 0 ? "up" : "down";
-}
-
-/**
- * Choice and result of a stroke.
- * @param named number of strokes of the rally that are told; more than it has: its end as well.
- */
+/** Choice and result of a stroke, as so many strokes of the rally tell them. */
 export function verdict(rally: RallyFacts, analysis: Analysis, i: number, named: number): HTMLElement {
   const value = analysis.strokes[i]!;
-  const result = resultWords(rally, analysis, i, named);
   return h(
     "span",
     { class: "judged" },
-    h("span", { class: kind(value.change) }, choiceWords(value, rally.strokes[i]!.seat)),
-    result && h("span", { class: kind(result[1]) }, result[0]),
+    h("span", { class: choiceKind(value) }, choiceWords(value, rally.strokes[i]!.seat)),
+    result(rally, analysis, i, named),
   );
 }
