@@ -72,7 +72,7 @@ def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
     from shuttle_marl.kernel import RallyBatch
 
     rows = RallyBatch(game or default_game(), batch, threads=threads)
-    seen, steps, hides = rows.new_observations(), _steps(batch), rows.game.recovery is not None
+    seen, steps, hides = rows.new_observations(), _steps(batch), rows.game.hides
 
     def play() -> int:
         for _ in range(steps):
@@ -146,21 +146,18 @@ def jax(batch: int, _: int, game: Game | None = None) -> Play:
     from shuttle_marl.env import jax as rally
 
     game = game or default_game()
-    steps, positions = _steps(batch), None if game.recovery is None else jnp.asarray(game.waiting.position)
+    steps, positions = _steps(batch), jnp.asarray(game.waiting.position)
 
     def stroke(tables: rally.Tables, now: Any, key: Any) -> tuple[Any, Any]:
         state, seen = now
-        base, position = state % (len(tables.base_pair_start) - 1), None
-        if positions is None:
-            one, two = random.split(key)
-        else:
-            one, two, three = random.split(key, 3)
-            assert tables.choices is not None
-            position = positions[base, rally.draws(three, state.shape) * tables.choices[base] >> 24]
+        base, (one, two, *others) = state % (len(tables.base_pair_start) - 1), random.split(key, 2 + game.hides)
+        arguments: tuple[Any, ...] = ()
+        if tables.places is not None:
+            arguments = (positions[base, rally.draws(others[0], state.shape) * tables.places.choices[base] >> 24],)
         k = random.randint(one, state.shape, 0, tables.base_pair_start[base + 1] - tables.base_pair_start[base])
         chosen = tables.edge_incoming[tables.reply_edge[tables.first_reply[base] + k]]
-        arguments = tables, state, chosen, rally.draws(two, state.shape), position
-        after = jax_library.vmap(rally.step, (None, 0, 0, 0, None if position is None else 0))(*arguments)
+        arguments = state, chosen, rally.draws(two, state.shape), *arguments
+        after = jax_library.vmap(rally.step, (None, *(0 for _ in arguments)))(tables, *arguments)
         tokens, mask = jax_library.vmap(rally.observe, (None, 0))(tables, after.state)
         # XLA removes what is not used.
         return (after.state, seen + tokens.sum(axis=1) + mask.sum(axis=1)), None

@@ -23,7 +23,6 @@ def small_recovery_game() -> Game:
 def with_recovery(game: Game, seed: int, positions: int = 2) -> Game:
     """A game in which receivers choose between few positions, drawn at random, as is what they change."""
     shipped, rng = load_game("default:recovery").recovery, np.random.default_rng([seed, 5])
-    assert shipped is not None
     weight = rng.uniform(0.2, 1, shipped.people.shape)
     weight[np.argsort(np.argsort(rng.random(weight.shape))) >= positions] = 0
     total = np.cumsum(weight / weight.sum(axis=-1, keepdims=True), axis=-1)

@@ -362,7 +362,7 @@ def depth(policies: Policies = (), *, model: Model = MODEL, json_output: Json = 
         "there in less than 1 % of cases. people: in the matches of the fit. score: 0 is bc, 1 its best response.",
         "mixed: choices of strokes and of positions in which perfect play mixes. purified, ignores position: rallies that a best "
         "response wins against its most likely choices, and against perfect play of the game without recovery."
-        if tables.recovery is not None
+        if "mixed" in found
         else "",
     )
 

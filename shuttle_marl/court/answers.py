@@ -336,7 +336,7 @@ class Answers:
 
         # Where a person chose strokes, the motion depends on when they did, because frames that were shown do not change.
         since = query.person.stroke if query.person is not None and query.person.rally == rally.number else 0
-        strokes = rally.stroke.tobytes(), rally.hurried.tobytes(), None if rally.waited is None else rally.waited.tobytes()
+        strokes = rally.stroke.tobytes(), rally.hurried.tobytes(), rally.waited.tobytes()
         court = rally.server, rally.from_right, rally.ends_changed, rally.hands, rally.athletes
         key = (rally.key, court, strokes, rally.ending, rally.turn, rally.chosen, query.person is not None, since)
         return self._motions.get(key, compute)

@@ -120,15 +120,15 @@ class Friends:
         state, striker = rally.turn, 1 - rally.chooser if rally.receives else rally.chooser
         if state is None:
             return
-        receives, hides = seat != striker, stepper.chooses_position(state)
-        if not (hides and stepper.is_feasible(state, choice) if receives else stepper.is_legal(state, choice)):
+        receives, waits = seat != striker, stepper.chooses_position(state)
+        if not (waits and stepper.is_feasible(state, choice) if receives else stepper.is_legal(state, choice)):
             raise WatchError(f"rally {rally.number + 1}: the choice {choice} for stroke {len(rally) + 1} is not possible there")
         game.pending[seat] = choice
-        if len(game.pending) < 1 + hides:
+        if len(game.pending) < 1 + waits:
             return
         number, at, plan = rally.number, len(rally), game.match.plan
         chosen = {**plan.chosen.get(number, {}), at: game.pending[striker]}
-        waited = {**plan.waited.get(number, {}), **({at: game.pending[1 - striker]} if hides else {})}
+        waited = {**plan.waited.get(number, {}), **({at: game.pending[1 - striker]} if waits else {})}
         game.pending.clear()
         plan = replace(plan, chosen={**plan.chosen, number: chosen}, waited={**plan.waited, number: waited})
         game.match = Match(plan, self._policies)

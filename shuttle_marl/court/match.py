@@ -16,7 +16,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from shuttle_marl.base.arrays import U64
+from shuttle_marl.base.arrays import I64, U64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.court import WatchError
 from shuttle_marl.court.plan import Person, Plan, Side
@@ -144,10 +144,11 @@ class CourtRally(Rally):
         return self.turn is not None and (not self.receives or stepper_of(game).chooses_position(self.turn))
 
     @classmethod
-    def at(cls, score: Score, **fields: Any) -> "CourtRally":
-        """A rally at a score, which says who serves, the points and games, and the ends."""
+    def at(cls, score: Score, game: Game, *, waited: I64, **fields: Any) -> "CourtRally":
+        """A rally at a score, which says who serves, the points and games, and the ends; positions are shown if all are known."""
         known: dict[str, Any] = {name: getattr(score, name) for name in ("server", "points", "games", "ends_changed")}
-        return cls(score=score, **known, **fields)
+        shown = game.hides and bool((waited >= 0).all())
+        return cls(score=score, catalogue=game.catalogue, waited=waited if shown else np.full_like(waited, -1), **known, **fields)
 
 
 class Match:
@@ -229,7 +230,7 @@ def play_rally(
     if begun is not None:
         rally, kept = begun
         strokes, hurried = rally.stroke[:kept].tolist(), rally.hurried[:kept].tolist()
-        positions = [] if rally.waited is None else rally.waited[:kept].tolist()
+        positions = rally.waited[:kept].tolist()
         state = int(rally.states(game)[kept])
     for i in itertools.count(len(strokes)):
         striker = (score.server + i) % 2
@@ -267,7 +268,7 @@ def play_rally(
             break
     return CourtRally.at(
         score,
-        catalogue=game.catalogue,
+        game,
         stroke=np.array(strokes, dtype=np.int64),
         hurried=np.array(hurried, dtype=np.bool_),
         ending=ending,
@@ -275,8 +276,7 @@ def play_rally(
         names=names,
         turn=turn,
         receives=receives,
-        # Positions of the kept strokes are unknown if the log has none.
-        waited=np.array(positions, np.int64) if game.recovery is not None and len(positions) == len(strokes) else None,
+        waited=np.array(positions, np.int64),
         chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
         key=int(key[0] >> np.uint64(1)),
     )
@@ -311,7 +311,7 @@ class MatchLog:
             if (match, rally.number) in self._recorded:
                 return
             recorder = self._recorder(match, plan, rally)
-            recorder.add(self._row(rally, winner))
+            recorder.add(self._row(self._policies.game, rally, winner))
             recorder.flush(sync=False)
             self._recorded.add((match, rally.number))
 
@@ -352,8 +352,9 @@ class MatchLog:
         return recorder
 
     @staticmethod
-    def _row(rally: CourtRally, winner: int) -> Rallies:
-        return Rallies(
+    def _row(game: Game, rally: CourtRally, winner: int) -> Rallies:
+        return Rallies.of(
+            game,
             pairing=np.zeros(1, np.uint32),
             match=np.zeros(1, np.uint32),
             rally=np.array([rally.number], np.uint16),
@@ -365,5 +366,5 @@ class MatchLog:
             length=np.array([len(rally)], np.int32),
             stroke=rally.stroke.astype(stroke_dtype(len(rally.catalogue))),
             hurried=rally.hurried.astype(np.uint8),
-            waited=None if rally.waited is None else rally.waited.astype(np.int8),
+            waited=rally.waited.astype(np.int8),
         )

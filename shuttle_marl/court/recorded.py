@@ -73,7 +73,7 @@ class LogRallies:
             finished = tuple(points for game, points in games.items() if game < sum(rally.games))
             return CourtRally.at(
                 Score(points=rally.points, games=rally.games, finished=finished, server=rally.server, rules=header.rules),
-                catalogue=self._game.catalogue,
+                self._game,
                 **{name: getattr(rally, name) for name in ("stroke", "hurried", "waited", "ending")},
                 number=number,
                 names=(printable(first.name), printable(second.name)),
@@ -163,10 +163,10 @@ class RealRallies:
         athlete = "female" if column["discipline"][found.rows[0]] == "WS" else "male"
         return CourtRally.at(
             found.score,
-            catalogue=game.catalogue,
+            game,
             stroke=np.array(strokes, dtype=np.int64),
             hurried=hurried,
-            waited=None if game.recovery is None or (waited < 0).any() else waited,
+            waited=waited,
             ending=FAULT if found.ended == Outcome.FAULT else WINNER,
             number=number,
             names=(_name(found.players[0]), _name(found.players[1])),

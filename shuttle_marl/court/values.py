@@ -229,7 +229,8 @@ class StrokeValues:
 
     def _waiting(self, rally: Rally, number: int, choice: Decision, rank: int) -> dict[str, Any]:
         """What the receiver of a stroke could do, and what the striker gains by it."""
-        found = places_of(self.game, choice.state, choice.seat, self.policies.solution) if self.game.recovery else None
+        chooses = stepper_of(self.game).chooses_position(choice.state)
+        found = places_of(self.game, choice.state, choice.seat, self.policies.solution) if chooses else None
         if found is None:
             return {"places": None, "open": None, "wait": False}
         columns = found.position, found.people, found.perfect, found.loss, found.win[rank]

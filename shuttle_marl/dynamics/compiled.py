@@ -461,7 +461,7 @@ def model_stepper(game: Game) -> ModelStepper:
         ModelError: the models cannot be read.
     """
     origin = shipped.origin_of(game)
-    if origin is None or origin.variant is not None or game.hides or game.people is not None:
+    if origin is None or origin != shipped.Origin(origin.folder) or game.people is not None:
         raise OptionError(
             "outcomes='models': only the game of a model has some, such as default; variants of it, pairs, and the "
             "game with recovery are tables made from these"

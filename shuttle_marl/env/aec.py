@@ -276,9 +276,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         In the game with recovery the last number of the observation is replaced: 1 if either player is to choose a position, else
         0. Where a player waits is no part of it.
         """
-        found = np.append(self.observe("player_0")["observation"], np.float32(self._striker == 0))
-        if self.game.hides:
-            found[-2] = self._choosing
+        found = np.append(self.observe("player_0")["observation"], np.float32(0))
+        found[-1 - self.game.hides] = self._choosing
+        found[-1] = self._striker == 0
         return found
 
     def step(self, action: int | None) -> None:
@@ -304,7 +304,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         hurried = self._stepper.is_hurried(self._state)
         played, self._state = self._stepper.step(self._state, striker, stroke, draw, self._position)
         self._strokes.append(played)
-        self._positions.append(self._position)
+        self._positions += [self._position] * self.game.hides
         outcome = played.outcome
         self._length += 1
         self._cumulative_rewards[agent] = 0.0
@@ -405,7 +405,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             winner=self._winner,
             reason=self._reason,
             hands=("right", "right") if self.game.people is None else self.game.people.hands,
-            positions=tuple(self._positions) if self._reason is not None and self.game.hides else (),
+            positions=() if self._reason is None else tuple(self._positions),
             **self._snapshot_of_match(),
         )
 
@@ -506,10 +506,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def _refusal(self, action: Any, stroke: int) -> ActionError:
         names = self.game.action_names
         if not 0 <= stroke < len(names):
-            kind = "stroke or position" if self.game.hides else "stroke"
-            return ActionError(
-                f"{self.agent_selection}: action {action!r} is not a {kind}; expected an integer from 0 to {len(names) - 1}"
-            )
+            return ActionError(f"{self.agent_selection}: no action {action!r}; expected an integer from 0 to {len(names) - 1}")
         legal = np.flatnonzero(self._mask()).tolist()
         listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
         more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""

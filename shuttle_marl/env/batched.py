@@ -87,18 +87,15 @@ class _BatchedEnv(EnvBase):
         self._batch = batch
         self._next_seed: int | None = seed
         self.recorder = recorder
-        self._joint = game.hides and not batch.n_opponents
-        n = game.n_strokes if self._joint else game.n_actions
+        self._parts = {"action": game.n_strokes, "position": N_POSITIONS} if batch.joint else {"action": game.n_actions}
         highest = torch.from_numpy(np.append(game.highest_observation, np.int32(1))[: 7 + game.hides])
         self.observation_spec = Composite(
             observation=Bounded(0, highest.expand(size, -1), dtype=torch.int32),
-            action_mask=Binary(shape=(size, n), dtype=torch.bool),
+            **{f"{part}_mask": Binary(shape=(size, n), dtype=torch.bool) for part, n in self._parts.items()},
             shape=(size,),
         )
-        self.full_action_spec = Composite(action=_Choices(n, shape=(size,), dtype=torch.int64), shape=(size,))
-        if self._joint:
-            self.observation_spec["position_mask"] = Binary(shape=(size, N_POSITIONS), dtype=torch.bool)
-            self.full_action_spec["position"] = _Choices(N_POSITIONS, shape=(size,), dtype=torch.int64)
+        choices = {part: _Choices(n, shape=(size,), dtype=torch.int64) for part, n in self._parts.items()}
+        self.full_action_spec = Composite(**choices, shape=(size,))
         self._history = BatchHistory(batch, history) if whole_number("history", history, 0) else None
         if self._history is not None:
             self.observation_spec["history"] = Bounded(0, game.n_strokes, (size, 2, history), dtype=torch.int32)
@@ -116,10 +113,9 @@ class _BatchedEnv(EnvBase):
         """Sample a legal stroke uniformly for each row, with the random number of the next stroke."""
         if tensordict is None:
             tensordict = TensorDict(batch_size=self.batch_size)
-        stroke, position = self._batch.random_actions()
-        if self._joint:
-            tensordict.set("position", torch.from_numpy(position))
-        return cast(TensorDictBase, tensordict.set("action", torch.from_numpy(stroke)))
+        for part, chosen in zip(self._parts, self._batch.random_actions(), strict=False):
+            tensordict.set(part, torch.from_numpy(chosen))
+        return tensordict
 
     def _set_seed(self, seed: int | None) -> None:
         """The next reset starts with rally 0 of this seed."""
@@ -158,8 +154,8 @@ class _BatchedEnv(EnvBase):
     def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
         """Entries with observation, reward and done after a stroke in every row; and done."""
         seen = self._batch.new_observations()
-        position = tensordict.get("position").numpy() if self._joint else None
-        reward, over = self._batch.step(tensordict.get("action").numpy(), position, reset=reset, observed=seen)
+        chosen = (tensordict.get(part).numpy() for part in self._parts)
+        reward, over = self._batch.step(*chosen, reset=reset, observed=seen)
         if self.recorder is not None:
             self.recorder.step()
         if self._history is not None:
@@ -179,8 +175,8 @@ class _BatchedEnv(EnvBase):
         super().close(raise_if_closed=raise_if_closed)
 
     def _tensors(self, seen: Observations) -> dict[str, torch.Tensor]:
-        mask, n = torch.from_numpy(seen.mask), self.game.n_strokes
-        masks = {"action_mask": mask[:, :n], "position_mask": mask[:, n:]} if self._joint else {"action_mask": mask}
+        split = np.split(seen.mask, np.cumsum([*self._parts.values()])[:-1], axis=1)
+        masks = {f"{part}_mask": torch.from_numpy(mask) for part, mask in zip(self._parts, split, strict=True)}
         for choices, legal in zip(self._choices, masks.values(), strict=True):
             choices.mask = legal
         strokes = {} if self._history is None else {"history": torch.from_numpy(self._history.strokes.copy())}

@@ -9,20 +9,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.layout import SWAP_TOKENS
-from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.recovery import CENTRE, N_POSITIONS
 from shuttle_marl.game.rules import RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import ROOT, Game
 
 
+class Places(NamedTuple):
+    """Positions of receivers, see :class:`shuttle_marl.game.recovery.Waiting`."""
+
+    start: jax.Array
+    choices: jax.Array
+    place: jax.Array  # [base states, n + 9] number of each action among the feasible positions, else -1
+
+
 class Tables(NamedTuple):
     """The arrays of a game, a tree of JAX; see :class:`shuttle_marl.game.tables.Game`.
 
-    In the game with recovery thresholds and chances are those by position (:class:`shuttle_marl.game.recovery.Waiting`), with
-    ``start``, ``choices``, and ``place``: ``[base states, n + 9]`` number of each action among the feasible positions, else -1.
-    Then ``reply_rank`` has n + 9 columns too, so that a mask is one row of either: XLA joins parts slowly.
+    In the game with recovery thresholds and chances are those by position, with ``places``. Then ``reply_rank`` has n + 9 columns
+    too, so that a mask is one row of either: XLA joins parts slowly.
     """
 
     limits: jax.Array
@@ -35,9 +41,7 @@ class Tables(NamedTuple):
     edge_incoming: jax.Array
     edge_duel: jax.Array
     edge_attack: jax.Array
-    start: jax.Array | None = None
-    choices: jax.Array | None = None
-    place: jax.Array | None = None
+    places: Places | None = None
 
     @classmethod
     def of(cls, game: Game | None = None) -> Self:
@@ -47,16 +51,15 @@ class Tables(NamedTuple):
             GameError: it is the game of a pair, whose seats have tables of their own; take ``game.seats[0]``.
         """
         game = game or default_game()
-        arrays = {name: getattr(game, name) for name in cls._fields if name not in cls._field_defaults}
+        waiting, wide = game.waiting, game.n_actions - game.n_strokes
+        arrays = {name: getattr(game, name) for name in cls._fields if name != "places"}
+        arrays |= {"limits": waiting.limits, "hurry": waiting.hurry}
+        arrays["reply_rank"] = np.pad(game.reply_rank, ((0, 0), (0, 0), (0, wide)), constant_values=-1)
+        places = None
         if game.hides:
-            waiting = game.waiting
-            arrays |= {"limits": waiting.limits, "hurry": waiting.hurry, "start": waiting.start.astype(np.int32)}
-            arrays |= {
-                "choices": waiting.choices,
-                "place": np.pad(waiting.place, ((0, 0), (game.n_strokes, 0)), constant_values=-1),
-            }
-            arrays["reply_rank"] = np.pad(game.reply_rank, ((0, 0), (0, 0), (0, N_POSITIONS)), constant_values=-1)
-        return cls(**{name: jnp.asarray(array) for name, array in arrays.items()})
+            place = np.pad(waiting.place, ((0, 0), (game.n_strokes, 0)), constant_values=-1)
+            places = Places(*map(jnp.asarray, (waiting.start.astype(np.int32), waiting.choices, place)))
+        return cls(**{name: jnp.asarray(array) for name, array in arrays.items()}, places=places)
 
 
 class Step(NamedTuple):
@@ -94,11 +97,11 @@ def observe(tables: Tables, state: jax.Array, waits: jax.Array | bool = False) -
     own, incoming, duel = tables.edge_own[edge], tables.edge_incoming[edge], tables.edge_duel[edge]
     seen = jnp.stack([own, incoming, contact, duel, own_effort, opponent_effort, hurried])
     rank = tables.reply_rank[incoming, contact]
-    if tables.place is None:
+    if tables.places is None:
         return seen, rank >= 0
     waits = jnp.asarray(waits)
     seen = jnp.append(jnp.where(waits, seen[SWAP_TOKENS], seen), waits.astype(seen.dtype))
-    return seen, jnp.where(waits, tables.place[base], rank) >= 0
+    return seen, jnp.where(waits, tables.places.place[base], rank) >= 0
 
 
 def draws(key: jax.Array, shape: tuple[int, ...] = ()) -> jax.Array:
@@ -106,32 +109,26 @@ def draws(key: jax.Array, shape: tuple[int, ...] = ()) -> jax.Array:
     return (jax.random.bits(key, shape, jnp.uint32) >> 8).astype(jnp.int32)
 
 
-def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array, position: jax.Array | None = None) -> Step:
+def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array, position: jax.Array | int = CENTRE) -> Step:
     """Play a stroke: the rule of :func:`shuttle_marl.game.rules.outcome` and :func:`~shuttle_marl.game.rules.next_state`.
 
     Args:
         state: int32, state of the striker.
         stroke: int32, catalogue index; one that is not legal loses the rally.
         draw: int32, see :func:`draws`.
-        position: int32, position of the receiver, who loses with one that is not feasible; None in the game without recovery.
-
-    Raises:
-        OptionError: a position is missing, or given in the game without recovery.
+        position: int32, position of the receiver, who loses with one that is not feasible; not read in the game without recovery.
     """
-    if (position is None) != (tables.place is None):
-        raise OptionError(f"position {position}: expected one in the game with recovery, and None in the other")
     levels, n_states = len(tables.limits), len(tables.base_pair_start) - 1
     block, base = jnp.divmod(state, n_states)
     own, other = jnp.divmod(block, levels)
     rank = tables.reply_rank[tables.edge_incoming[base >> 2], state & 1, stroke].astype(jnp.int32)
-    n = tables.reply_rank.shape[-1] - (N_POSITIONS if tables.place is not None else 0)
-    illegal, won = (rank < 0) | (stroke < 0) | (stroke >= n), jnp.asarray(False)
+    illegal, won = (rank < 0) | (stroke < 0) | (stroke >= tables.reply_rank.shape[0] - 1), jnp.asarray(False)
     k = jnp.maximum(rank, 0)  # JAX reads another entry where an index is out of bounds
     pair, edge = tables.base_pair_start[base] + k, tables.reply_edge[tables.first_reply[base] + k]
-    if position is not None and tables.start is not None and tables.choices is not None and tables.place is not None:
-        place = tables.place[base, position - N_POSITIONS]
+    if tables.places is not None:
+        place = tables.places.place[base, position - N_POSITIONS]
         won = (place < 0) | (position < 0) | (position >= N_POSITIONS)  # the position is chosen before the stroke
-        pair = tables.start[base] + k * tables.choices[base] + jnp.maximum(place, 0)
+        pair = tables.places.start[base] + k * tables.places.choices[base] + jnp.maximum(place, 0)
     outcome = (draw & 0xFFFF >= tables.limits[own, pair]).sum(dtype=jnp.int32)
     contact = outcome - RETURNED_BELOW
     over = (contact < 0) | illegal | won

@@ -220,9 +220,8 @@ class RallyObserver:
     def __init__(self, tables: Game) -> None:
         self._stepper = stepper_of(tables)
         self.tensor = np.zeros(RALLY_WIDTH + 1 + tables.hides, np.float32)
-        self.dict: dict[str, F32] = {"rally": self.tensor[:RALLY_WIDTH], "turn": self.tensor[RALLY_WIDTH : RALLY_WIDTH + 1]}
-        if tables.hides:
-            self.dict["waits"] = self.tensor[RALLY_WIDTH + 1 :]
+        parts = np.split(self.tensor, (RALLY_WIDTH, RALLY_WIDTH + 1))
+        self.dict: dict[str, F32] = dict(zip(("rally", "turn", "waits")[: 2 + tables.hides], parts, strict=False))
 
     def set_from(self, state: RallyState, player: int) -> None:
         """Write what a player sees."""

@@ -59,7 +59,7 @@ class Recording:
     """
 
     def __init__(self, path: Path | str, game: Game, names: Sequence[str], rules: Rules | None = None) -> None:
-        self.path, self._rows, self._matches = Path(path), list[PlayedRally](), 0
+        self.path, self._game, self._rows, self._matches = Path(path), game, list[PlayedRally](), 0
         self.reasons = np.zeros(len(REASONS), np.int64)
         """Number of rallies by the reason of their end."""
         if existing_parts(self.path):
@@ -128,7 +128,8 @@ class Recording:
         self._matches = int(match[-1]) + 1
         positions = [position for row in rows for position in row.positions]
         self.add(
-            Rallies(
+            Rallies.of(
+                self._game,
                 pairing=np.zeros(len(rows), np.uint32),
                 match=match.astype(np.uint32),
                 rally=np.array([row.rally for row in rows], np.uint16),
@@ -138,9 +139,9 @@ class Recording:
                 reason=np.array([row.reason for row in rows], np.uint8),
                 score=np.array([row.score or (0, 0, 0, 0) for row in rows], np.uint8),
                 length=length,
-                stroke=np.array([stroke.stroke for stroke in strokes], stroke_dtype(len(self._header.strokes))),
+                stroke=np.array([stroke.stroke for stroke in strokes], stroke_dtype(self._game.n_strokes)),
                 hurried=hurried.astype(np.uint8),
-                waited=np.array(positions, np.int8) if "waited" in self._header.columns else None,
+                waited=np.array(positions, np.int8),
                 seed=np.array([row.seed for row in rows], np.uint64),
                 episode=np.array([row.episode for row in rows], np.uint32),
                 ending=np.array([row.strokes[-1].outcome if row.strokes else 0 for row in rows], np.uint8),

@@ -230,7 +230,7 @@ class Regret:
     Attributes:
         state: ``[S]`` loss of the stroke played in each state, on average over the policy.
         weight: ``[S]`` how often the policy strikes there in a rally, both players serving equally often.
-        waiting: ``[S]`` loss of the position chosen where the opponent strikes; None without recovery.
+        waiting: ``[S]`` loss of the position chosen where the opponent strikes; 0 without recovery.
         per_rally: loss in a rally: the sum over all.
         error_bound: ``per_rally`` is within this of the true one.
     """
@@ -239,7 +239,7 @@ class Regret:
     weight: F64
     per_rally: float
     error_bound: float
-    waiting: F64 | None = None
+    waiting: F64
 
     def largest(self, count: int) -> Intp:
         """The states with the largest losses in a rally, largest first."""
@@ -276,7 +276,7 @@ def policy_regret(
         weight=weight,
         per_rally=float(weight @ state) + float(theirs @ waiting),
         error_bound=bound,
-        waiting=waiting if hidden else None,
+        waiting=waiting,
     )
 
 
@@ -372,8 +372,10 @@ def holes(
     response = response or best_response(policy, at_least=at_least, tolerance=tolerance)
     real, allowed, factor = real_strokes(game), supported(game, at_least), factor_of(game)
     mine = policy_regret(policy, response.policy, solution=solution, tolerance=tolerance)
-    hidden = game.hides  # then the losses add up to the exploitability
-    theirs = mine if hidden else policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
+    given_up, bound = 0.0, mine.error_bound
+    if not game.hides:  # else the losses of the policy alone add up to the exploitability
+        theirs = policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
+        given_up, bound = theirs.per_rally, max(bound, theirs.error_bound)
     alone = visits(policy, policy, tolerance=tolerance).states[0]
     lost = mine.state * mine.weight
     found = []
@@ -406,8 +408,8 @@ def holes(
     return Holes(
         exploitability=response.value.odds().value,
         loss=mine.per_rally,
-        given_up=0.0 if hidden else theirs.per_rally,
+        given_up=given_up,
         states=int((lost > tolerance).sum()),
-        error_bound=max(mine.error_bound, theirs.error_bound, response.value.error_bound),
+        error_bound=max(bound, response.value.error_bound),
         holes=tuple(found),
     )

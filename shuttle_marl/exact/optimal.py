@@ -42,8 +42,6 @@ from shuttle_marl.exact.profile import (
     induced,
     met,
     moved,
-    positions_of,
-    waiting,
 )
 from shuttle_marl.exact.saddles import Saddle
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, lists_of
@@ -106,8 +104,8 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
     elif game.people is not None:
         raise ExactError(f"the game of {game.people.title} has the tables of both players; solve it alone")
     check_opponents(game, other)
-    theirs = None if other is game else _best((other,))
-    return _equilibrium(_best((game,)), theirs, tolerance)
+    theirs = None if other is game else _player((other,))
+    return _equilibrium(_player((game,)), theirs, tolerance)
 
 
 def _equilibrium(own: _Player, other: _Player | None, tolerance: float, start: F64 | None = None) -> Equilibrium[Any]:
@@ -116,10 +114,10 @@ def _equilibrium(own: _Player, other: _Player | None, tolerance: float, start: F
     # Each strikes in its states, and waits in those of the other one.
     first, waited = own.policy(solved.striking[1])
     if other is None:
-        first = second = waiting(first, waited)
+        first = second = first.waiting_at(waited)
     else:
         second, waits = other.policy(solved.striking[0])
-        first, second = waiting(first, waits), waiting(second, waited)
+        first, second = first.waiting_at(waits), second.waiting_at(waited)
     games, count = (own.game, (other or own).game), sweeps if other is None else 2 * sweeps
     return Equilibrium(**vars(solved), games=games, policy=(first, second), sweeps=count)
 
@@ -154,7 +152,7 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Solu
     for game in games[1:]:
         check_same_layout(games[0], game)
     several = tuple(games)
-    return _equilibrium(_best(several, against=True), _best(several), tolerance)
+    return _equilibrium(_player(several, against=True), _player(several), tolerance)
 
 
 class _BestStrokes(Free):
@@ -171,9 +169,20 @@ class _BestStrokes(Free):
         return pure_policy(self.game, np.concatenate([chosen.rank for chosen in blocks])), None
 
 
-def _best(games: tuple[Game, ...], *, against: bool = False) -> "_BestStrokes | Saddle":
-    """A player who chooses best; arguments as of :class:`_BestStrokes`."""
-    return _BestStrokes(games, against) if games[0].recovery is None else Saddle(games, against)
+def _player(games: tuple[Game, ...], *, against: bool = False, priors: Sequence[StatePolicy] = (), tau: float = 0.0) -> _Player:
+    """A player who chooses best, with arguments as of :class:`_BestStrokes`, or human-like.
+
+    Args:
+        priors: of the own strokes and of the receiver's positions; empty: the player chooses best.
+        tau: cost of a nat of divergence from them.
+    """
+    if not games[0].hides:
+        return _SoftPlayer(priors[0], tau) if priors else _BestStrokes(games, against)
+    strokes, positions = None, None
+    if priors:
+        strokes = tuple(priors[0].block_probabilities(block) for block in range(games[0].n_blocks))
+        positions = priors[1].position_probabilities()
+    return Saddle(games, against, strokes=strokes, positions=positions, tau=tau)
 
 
 def pure_policy(game: Game, rank: I32) -> TabulatedPolicy:
@@ -208,10 +217,8 @@ class Response:
     def policy(self) -> TabulatedPolicy:
         """The response as a table."""
         mine, theirs = self.value.striking
-        found = self.player.policy(theirs)[0]
-        if isinstance(self.opponent, Saddle):
-            found = waiting(found, self.opponent.all_strategies(mine)[1])
-        return moved(found, self.game)
+        found = moved(self.player.policy(theirs)[0], self.game)
+        return found.waiting_at(self.opponent.all_strategies(mine)[1]) if isinstance(self.opponent, Saddle) else found
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -259,13 +266,10 @@ def _response(tables: Game, policy: StatePolicy, p: float, at_least: float, tole
     own: _BestStrokes | Saddle
     opponent: Striker
     game = limited(tables, at_least)
-    if game.recovery is not None:
-        if p == 1:
-            own = _BestStrokes((met(game, policy.position_probabilities()),))
-        else:
-            own = Saddle((game,), positions=positions_of(policy), share=p)
-        strokes = tuple(block_chances(policy, block) for block in range(game.n_blocks))
-        opponent = Saddle((policy.game,), strokes=strokes, share=p)
+    if game.hides:
+        positions = policy.position_probabilities()
+        own = _BestStrokes((met(game, positions),)) if p == 1 else Saddle((game,), positions=positions, share=p)
+        opponent = _striking_by(policy, p)
     else:
         own, opponent = _BestStrokes((game,)), induced(policy)
         opponent = opponent if p == 1 else _Restricted(opponent, own if game is policy.game else _BestStrokes((policy.game,)), p)
@@ -309,11 +313,16 @@ def restricted_value(policy: StatePolicy, opponent: StatePolicy, p: float, *, to
     """
     played, other = facing(policy, opponent)
     restricted = _Restricted(induced(other), _BestStrokes((other.game,)), p)
-    if policy.game.recovery is None:
-        return solve_players(induced(played), restricted, tolerance)[0]
+    own: Striker = induced(played)
+    if policy.game.hides:
+        own = _Restricted(own, _striking_by(policy), p)
+    return solve_players(own, restricted, tolerance)[0]
+
+
+def _striking_by(policy: StatePolicy, share: float = 1.0) -> Saddle:
+    """Who follows the strokes of a policy with a probability at each, and else strikes best, against the best positions."""
     strokes = tuple(block_chances(policy, block) for block in range(policy.game.n_blocks))
-    waited = _Restricted(induced(played), Saddle((policy.game,), strokes=strokes), p)
-    return solve_players(waited, restricted, tolerance)[0]
+    return Saddle((policy.game,), strokes=strokes, share=share)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -388,13 +397,9 @@ def solve_soft(
     opponent = prior if opponent is None else opponent
     check_same_layout(prior.game, opponent.game)
 
-    def player(strikes: StatePolicy, waits: StatePolicy) -> _Player:
-        if strikes.game.recovery is None:
-            return _SoftPlayer(strikes, tau)
-        strokes = tuple(strikes.block_probabilities(block) for block in range(strikes.game.n_blocks))
-        return Saddle((strikes.game,), strokes=strokes, positions=positions_of(waits), tau=tau)
-
-    own, theirs = player(prior, opponent), None if opponent is prior else player(opponent, prior)
+    own, theirs = _player((prior.game,), priors=(prior, opponent), tau=tau), None
+    if opponent is not prior:
+        theirs = _player((opponent.game,), priors=(opponent, prior), tau=tau)
     return _equilibrium(own, theirs, tolerance, np.zeros(prior.game.n_states))
 
 

@@ -19,7 +19,8 @@ from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean, liste
 from shuttle_marl.game.draws import HURRY_ONE
 from shuttle_marl.game.layout import ALL, Indices
 from shuttle_marl.game.pairs import people_of
-from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, from_pair_probabilities
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.recovery import NO_CHOICE
 from shuttle_marl.game.tables import Game
 
 
@@ -36,8 +37,8 @@ class StatePolicy(Protocol):
     def block_probabilities(self, block: int) -> F64:
         """``[base pairs]`` the same in one block of states."""
 
-    def position_probabilities(self) -> F64 | None:
-        """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
+    def position_probabilities(self) -> F64:
+        """``[S, 9]`` probability of each position where the opponent is in each state."""
 
     def __hash__(self) -> int: ...
 
@@ -66,9 +67,13 @@ class PairPolicy:
         alike = len(self.probability) == self.game.n_base_pairs
         return self.probability if alike else self.probability[self.game.block_pairs(block)]
 
-    def position_probabilities(self) -> F64 | None:
-        """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
-        return self.positions
+    def position_probabilities(self) -> F64:
+        """``[S, 9]`` probability of each position where the opponent is in each state; see :class:`StatePolicy`."""
+        return self.game.people_positions(np.arange(self.game.n_states)) if self.positions is None else self.positions
+
+    def waiting_at(self, positions: F64 | None) -> "PairPolicy":
+        """The same strokes, and ``[S, 9]`` positions; None: as before."""
+        return self if positions is None else dataclasses.replace(self, positions=positions)
 
 
 PolicyT = TypeVar("PolicyT", TabulatedPolicy, PairPolicy)
@@ -76,24 +81,9 @@ SomeT = TypeVar("SomeT", bound=StatePolicy)
 OtherT = TypeVar("OtherT", bound=StatePolicy)
 
 
-def positions_of(policy: StatePolicy) -> F64:
-    """``[S, 9]`` probabilities of the positions of a policy of the game with recovery: its own, or those of people."""
-    own = policy.position_probabilities()
-    return policy.game.people_positions(np.arange(policy.game.n_states)) if own is None else own
-
-
 def tabulated_pairs(policy: PairPolicy) -> TabulatedPolicy:
     """The table of a policy, rounded to 1/65535."""
-    return waiting(from_pair_probabilities(policy.game, policy.pair_probabilities()), policy.positions)
-
-
-def waiting(policy: PolicyT, positions: F64 | None) -> PolicyT:
-    """A policy that waits at ``[S, 9]`` positions; None: as before."""
-    if positions is None:
-        return policy
-    if isinstance(policy, TabulatedPolicy):
-        return dataclasses.replace(policy, waits=cumulative_positions(positions))
-    return dataclasses.replace(policy, positions=positions)
+    return from_pair_probabilities(policy.game, policy.pair_probabilities()).waiting_at(policy.positions)
 
 
 _LAYOUT: Final = (
@@ -162,15 +152,13 @@ class MetGame(Game):
         return self.mean_hurry.reshape(-1, 2)[self.limit_row(pairs)] / HURRY_ONE
 
 
-def met(game: Game, positions: F64 | None) -> MetGame:
+def met(game: Game, positions: F64) -> MetGame:
     """The game against a receiver who chooses positions.
 
     Args:
         game: with recovery, the tables with which the striker strikes.
-        positions: ``[S, 9]`` their probabilities in each state of the striker; None: those of people.
+        positions: ``[S, 9]`` their probabilities in each state of the striker.
     """
-    if positions is None:
-        positions = np.tile(game.people_positions(np.arange(game.n_base_states)), (game.n_blocks, 1))
     table: list[int] = []
     known: list[tuple[int, F64]] = []
     limits, hurry = [], []
@@ -185,7 +173,7 @@ def met(game: Game, positions: F64 | None) -> MetGame:
             _means(here, game.base_pair_start, rows_of((game,), block), limits[-1], hurry[-1])
         table.append(found)
     fields = {field.name: getattr(game, field.name) for field in dataclasses.fields(Game) if field.init}
-    fields["recovery"] = None
+    fields["recovery"] = NO_CHOICE
     return MetGame(**fields, of=game, table=tuple(table), mean_limits=np.stack(limits), mean_hurry=np.stack(hurry))
 
 

@@ -20,6 +20,7 @@ from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.court import HANDS, Hands
 from shuttle_marl.game.draws import odds_of_steps
 from shuttle_marl.game.layout import GameError
+from shuttle_marl.game.recovery import NO_CHOICE
 from shuttle_marl.game.shipped import (
     OPPOSITE,
     PROFILES,
@@ -370,7 +371,7 @@ def without_recovery(game: Game) -> Game:
     if not game.hides:
         return game
     if origin is None or game.people is not None or game.whole is not None:
-        return dataclasses.replace(game, recovery=None)
+        return dataclasses.replace(game, recovery=NO_CHOICE)
     return game_of(origin._replace(recovery=False))
 
 

@@ -259,10 +259,10 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
         observation = observation["observation"]
     seen = np.asarray(observation, dtype=np.float64)
     rows = np.atleast_2d(seen)
-    waits = np.zeros(len(rows), np.bool_)
-    if game.hides:
+    end = rows.shape[1] - game.hides
+    rows, waits = rows[:, :end], (rows[:, end:] == 1).any(axis=1)
+    if waits.any():
         # A receiver sees the state of the striker from the other side, and so the score.
-        rows, waits = rows[:, :-1], rows[:, -1] == 1
         sides = np.r_[SWAP, np.arange(RALLY_WIDTH, rows.shape[1])]
         if rows.shape[1] > RALLY_WIDTH:
             sides[RALLY_WIDTH : RALLY_WIDTH + 4] = RALLY_WIDTH + np.array([1, 0, 3, 2])
@@ -383,7 +383,7 @@ class TabulatedPolicy:
         cumulative: ``[P]`` uint16, probability of the legal strokes of a state up to and including this one, in units of
             1/65535; draws choose from it by :func:`shuttle_marl.game.draws.chosen`.
         waits: ``[S, 9]`` uint16, the same for the positions up to and including each one where the opponent is in each state;
-            None: as people (and in games without recovery).
+            None: as people.
     """
 
     game: Game
@@ -396,16 +396,15 @@ class TabulatedPolicy:
     @functools.cached_property
     def hash(self) -> str:
         """SHA-256 of the tables, hexadecimal."""
-        positions = b"" if self.waits is None else self.waits.tobytes()
-        return content_hash(self.cumulative.tobytes() + positions)
+        return content_hash(b"".join(part.tobytes() for part in self._arrays().values()))
 
     def pair_probabilities(self) -> F64:
         """``[P]`` probability of each legal pair given its state, exactly as it is played from the table."""
         return np.concatenate([self.block_probabilities(block) for block in range(self.game.n_blocks)])
 
-    def position_probabilities(self) -> F64 | None:
-        """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
-        return None if self.waits is None else position_shares(self.waits)
+    def position_probabilities(self) -> F64:
+        """``[S, 9]`` probability of each position where the opponent is in each state."""
+        return position_shares(self.waiting_table)
 
     def probability_of(self, pairs: Ints) -> F64:
         """Probability of each of some legal pairs given its state, of any shape."""
@@ -436,9 +435,11 @@ class TabulatedPolicy:
 
     def positions(self, states: States) -> F64:
         """``[B, 9]`` probability of each position; see :class:`shuttle_marl.game.policy.Waits`."""
-        if self.waits is None:
-            return self.game.people_positions(states.state)
-        return position_shares(self.waits[states.state])
+        return position_shares(self.waiting_table[states.state])
+
+    def waiting_at(self, positions: F64 | None) -> "TabulatedPolicy":
+        """The same strokes, and ``[S, 9]`` positions; None: as before."""
+        return self if positions is None else dataclasses.replace(self, waits=_own(cumulative_positions(positions), self.game))
 
     def choose_position(self, state: Ints, draw: Ints) -> Intp:
         """``[B]`` position in which the policy waits where the opponent is in each state.
@@ -448,12 +449,10 @@ class TabulatedPolicy:
         """
         return chosen(self.waiting_table[state], draw)
 
-    @functools.cached_property
+    @property
     def waiting_table(self) -> U16:
         """``[S, 9]`` cumulative probabilities of positions: ``waits``, or those of people."""
-        if self.waits is not None:
-            return self.waits
-        return cumulative_positions(self.game.people_positions(np.arange(self.game.n_states)))
+        return _people_table(self.game) if self.waits is None else self.waits
 
     def act(self, observation: Observation, mask: npt.ArrayLike | None = None, rng: Generator | None = None) -> int | Intp:
         """Draw a stroke for an observation, see :func:`shuttle_marl.game.policy.act`; without ``rng``, from fresh entropy."""
@@ -589,8 +588,18 @@ def _tabulated_positions(policy: Policy, game: Game) -> U16 | None:
     people, who = game.people_positions(states), called(policy)
     parts = zip(np.array_split(states, 16), np.array_split(people > 0, 16), strict=True)
     found = [_checked(policy.positions, who, States(game=game, state=part), legal, "position") for part, legal in parts]
-    table = cumulative_positions(np.concatenate(found))
-    return None if np.array_equal(table, cumulative_positions(people)) else table
+    return _own(cumulative_positions(np.concatenate(found)), game)
+
+
+@functools.lru_cache(maxsize=4)
+def _people_table(game: Game) -> U16:
+    """``[S, 9]`` cumulative probabilities of people's positions."""
+    return frozen(cumulative_positions(game.people_positions(np.arange(game.n_states))))
+
+
+def _own(table: U16, game: Game) -> U16 | None:
+    """Cumulative probabilities of positions, None for those of people: the only ones where receivers have no choice."""
+    return None if np.array_equal(table, _people_table(game)) else table
 
 
 def cumulative_positions(p: F64) -> U16:

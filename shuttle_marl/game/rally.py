@@ -38,7 +38,7 @@ from shuttle_marl.game.policy import (
     checked_probabilities,
     drawn_strokes,
 )
-from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.recovery import CENTRE, N_POSITIONS
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, Score, serves_from_right
 from shuttle_marl.game.stroke import Catalogue
@@ -52,7 +52,7 @@ OPTIONAL: Final = ("seed", "episode", "ending", "update", "waited", "log_probabi
 
 def columns_of(game: Game, *others: str) -> tuple[str, ...]:
     """The columns of :data:`OPTIONAL` that a record of a game has: some, and the positions in the game with recovery."""
-    return tuple(name for name in OPTIONAL if name in others or (name == "waited" and game.hides))
+    return tuple(name for name in OPTIONAL if (game.hides if name == "waited" else name in others))
 
 
 def stroke_dtype(n_strokes: int) -> np.dtype[np.unsignedinteger]:
@@ -113,7 +113,7 @@ class Rally:
         number: number of the rally within its match.
         ends_changed: whether the players are at other ends of the court than in the first rally of the match.
         hands: ``right`` or ``left``, of seats 0 and 1.
-        waited: ``[n]`` position of the receiver of every stroke; None: in the game without recovery, or not known.
+        waited: ``[n]`` position of the receiver of every stroke; -1: not known, or without a choice in the whole game.
     """
 
     catalogue: Catalogue
@@ -127,7 +127,7 @@ class Rally:
     number: int = 0
     ends_changed: bool = False
     hands: Hands = ("right", "right")
-    waited: I64 | None = None
+    waited: I64
 
     def checked(self) -> "Rally":
         """Return this rally.
@@ -153,8 +153,9 @@ class Rally:
             raise RallyError("a rally starts with a serve and has no other; check the order of its strokes")
         if self.hurried.shape != self.stroke.shape or self.hurried[0]:
             raise RallyError(f"hurried {self.hurried.tolist()}: expected one for each of {len(self)} strokes, none for the serve")
-        if self.waited is not None and (self.waited.shape != self.stroke.shape or set(self.waited) - set(range(N_POSITIONS))):
-            raise RallyError(f"positions {self.waited.tolist()}: expected 0 to {N_POSITIONS - 1} for each of {len(self)} strokes")
+        if self.waited.shape != self.stroke.shape or set(self.waited) - set(range(-1, N_POSITIONS)):
+            told = f"expected 0 to {N_POSITIONS - 1}, or -1 where it is not known, for each of {len(self)} strokes"
+            raise RallyError(f"positions {self.waited.tolist()}: {told}")
         return self
 
     def __len__(self) -> int:
@@ -266,6 +267,17 @@ class Rallies:
     log_probability: F32 | None = None
     value: F32 | None = None
 
+    @classmethod
+    def of(cls, game: Game, **columns: Any) -> "Rallies":
+        """Rallies of a game, without the positions of receivers if none has a choice."""
+        lacking = {*OPTIONAL} - {*columns_of(game, *columns)}
+        return cls(**{name: column for name, column in columns.items() if name not in lacking})
+
+    @property
+    def places(self) -> I8:
+        """``[N]`` position of the receiver of every stroke: ``waited``, or the middle."""
+        return np.full(len(self.stroke), CENTRE, np.int8) if self.waited is None else self.waited
+
     def __repr__(self) -> str:
         return f"Rallies(rallies={len(self)}, strokes={len(self.stroke)}, columns={[name for name, _ in self.columns()]})"
 
@@ -339,7 +351,7 @@ class Rallies:
             number=int(self.rally[i]),
             ends_changed=score.ends_changed,
             hands=hands,
-            waited=None if self.waited is None else self.waited[first:last].astype(np.int64),
+            waited=np.full(last - first, -1) if self.waited is None else self.waited[first:last].astype(np.int64),
         )
 
     def states(self, game: Layout) -> I32:
@@ -523,7 +535,7 @@ def stepper_of(game: Game) -> Stepper:
 
 def waited_at(rally: Rally, game: Game, stroke: int, state: int) -> int | None:
     """Position that the receiver of a stroke chose, which is struck in a state; None: they had no choice, or it is not known."""
-    return None if rally.waited is None or not stepper_of(game).chooses_position(state) else int(rally.waited[stroke])
+    return int(rally.waited[stroke]) if rally.waited[stroke] >= 0 and stepper_of(game).chooses_position(state) else None
 
 
 def choose(

@@ -111,6 +111,11 @@ class Recovery:
         return content_hash(self.people.tobytes() + self.effect.tobytes())
 
     @functools.cached_property
+    def hides(self) -> bool:
+        """Whether receivers have a choice in some states."""
+        return bool((self.people > 0).sum(axis=-1).max() > 1)
+
+    @functools.cached_property
     def chosen(self) -> F64:
         """:attr:`people` as probabilities, and the middle for who receives a serve."""
         found = self.people / np.float64(CHOICE_ONE)
@@ -136,6 +141,13 @@ class Recovery:
         )
 
 
+NO_CHOICE: Final = Recovery(
+    people=np.broadcast_to(CHOICE_ONE * (np.arange(N_POSITIONS) == CENTRE), (*PARTS.values(), N_POSITIONS)).astype(np.uint16),
+    effect=np.zeros((len(EFFECTS), N_SHOTS, N_AREAS, N_POSITIONS), np.int16),
+)
+"""That of the game without recovery: all receivers wait in the middle, which changes nothing."""
+
+
 def waiting_of(game: "Game") -> Waiting:
     """The tables of a game by position (see the head of this module)."""
     people = game.people_positions(np.arange(game.n_base_states))
@@ -145,10 +157,10 @@ def waiting_of(game: "Game") -> Waiting:
     of_pair = count[game.base_pair_state]
     first = np.r_[0, np.cumsum(of_pair, dtype=np.int64)]
     limits, hurry = game.limits, game.hurry
-    if game.recovery is not None:
+    if game.hides:  # else they are the same, and only took time
         pair = np.repeat(np.arange(len(of_pair)), of_pair)
         place = position[game.base_pair_state[pair], np.arange(len(pair)) - first[pair]]
-        met, hurry = _met(game, game.recovery, pair, place, people[game.base_pair_state[pair], place])
+        met, hurry = _met(game, pair, place, people[game.base_pair_state[pair], place])
         limits = frozen(np.stack([with_fault_odds(met, odds) for odds in game.fault_odds.tolist()]))
     return Waiting(
         choices=frozen(count),
@@ -160,10 +172,10 @@ def waiting_of(game: "Game") -> Waiting:
     )
 
 
-def _met(game: "Game", recovery: Recovery, pair: I64, place: I8, weight: F64) -> tuple[U16, U8]:
+def _met(game: "Game", pair: I64, place: I8, weight: F64) -> tuple[U16, U8]:
     """Thresholds and chances of a hurried receiver of ``[R]`` base pairs met at positions that people choose with a weight."""
     stroke = game.base_pair_stroke[pair]
-    up, down = odds_of_steps(recovery.effect.astype(np.int64), step=STEP)
+    up, down = odds_of_steps(game.recovery.effect.astype(np.int64), step=STEP)
     factor = (up.astype(np.float64) / down.astype(np.float64))[:, game.catalogue.shot[stroke], game.catalogue.area[stroke], place]
     ratio = np.where(game.catalogue.is_serve[stroke], 1.0, factor)
     fault, winner, below = game.threshold.astype(np.float64).T

@@ -21,7 +21,7 @@ from shuttle_marl.base.tensor_files import checked, read_tensors, tensor_bytes
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import HURRY_ONE, ONE, with_fault_odds
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, GameError, Indices, Layout, layout
-from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, Recovery, Waiting, waiting_of
+from shuttle_marl.game.recovery import N_POSITIONS, NO_CHOICE, POSITIONS, Recovery, Waiting, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Game(Layout):
         hurry: ``[base pairs, 2]`` uint8, probability that the receiver of a return is hurried, from below and from above the net,
             in units of 1/256; 0 in games that do not know it.
         fault_odds: ``[L]`` int32, odds of a fault at each own effort, relative to those at effort 0, in units of 1/65536.
-        recovery: where receivers wait and what that changes (:mod:`shuttle_marl.game.recovery`); None: they have no choice.
+        recovery: where receivers wait and what that changes (:mod:`shuttle_marl.game.recovery`); by default all in the middle.
         people: the players of the game of a pair; None: both seats have the same tables, or these are those of one seat.
         whole: the game of the pair that these are the tables of one seat of; None: of none.
         seat: that seat.
@@ -58,7 +58,7 @@ class Game(Layout):
     threshold: U16
     hurry: U8
     fault_odds: I32 = dataclasses.field(default_factory=lambda: np.full(1, ONE, dtype=np.int32))
-    recovery: Recovery | None = None
+    recovery: Recovery = NO_CHOICE
     people: "People | None" = None
     whole: "Game | None" = None
     seat: int = 0
@@ -152,7 +152,7 @@ class Game(Layout):
     @property
     def hides(self) -> bool:
         """Whether receivers choose where they wait, which strikers do not see: the game with recovery."""
-        return self.recovery is not None
+        return self.recovery.hides
 
     @property
     def n_decisions(self) -> int:
@@ -171,8 +171,6 @@ class Game(Layout):
 
     def people_positions(self, state: Indices) -> F64:
         """``[..., 9]`` probabilities of people's positions as receivers where a striker is in each state; see ``waiting``."""
-        if self.recovery is None:
-            return np.broadcast_to(np.eye(N_POSITIONS)[CENTRE], (*np.shape(state), N_POSITIONS))
         shot, area, base = self.incoming_shot(state), np.append(self.catalogue.area, N_AREAS), self.base(state)
         return self.recovery.chosen[shot, area[self.own(base)], area[self.incoming(base)], self.contact(base), self.hurried(base)]
 
@@ -184,6 +182,10 @@ class Game(Layout):
             GameError: in the game of a pair, each seat has its own.
         """
         return waiting_of(self)
+
+    def chooses(self, state: Indices) -> Bools:
+        """``[...]`` whether the receiver can wait at more than one position while a striker is in each state."""
+        return np.asarray(self.seats[0].waiting.choices[self.base(state)] > 1)
 
     def chances(self, state: int, stroke: int, position: int) -> tuple[list[int], list[int]]:
         """How draws decide a legal stroke against a receiver at a feasible position.
@@ -278,7 +280,7 @@ class Game(Layout):
         parts = [self.catalogue.version.encode()]
         for name, array in self._arrays().items():
             parts += f"{name}{array.dtype.str}{array.shape}".encode(), np.ascontiguousarray(array).tobytes()
-        return content_hash(*parts, *([] if self.recovery is None else [f"recovery {self.recovery.hash}".encode()]))
+        return content_hash(*parts, *([f"recovery {self.recovery.hash}".encode()] if self.hides else []))
 
     def _check_layout(self) -> None:
         """Check that all indices are in range: compiled code reads the tables without bounds checks."""

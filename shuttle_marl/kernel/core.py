@@ -132,7 +132,7 @@ def tables_of(game: Game) -> Tables:
     row = 2 * game.incoming(base) + game.contact(base)
     mask, shown = _masks(game.reply_mask.reshape(-1, game.n_strokes), met[0].place >= 0, row)
     head = [game.base_pair_start[:-1], np.diff(game.base_pair_start), game.first_reply, row]
-    head += [met[0].start[:-1], met[0].choices, *shown] if game.hides else []
+    head += [met[0].start[:-1], met[0].choices, *shown]
     mask = mask[:, : game.n_actions]
     first = np.stack([block * size, block * game.n_base_pairs, effort * len(met[0].hurry)], axis=1, dtype=np.int32)
     width = -(-game.n_actions // _VECTOR) * _VECTOR
@@ -142,7 +142,7 @@ def tables_of(game: Game) -> Tables:
         recovery=np.int64(1) if game.hides else None,
         position=np.ascontiguousarray(met[0].position),
         place=met[0].place,
-        head=np.stack(head, axis=1, dtype=np.int32, casting="same_kind"),
+        head=np.stack(head[: 4 + 4 * game.hides], axis=1, dtype=np.int32, casting="same_kind"),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),
         follows=np.array([game.block_following(b) for b in block.tolist()], np.int32) * np.int32(size),
@@ -266,7 +266,7 @@ def states_of(tables: Tables) -> int:
 @inlined
 def choices_in(tables: Tables, s: int) -> int:
     """Number of feasible positions of the receiver in a state."""
-    return int64(tables.head[base_of(tables, s), 5]) if with_recovery(tables) else 1
+    return legal_strokes(tables, s).choices
 
 
 @inlined
@@ -278,7 +278,7 @@ def position_at(tables: Tables, s: int, place: int) -> int:
 @inlined
 def place_of(tables: Tables, s: int, position: int) -> int:
     """Number of a position of the receiver among the feasible ones in a state."""
-    return int64(tables.place[base_of(tables, s), np.uint64(position)]) if with_recovery(tables) else 0
+    return int64(tables.place[base_of(tables, s), np.uint64(position)])
 
 
 mix: Final = cast("Callable[[np.uint64], np.uint64]", inlined(draws.mix))

@@ -28,7 +28,6 @@ from shuttle_marl.game.policy import (
     drawn_strokes,
 )
 from shuttle_marl.game.rally import Rallies, stroke_dtype
-from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import core
@@ -198,7 +197,7 @@ class _Running:
 
     def __init__(self, game: Game, matches: Matches, players: Players, rules: Rules, *, keep: bool) -> None:
         size, shape, room = len(matches), (len(matches), rules.max_rallies), _STROKES_A_MATCH * keep
-        self.tables, self.players = core.tables_of(game), players
+        self.game, self.tables, self.players = game, core.tables_of(game), players
         self.lanes, self.live, self.step = new_rows(max(1, size)), size, 0
         points, games = np.zeros((2, size, 2), np.int32)
         server, winner, reason = np.empty((3, *shape), np.uint8)
@@ -219,16 +218,16 @@ class _Running:
         match, rally = np.nonzero(played)
         of_matches = (row[:count] for row, count in zip(log.stroke, log.length.sum(axis=1), strict=True))
         noted = np.concatenate([log.stroke[:0].ravel(), *of_matches])
-        waited = (noted >> _POSITION_BIT & np.uint16(15)).astype(np.int8)
-        rallies = Rallies(
+        rallies = Rallies.of(
+            self.game,
             pairing=np.zeros(len(match), np.uint32),
             match=match.astype(np.uint32),
             rally=rally.astype(np.uint16),
             policy=log.entrant[match].astype(np.uint16),
             **{name: getattr(log, name)[played] for name in ("server", "winner", "reason", "score", "length")},
-            stroke=(noted & np.uint16((1 << _POSITION_BIT) - 1)).astype(stroke_dtype(self.tables.rank.shape[1])),
+            stroke=(noted & np.uint16((1 << _POSITION_BIT) - 1)).astype(stroke_dtype(self.game.n_strokes)),
             hurried=(noted >> _HURRIED_BIT).astype(np.uint8),
-            waited=None if self.tables.recovery is None else waited,
+            waited=(noted >> _POSITION_BIT & np.uint16(15)).astype(np.int8),
         )
         return MatchResults(log.games, rallies)
 
@@ -258,10 +257,10 @@ def play(
         situation = (score, history[match].T, part.stroke + np.int32(1))
         k = choose(matches.entrant[match, seat], state, draws.choice_draw(bits), seat, *situation)
         drawn = draws.position_draw(bits)
-        if game.hides and wait is not None:
-            position = wait(matches.entrant[match, 1 - seat], state, drawn, 1 - seat, *situation)
-        else:
-            position = drawn_strokes(game.people_positions(state), drawn)
+        position = drawn_strokes(game.people_positions(state), drawn)
+        if wait is not None and (asked := np.flatnonzero(game.chooses(state))).size:
+            seen = matches.entrant[match, 1 - seat], state, drawn, 1 - seat, *situation
+            position[asked] = wait(*(part[..., asked] for part in seen))
         history[match] = np.column_stack([game.stroke_at(state, k), history[match, :-1]])
         run.play(np.stack([k, position]).astype(np.int64))
     return run.results()
@@ -313,10 +312,7 @@ def wrong_outcomes(rallies: Rallies, game: Game, key: U64) -> Bools:
     Args:
         key: ``[R]`` uint64 key of the draws of each rally.
     """
-    if rallies.waited is None and game.hides:  # positions that were not recorded count as those of people
-        game = dataclasses.replace(game, recovery=None)
-    state, k = rallies.legal(game)
-    position = np.full(len(state), CENTRE) if rallies.waited is None else rallies.waited.astype(np.int64)
+    (state, k), position = rallies.legal(game), rallies.places.astype(np.int64)
     feasible = game.seats[0].waiting.mask(game.base(np.maximum(state, 0)))
     wrong: Bools = (state < 0) | ~feasible[np.arange(len(state)), position]
     at = np.flatnonzero(~wrong)

@@ -380,6 +380,7 @@ class RallyBatch:
         record: note every stroke on :attr:`tape`.
 
     Attributes:
+        joint: whether positions are chosen beside strokes.
         tape: strokes since they were read, see :class:`shuttle_marl.kernel.taped.TapeReader`.
 
     Raises:
@@ -416,6 +417,7 @@ class RallyBatch:
             following=assigned,
             unseen=np.zeros((batch, 2), np.int64),
         )
+        self.joint = game.hides and opponents is None
         self._other = (1 - self.opponents.seat) if self.n_opponents else np.full(batch, -1, np.int8)
         self._learns = None if opponents is None else self.opponents
         self.tape = new_tape(batch) if record else None
@@ -583,7 +585,7 @@ class RallyBatch:
 
     def _places(self, position: Ints | None) -> I16:
         """``[B]`` number of each position among the feasible ones; 0 where none is given."""
-        if (position is not None) != (self.game.hides and not self.n_opponents):
+        if (position is not None) != self.joint:
             raise KernelError("positions are for rows without opponents in the game with recovery, and needed there")
         if position is None:
             return np.zeros(len(self), np.int16)

@@ -152,15 +152,19 @@ def play(tables: Tables, part: Rows, block: Block) -> None:
         part.striker[j] ^= 1
 
 
+POSITION: Final = 3  # columns of `Tables.head` from the mask of strokes to that of positions
+BOTH: Final = 4  # and to that of both
+
+
 @inlined
-def waits(tables: Tables, rows: Rows, other: I8, i: int) -> bool:
-    """Whether the learner of row i is to choose a position.
+def _asked(tables: Tables, rows: Rows, other: I8, i: int) -> int:
+    """What is to be chosen in row i: 0 a stroke, ``POSITION`` or ``BOTH``.
 
     Args:
         other: ``[B]`` seats of the learners' opponents; -1 without learners.
     """
     # Without a branch: one that holds tuples of arrays costs counts of their references, more than all the rest.
-    return core.with_recovery(tables) & (rows.striker[i] == other[i])
+    return core.with_recovery(tables) * (POSITION * (rows.striker[i] == other[i]) + BOTH * (other[i] < 0))
 
 
 @compiled
@@ -174,7 +178,7 @@ def find_ranks(tables: Tables, rows: Rows, other: I8, action: I64, rank: I16, fi
         rank[i] = -1
         if not rows.live[i]:
             continue
-        if waits(tables, rows, other, i):
+        if _asked(tables, rows, other, i) == POSITION:
             if n <= action[i] < n + N_POSITIONS:
                 rank[i] = tables.place[core.base_of(tables, rows.state[i]), np.uint64(action[i] - n)]
         elif 0 <= action[i] < n:
@@ -225,8 +229,9 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
     n = observed.mask.shape[1]
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
-        block, position = core.block_of(tables, rows.state[i]), np.uint64(waits(tables, rows, other, i))
+        block, position = core.block_of(tables, rows.state[i]), np.uint64(_asked(tables, rows, other, i) == POSITION)
         edge = core.base_of(tables, rows.state[i]) >> np.uint64(2)
+        observed.tokens[i, observed.tokens.shape[1] - 1] = position  # without recovery `hurried` takes its place below
         # A receiver sees the state from the other side.
         observed.tokens[i, position] = tables.own[edge]
         observed.tokens[i, np.uint64(1) - position] = tables.incoming[edge]
@@ -235,8 +240,6 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
         observed.tokens[i, np.uint64(4) + position] = tables.efforts[block, 0]
         observed.tokens[i, np.uint64(5) - position] = tables.efforts[block, 1]
         observed.tokens[i, 6] = core.hurried_in(rows.state[i])
-        if core.with_recovery(tables):
-            observed.tokens[i, 7] = position
     # Whole vectors are copied; the next row overwrites the padding. The last rows are exact, as no row follows them.
     width = tables.mask.shape[1]
     exact = max(first, last - (width + n - 1) // n + 1)
@@ -251,9 +254,8 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
 
 @inlined
 def _shown(tables: Tables, rows: Rows, other: I8, i: int) -> np.uint64:
-    """Row of ``mask`` of row i: the strokes or positions of a learner, or both without learners."""
-    column = core.with_recovery(tables) * (4 * (other[i] < 0) + 3 * waits(tables, rows, other, i))
-    return np.uint64(tables.head[core.base_of(tables, rows.state[i]), np.uint64(3 + column)])
+    """Row of ``mask`` of row i: what can be chosen."""
+    return np.uint64(tables.head[core.base_of(tables, rows.state[i]), np.uint64(3 + _asked(tables, rows, other, i))])
 
 
 @compiled
@@ -275,7 +277,7 @@ def choose_uniform(tables: Tables, rows: Rows, other: I8, action: I64, position:
             chosen[j] = core.stroke_of(tables, legal, core.uniform_choice(legal.n, block.bits[j]))
             waited = core.position_at(tables, part.state[j], core.uniform_choice(legal.choices, block.bits[j] << POSITION_SHIFT))
             position[begin_block + j] = waited
-            if waits(tables, rows, other, begin_block + j):
+            if _asked(tables, rows, other, begin_block + j) == POSITION:
                 chosen[j] = tables.rank.shape[1] + waited
 
 

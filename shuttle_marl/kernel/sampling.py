@@ -21,7 +21,7 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import table_play
-from shuttle_marl.kernel.core import BLOCK, KernelError, Tables, checked_array, tables_of
+from shuttle_marl.kernel.core import BLOCK, KernelError, checked_array, tables_of
 from shuttle_marl.kernel.players import empty_players, pack, put_player
 from shuttle_marl.kernel.rows import new_rows
 from shuttle_marl.kernel.table_play import Distinct, Learned, Played, StrokeList, Tape
@@ -276,7 +276,7 @@ class RallySampler:
             KernelError: a rally that was not played in the last iteration.
         """
         number = checked_array("rallies", numbers, np.int64, (len(numbers),), self._first, self._next - 1)
-        return _rallies_of(self._tables, self._learned, self._played, self._tape, number, self._first, figures=figures)
+        return _rallies_of(self.game, self._learned, self._played, self._tape, number, self._first, figures=figures)
 
 
 def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], n: int, *, seed: int = 0) -> Rallies:
@@ -300,7 +300,7 @@ def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], 
     while len(waiting):
         left, _ = table_play.advance(tables, learned, schedule, played, waiting, lanes, tape, np.empty(0, np.int32), None)
         waiting, tape = waiting[:left], doubled(tape) if left else tape
-    return _rallies_of(tables, learned, played, tape, numbers, 0, figures=False)
+    return _rallies_of(game, learned, played, tape, numbers, 0, figures=False)
 
 
 def doubled(tape: Tape) -> Tape:
@@ -308,20 +308,19 @@ def doubled(tape: Tape) -> Tape:
     return Tape._make([*(np.concatenate([column, np.empty_like(column)]) for column in tape[:-1]), tape.used])
 
 
-def _rallies_of(
-    tables: Tables, learned: Learned, played: Played, tape: Tape, number: I64, first: int, *, figures: bool
-) -> Rallies:
+def _rallies_of(game: Game, learned: Learned, played: Played, tape: Tape, number: I64, first: int, *, figures: bool) -> Rallies:
     """Rallies by their numbers ``[R]``, of those that begin with number ``first``."""
     rows = number - first
     length, server, reason = played.length[rows], played.server[rows].astype(np.uint8), played.outcome[rows].astype(np.uint8)
     count = int(length.sum(dtype=np.int64))
-    stroke = np.empty(count, stroke_dtype(tables.rank.shape[1]))
+    stroke = np.empty(count, stroke_dtype(game.n_strokes))
     hurried, waited, extra = np.empty(count, np.uint8), np.empty(count, np.int8), np.empty((2 * figures, count), np.float32)
-    table_play.read_strokes(tables, learned, played, tape, rows, stroke, hurried, waited, extra)
+    table_play.read_strokes(tables_of(game), learned, played, tape, rows, stroke, hurried, waited, extra)
     last = (server + length - 1) & 1
     policy = np.zeros((len(number), 2), np.uint16)
     policy[:, 1] = np.maximum(played.opponent[rows], 0)
-    return Rallies(
+    return Rallies.of(
+        game,
         pairing=np.zeros(len(number), np.uint32),
         match=number.astype(np.uint32),
         rally=np.zeros(len(number), np.uint16),
@@ -333,7 +332,7 @@ def _rallies_of(
         length=length,
         stroke=stroke,
         hurried=hurried,
-        waited=waited if tables.recovery is not None else None,
+        waited=waited,
         log_probability=extra[0] if figures else None,
         value=extra[1] if figures else None,
     )

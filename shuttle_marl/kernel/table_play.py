@@ -106,6 +106,13 @@ def _resume(played: Played, waiting: I64, first: int, size: int, lanes: Rows, bl
 
 
 @inlined
+def _decides(tables: Tables, opponent: int, striker: int) -> tuple[bool, bool]:
+    """Whether the learner, at seat 0, chooses the stroke, and the position against it."""
+    alone = opponent < 0
+    return alone or striker == 0, core.with_recovery(tables) and (alone or striker != 0)
+
+
+@inlined
 def _admit(tables: Tables, learned: Learned, played: Played, lanes: Rows, block: Block, count: int, oldest: int) -> int:
     """Keep the rallies that continue and whose entries are there, and draw their strokes; returns their number."""
     states, admitted = core.states_of(tables), 0
@@ -113,9 +120,9 @@ def _admit(tables: Tables, learned: Learned, played: Played, lanes: Rows, block:
         s, r, over = lanes.state[i], lanes.rally[i], block.outcome[i] < OPEN
         rival = max(played.opponent[r], 0)  # in self-play the learner
         player, other = (rival, 0) if lanes.striker[i] else (0, rival)
-        missing = player == 0 and learned.written[np.uint64(s)] < oldest
-        if core.with_recovery(tables) and not missing and other == 0:
-            missing = learned.written[np.uint64(states + s)] < oldest
+        strikes, waits = _decides(tables, played.opponent[r], lanes.striker[i])
+        missing = strikes and learned.written[np.uint64(s)] < oldest
+        missing |= waits and learned.written[np.uint64(states + s)] < oldest
         if missing:
             played.state[r] = s
         move(lanes, i, admitted)
@@ -186,9 +193,8 @@ def advance(
 @inlined
 def _request(tables: Tables, learned: Learned, played: Played, r: int, oldest: int, missing: I32, wanted: int) -> int:
     """List the entries that the learner needs for the next stroke of a rally; returns the new number of missing entries."""
-    s, alone = int64(played.state[r]), played.opponent[r] < 0
-    strikes = alone or (played.server[r] + played.length[r]) & 1 == 0
-    waits = core.with_recovery(tables) and (alone or not strikes)
+    s = int64(played.state[r])
+    strikes, waits = _decides(tables, played.opponent[r], (played.server[r] + played.length[r]) & 1)
     for decision, needed in ((s, strikes), (core.states_of(tables) + s, waits)):
         if needed and 0 <= learned.written[decision] < oldest:
             missing[wanted], learned.written[decision] = decision, -1
@@ -285,21 +291,22 @@ def _credit(tables: Tables, learned: Learned, collected: Collected, played: Play
     sums.total[1] += 1
     sums.total[2] += won > 0 and not alone
     sums.total[5] += length
-    strikes = length if alone else (length - played.server[r] + 1) // 2
-    end = collected.listed[0] + strikes + core.with_recovery(tables) * (length if alone else length - strikes)
+    struck = length if alone else (length - played.server[r] + 1) // 2
+    end = collected.listed[0] + struck + _decides(tables, played.opponent[r], 1)[1] * (length if alone else length - struck)
     collected.listed[0] = end
     gamma, a, after, following, at = -1.0 if alone else 1.0, 0.0, 0.0, -1, int64(played.last[r])
     while at >= 0:
         s, pair = int64(tape.state[at]), int64(tape.pair[at])
-        if alone or seat == 0 or core.with_recovery(tables):
-            if seat and not alone:
+        strikes, waits = _decides(tables, played.opponent[r], seat)
+        if strikes or waits:
+            if not strikes:
                 s, pair = states + s, _options(tables, learned, states + s)[1] + tape.place[at]
             elif collected.shaping.size > 0 and not alone:
                 won += collected.shaping[pair]
             a = won + gamma * after - learned.value[s] + gamma * collected.gae_lambda * a
-            end -= 1 + (core.with_recovery(tables) and alone)
+            end -= 1 + (strikes and waits)
             _add(learned, collected, end, s, pair, following, won, a)
-            if core.with_recovery(tables) and alone:
+            if strikes and waits:
                 b, then = -(a + learned.value[s]) - learned.value[states + s], states + following if following >= 0 else -1
                 pair = _options(tables, learned, states + s)[1] + tape.place[at]
                 _add(learned, collected, end + 1, states + s, pair, then, -won, b)

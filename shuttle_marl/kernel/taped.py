@@ -8,7 +8,7 @@ import numpy as np
 from shuttle_marl.base.arrays import I8, I32, I64, U8, U16, U32
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.base.errors import OptionError
-from shuttle_marl.game.rally import Rallies, columns_of, stroke_dtype
+from shuttle_marl.game.rally import Rallies, stroke_dtype
 from shuttle_marl.game.rules import ABANDONED, ILLEGAL_POSITION, NOBODY, RETURNED_BELOW, WINNER
 from shuttle_marl.kernel.core import KernelError, int64
 from shuttle_marl.kernel.rally import RallyBatch
@@ -174,11 +174,11 @@ class TapeReader:
         others, learner = 1 + columns.pop("opponent").astype(np.uint16), columns.pop("learner")
         columns |= {"stroke": out.stroke[:strokes].astype(stroke_dtype(game.n_strokes)), "hurried": out.hurried[:strokes]}
         columns |= {"waited": out.waited[:strokes], "seed": np.full(rallies, self._seed, np.uint64)}
-        known = columns_of(game, "seed", "episode", "ending")
         self._add(
-            Rallies(
+            Rallies.of(
+                game,
                 pairing=np.zeros(rallies, np.uint32),
                 policy=np.where(learner[:, None] == [0, 1], np.uint16(0), others[:, None]),
-                **{name: column for name, column in columns.items() if name != "waited" or name in known},
+                **columns,
             )
         )

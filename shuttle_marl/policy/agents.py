@@ -131,6 +131,6 @@ def _shipped(key: str, game: Game) -> dict[str, Path]:
     model = folder_of(game)
     if model is None:
         return {}
-    places = [model / AGENTS, *([model / AGENTS / RECOVERY] if game.recovery is not None else [])]
+    places = (model / AGENTS, model / AGENTS / RECOVERY)[: 1 + game.hides]
     folders = [path.parent for place in places for path in sorted(place.glob(f"*/{CARD}"))]
     return {folder.name.replace("-", ":", 1): folder for folder in folders if folder.name.partition("-")[0] == key}

@@ -5,7 +5,6 @@ solved.
 """
 
 import contextlib
-import dataclasses
 import functools
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -22,7 +21,6 @@ from shuttle_marl.game.policy import (
     PolicyError,
     TabulatedPolicy,
     TemperedPolicy,
-    cumulative_positions,
     from_pair_probabilities,
     tabulate,
 )
@@ -145,10 +143,7 @@ def mixture(policies: Sequence[TabulatedPolicy], probabilities: Sequence[float] 
     mean = from_pair_probabilities(game, np.concatenate(list(blocks)))
     if all(policy.waits is None for policy, _ in mixed):
         return mean
-    from shuttle_marl.exact.profile import positions_of  # noqa: PLC0415  numba
-
-    positions = np.sum([p * positions_of(policy) for policy, p in mixed], axis=0)
-    return dataclasses.replace(mean, waits=cumulative_positions(positions))
+    return mean.waiting_at(np.sum([p * policy.position_probabilities() for policy, p in mixed], axis=0))
 
 
 def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
@@ -162,12 +157,7 @@ def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
 def deterministic(policy: TabulatedPolicy) -> TabulatedPolicy:
     """The policy that always makes the likeliest choice of another one, of strokes and of positions."""
     pure = sharpened(policy, 0.0)
-    if policy.game.recovery is None:
-        return pure
-    from shuttle_marl.exact.profile import positions_of  # noqa: PLC0415  numba
-
-    likeliest = np.eye(N_POSITIONS)[positions_of(policy).argmax(axis=1)]
-    return dataclasses.replace(pure, waits=cumulative_positions(likeliest))
+    return pure.waiting_at(np.eye(N_POSITIONS)[policy.position_probabilities().argmax(axis=1)])
 
 
 def policy_file(folder: Path, digest: str) -> Path:

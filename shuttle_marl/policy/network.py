@@ -67,7 +67,7 @@ class PolicyNetwork:
     Attributes:
         own, incoming: ``[n + 1, W]`` vector of the own last stroke and of the incoming one.
         contact, duel, effort, opponent_effort, hurried: ``[numbers, W]`` vectors of the other parts of an observation.
-        position: ``[2, W]`` vectors of whether the player is to choose a position, in the game with recovery; else None.
+        position: ``[2, W]`` vectors of whether the player is to choose a position; zeros without recovery.
         layers: weights ``[W', W]`` and biases ``[W']`` of the next layers, each after a ReLU; the last one returns n logits, with
             recovery n + 9.
     """
@@ -79,7 +79,7 @@ class PolicyNetwork:
     effort: F64
     opponent_effort: F64
     hurried: F64
-    position: F64 | None
+    position: F64
     layers: tuple[tuple[F64, F64], ...]
 
     @classmethod
@@ -106,11 +106,16 @@ class PolicyNetwork:
                     total = total + embedding[column]
                 strokes.append(total)
             levels = game.levels
-            sizes = {"contact": 2, "duel": LONGEST_DUEL + 1, "effort": levels, "opponent_effort": levels, "hurried": 2}
-            if game.recovery is not None:
-                sizes["position"] = 2
-            parts: dict[str, Any] = {"position": None}
-            parts |= {name: take(f"0.{name}.weight", size, width) for name, size in sizes.items()}
+            sizes = {
+                "contact": 2,
+                "duel": LONGEST_DUEL + 1,
+                "effort": levels,
+                "opponent_effort": levels,
+                "hurried": 2,
+                "position": 2,
+            }
+            parts = {"position": np.zeros((2, width))}
+            parts |= {name: take(f"0.{name}.weight", sizes[name], width) for name in [*sizes][: 5 + game.hides]}
             hidden = sorted({name.rpartition(".")[0] for name in known if name.startswith("0.layers.")}, key=_number)
             layers = [(take(f"{name}.weight", width, width), take(f"{name}.bias", width)) for name in hidden]
             layers.append((take("1.weight", game.n_actions, width), take("1.bias", game.n_actions)))
@@ -137,9 +142,7 @@ class PolicyNetwork:
         for group in np.split(order := np.argsort(kind, kind="stable"), np.flatnonzero(np.diff(kind[order])) + 1):
             first = int(base[group[0]])
             legal = game.legal_strokes(first)
-            both = self.incoming[incoming[group[0]]] + self.contact[contact[group[0]]]
-            if self.position is not None:
-                both = both + self.position[0]
+            both = self.incoming[incoming[group[0]]] + self.contact[contact[group[0]]] + self.position[0]
             vectors = self.own[own[group]] + both + self.duel[duel[group]] + self.hurried[hurried[group]]
             x, farthest = _logits(vectors, efforts, hidden, (last[legal], last_bias[legal]))
             # The network was trained in float32.
@@ -150,7 +153,7 @@ class PolicyNetwork:
 
     def _waits(self, game: Game, hidden: "list[_Layer]") -> U16 | None:
         """``[S, 9]`` cumulative probabilities of positions where the opponent is in each state."""
-        if self.position is None:
+        if not game.hides:
             return None
         weight, bias = (part[game.n_strokes :] for part in self.layers[-1])
         waits = np.empty((game.n_blocks, game.n_base_states, N_POSITIONS), np.uint16)

@@ -23,6 +23,7 @@ from shuttle_marl.exact.profile import evaluate, moved
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, TabulatedPolicy, reads_score, tabulate
 from shuttle_marl.game.rally import Rallies
+from shuttle_marl.game.recovery import NO_CHOICE
 from shuttle_marl.game.shipped import real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
@@ -285,7 +286,7 @@ def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str]
         "people": real_play(game),
         "lists": classes,
     }
-    return figures if game.recovery is None else {**figures, **hidden_depth(perfect)}
+    return {**figures, **hidden_depth(perfect)} if game.hides else figures
 
 
 def hidden_depth(perfect: TabulatedPolicy) -> dict[str, Any]:
@@ -301,7 +302,6 @@ def hidden_depth(perfect: TabulatedPolicy) -> dict[str, Any]:
     """
     game, seen = perfect.game, visits(perfect, perfect)
     strokes, positions = np.zeros(game.n_states), perfect.position_probabilities()
-    assert positions is not None
     np.maximum.at(strokes, game.pair_state, perfect.pair_probabilities())
     mixed = {
         name: float(weight[largest < _SURE].sum() / weight.sum())
@@ -310,7 +310,7 @@ def hidden_depth(perfect: TabulatedPolicy) -> dict[str, Any]:
             ("positions", positions.max(axis=1), seen.states[1]),
         )
     }
-    without = solve(dataclasses.replace(game, recovery=None)).policy[0]
+    without = solve(dataclasses.replace(game, recovery=NO_CHOICE)).policy[0]
     return {
         "mixed": mixed,
         "purified": best_response(deterministic(perfect)).value.odds().rally,

@@ -24,7 +24,6 @@ from shuttle_marl.game.draws import HURRY_ONE, ONE
 from shuttle_marl.game.layout import observations
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rally import Rallies
-from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 
@@ -166,7 +165,7 @@ def log_of(game: Game, rallies: Rallies, player: TabulatedPolicy) -> Log:
         outcome=rallies.outcome(game.catalogue),
         probability=probability,
         rally=rallies.row_of_stroke.astype(np.int32),
-        waited=np.full(len(state), CENTRE, np.int8) if rallies.waited is None else rallies.waited,
+        waited=rallies.places,
         won=rallies.winner == 0,
     )
 

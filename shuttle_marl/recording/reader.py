@@ -313,8 +313,8 @@ def stroke_rows(log: RallyLog, first: int, rallies: Rallies) -> pa.Table:
     """
     row, seat = rallies.row_of_stroke, rallies.striker
     further = {name: getattr(rallies, name) for name in rallies.optional_columns if name in PER_STROKE}
-    if rallies.waited is not None:
-        further["waited"] = _words(rallies.waited, POSITIONS)
+    if "waited" in further:
+        further["waited"] = _words(rallies.places, POSITIONS)
     return pa.table(
         {
             "number": (first + row).astype(np.uint64),
@@ -459,10 +459,9 @@ def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Ma
         mine = np.flatnonzero((rallies.policy[row, striker] == i) & (state >= 0))
         u = draws.choice_draw(draws.draw(key[row[mine]], rallies.position[mine]))
         wrong[mine] |= table.choose(state[mine], u) != k[mine]
-        if rallies.waited is not None and game.recovery is not None:
-            theirs = np.flatnonzero((rallies.policy[row, 1 - striker] == i) & (state >= 0))
-            u = draws.position_draw(draws.draw(key[row[theirs]], rallies.position[theirs]))
-            wrong[theirs] |= table.choose_position(state[theirs], u) != rallies.waited[theirs]
+        theirs = np.flatnonzero((rallies.policy[row, 1 - striker] == i) & (state >= 0) & game.chooses(state))
+        u = draws.position_draw(draws.draw(key[row[theirs]], rallies.position[theirs]))
+        wrong[theirs] |= table.choose_position(state[theirs], u) != rallies.places[theirs]
     return wrong
 
 

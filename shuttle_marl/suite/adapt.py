@@ -10,7 +10,6 @@ import numpy as np
 from shuttle_marl.base.arrays import I8, I32, I64, Bools
 from shuttle_marl.exact.odds import best_odds, pair_odds
 from shuttle_marl.game.policy import TabulatedPolicy
-from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.method import Method, called, made
@@ -135,10 +134,9 @@ def observed(game: Game, players: tuple[TabulatedPolicy, TabulatedPolicy], numbe
     rallies = play_rallies(game, players, number, seed=seed)
     state, stroke = rallies.states(game), rallies.stroke.astype(np.int32)
     pair, own = game.pair(state, stroke).astype(np.int64), rallies.striker == 0
-    position = np.full(len(state), CENTRE, np.int8) if rallies.waited is None else rallies.waited
     for i in range(len(rallies)):
         part = slice(*rallies.first_stroke[[i, i + 1]].tolist())
         won = bool(rallies.winner[i] == 0)
         yield PlayedRally(
-            state=state[part], pair=pair[part], stroke=stroke[part], own=own[part], position=position[part], won=won
+            state=state[part], pair=pair[part], stroke=stroke[part], own=own[part], position=rallies.places[part], won=won
         )

@@ -5,7 +5,6 @@ Each opponent is drawn from the seed of its split, its family and its number alo
 everyone can recompute scores, and so can be enumerated; whoever makes a round keeps its seed secret.
 """
 
-import dataclasses
 import functools
 import hashlib
 from typing import Final, NamedTuple
@@ -14,10 +13,9 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
-from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, from_pair_probabilities
+from shuttle_marl.game.policy import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.computed import best_response_policy, mixture
@@ -129,8 +127,8 @@ def waiting(policy: TabulatedPolicy, shift: F64) -> TabulatedPolicy:
         shift: ``[14, 9]`` by the shot type that it has played (the last one: none) and position.
     """
     game = policy.game
-    weight = positions_of(policy) * np.exp(shift)[game.incoming_shot(np.arange(game.n_states))]
-    return dataclasses.replace(policy, waits=cumulative_positions(weight / weight.sum(axis=1, keepdims=True)))
+    weight = policy.position_probabilities() * np.exp(shift)[game.incoming_shot(np.arange(game.n_states))]
+    return policy.waiting_at(weight / weight.sum(axis=1, keepdims=True))
 
 
 def tilted(arena: Arena, shift: F64) -> TabulatedPolicy:

@@ -57,7 +57,7 @@ def arena_of(
     """
     if split == "round" and not seed:
         raise SuiteError("--split round: its games are drawn from a seed that no method knows; name it with --seed")
-    variant = "-".join(filter(None, (task.variants.get(split), RECOVERY if task.recovery else None)))
+    variant = "-".join(filter(None, (task.variants.get(split), RECOVERY * task.recovery)))
     name = f"{model}:{variant}" if variant else model
     game, base = resolve_game(name), resolve_game(name).hash
     if sigma := task.drawn.get(split):

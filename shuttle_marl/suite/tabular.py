@@ -209,7 +209,6 @@ def with_positions(model: Game, pair: Ints, outcome: Ints, place: Ints) -> Game:
         model: with outcomes that are means over the positions of the strokes.
         pair, outcome, place: ``[M]`` each; place is where the receiver waited.
     """
-    assert model.recovery is not None
     base, shares = pair % model.n_base_pairs, model.outcome_probabilities(slice(0, model.n_base_pairs))
     state, stroke = model.base_pair_state[base], model.base_pair_stroke[base]
     p, late = shares[base], outcome >= HURRIED_BELOW

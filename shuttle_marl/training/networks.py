@@ -153,14 +153,12 @@ class StateEncoder(nn.Module):
         self.effort = nn.Embedding(game.levels, width)
         self.opponent_effort = nn.Embedding(game.levels, width)
         self.hurried = nn.Embedding(2, width)
-        self.position = None if game.recovery is None else nn.Embedding(2, width)
-        for table in (self.own, self.incoming, self.contact):
+        self.position = nn.Embedding(2, width) if game.hides else None
+        for table in filter(None, (self.own, self.incoming, self.contact, self.position)):
             nn.init.normal_(table.weight, std=0.4)
         for table in (self.duel, self.effort, self.opponent_effort, self.hurried):
             # These attributes change values little, so their effect is learned from zero.
             nn.init.zeros_(table.weight)
-        if self.position is not None:
-            nn.init.normal_(self.position.weight, std=0.4)
         layers: list[nn.Module] = [nn.ReLU()]
         for _ in range(hidden):
             layers += [nn.Linear(width, width), nn.ReLU()]

@@ -161,7 +161,7 @@ def game_of(model: str, game: Game) -> dict[str, str]:
 
 def tempered(config: TrainingConfig, game: Game) -> TrainingConfig:
     """Settings with the temperature of the agent: where perfect play mixes, sharper play than that of rollouts is exploitable."""
-    if config.eval_temperature is not None or not config.self_play or game.recovery is None:
+    if config.eval_temperature is not None or not config.self_play or not game.hides:
         return config
     return dataclasses.replace(config, eval_temperature=config.final_temperature if isinstance(config, PPOConfig) else 1.0)
 

@@ -67,9 +67,7 @@ class SAC(Learner):
         self.buffer.set_rng(self.collector.generator)
         self.collected = 0
         self.observer = self.collector.observer
-        counts = game.legal_count(np.arange(game.n_states))
-        if game.recovery is not None:
-            counts = np.r_[counts, game.waiting.choices]
+        counts = np.r_[game.legal_count(np.arange(game.n_states)), game.waiting.choices * game.hides]
         self.uniform_entropy = float(np.log(counts[counts > 0]).mean())
 
     @property

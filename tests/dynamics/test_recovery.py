@@ -168,7 +168,7 @@ def test_a_fit_is_the_same_after_saving(fitted: FittedRecovery, model: Path) -> 
     shot, place = np.full(9, SHOTS.index("drop")), whole.court.mean
     steps = np.rint(whole.shift(shot, np.full(9, 2), place) / STEP)
     assert np.array_equal(steps, read.effect[:, shot[0], 2]), "a position is the mean place of its cell"
-    assert load_game(f"{model}:recovery").recovery is not None
+    assert load_game(f"{model}:recovery").hides
     assert summary is not None
     assert summary["strokes"] == N
     assert summary["feasible"] == 7

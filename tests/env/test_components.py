@@ -25,7 +25,7 @@ def parts_of(game, action):
     """The components of a stroke; in the game with recovery also a position, and for a position any stroke."""
     c, stroke = game.catalogue, min(action, game.n_strokes - 1)
     parts = [c.shot[stroke], c.area[stroke], c.height[stroke], c.technique[stroke]]
-    return np.array(parts if game.recovery is None else [*parts, max(action - game.n_strokes, 0)])
+    return np.array([*parts, max(action - game.n_strokes, 0)] if game.hides else parts)
 
 
 @pytest.mark.parametrize("module", [rally_v0, match_v0])
@@ -44,11 +44,11 @@ def test_the_game_is_the_same_as_with_catalogue_indices(module, recovery):
         assert components.observation_space(agent).contains(seen_in_parts[0])
         legal = np.flatnonzero(seen[0]["action_mask"])
         masks = component_masks(seen_in_parts[0]["action_mask"])
-        assert [len(m) for m in masks] == ([13, 9, 2, 3] if game.recovery is None else [13, 9, 2, 3, 9])
+        assert [len(m) for m in masks] == ([13, 9, 2, 3, 9] if game.hides else [13, 9, 2, 3])
         strokes = legal[legal < game.n_strokes]
         for found, part in zip(masks[:4], np.array([parts_of(game, s)[:4] for s in strokes]).reshape(-1, 4).T, strict=True):
             assert set(np.flatnonzero(found)) == set(part)
-        assert game.recovery is None or (masks[4] == seen[0]["action_mask"][game.n_strokes :]).all()
+        assert not game.hides or (masks[4] == seen[0]["action_mask"][game.n_strokes :]).all()
         if seen[2] or seen[3]:
             flat.step(None)
             components.step(None)

@@ -204,7 +204,7 @@ class Turns(RuleBasedStateMachine):
             expected = [*np.array(points[::-1]) / RULES.cap, *np.array(games[::-1]) / RULES.games, *server]
             assert self.over or env.observe(AGENTS[1])["observation"][RALLY_WIDTH : RALLY_WIDTH + 6].tolist() == expected
         if self.reward is None:
-            assert env.snapshot().positions == (tuple(self.waited) if self.over and self.game.recovery else ())
+            assert env.snapshot().positions == (tuple(self.waited) if self.over and self.game.hides else ())
         if self.over:
             return
         assert (env.state_number, env.chooses_position, env.agent_selection) == (self.state, self.choosing, AGENTS[self.actor])
@@ -215,7 +215,7 @@ class Turns(RuleBasedStateMachine):
         expected = observations(self.game, np.array([self.state]))[0]
         assert np.array_equal(seen[self.striker]["observation"][:RALLY_WIDTH], expected)
         assert env.state()[-1] == (self.striker == 0)
-        if self.game.recovery is not None:
+        if self.game.hides:
             assert [one["observation"][-1] for one in seen] == [self.choosing and seat == self.actor for seat in (0, 1)]
 
 

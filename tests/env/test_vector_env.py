@@ -34,7 +34,7 @@ GAMES = {
 def player(game: Game, seed: int) -> TabulatedPolicy:
     """A random policy, which waits at random too."""
     policy = random_policy(game, seed)
-    return policy if game.recovery is None else with_positions(policy, seed)
+    return with_positions(policy, seed) if game.hides else policy
 
 
 def make(num_envs: int, **kwargs: Any) -> RallyVectorEnv:

@@ -12,7 +12,7 @@ from shuttle_marl.exact.optimal import restricted_response, restricted_value
 from shuttle_marl.exact.profile import moved, tabulated_pairs
 from shuttle_marl.game.draws import CHOICE_ONE, ONE
 from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions
-from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery
+from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, NO_CHOICE, STEP, Recovery
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import ROOT, Game
 from tests.exact.exact_games import random_game, random_policy
@@ -114,7 +114,7 @@ def test_restricted_and_robust_play(seed: int) -> None:
     assert won[0] == pytest.approx(0.5, abs=1e-9)
     assert won == sorted(won)
     assert won[2] == pytest.approx(best_response(policy).value.odds().rally, abs=1e-9)
-    other = with_recovery(dataclasses.replace(game, recovery=None, hurry=game.hurry // 2), seed)
+    other = with_recovery(dataclasses.replace(game, recovery=NO_CHOICE, hurry=game.hurry // 2), seed)
     robust = solve_robust([game, other])
     for each in (game, other):
         worst = 1 - best_response(moved(robust.policy[0], each)).value.odds().rally

@@ -8,6 +8,7 @@ import pytest
 
 from shuttle_marl.game.layout import RALLY_WIDTH, SWAP, observations
 from shuttle_marl.game.policy import PolicyError, States, act
+from shuttle_marl.game.recovery import NO_CHOICE
 from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import hand_made, tiring_game
 from tests.recovery import Prefers, with_recovery
@@ -124,7 +125,7 @@ def test_who_chooses_a_position_is_asked_for_the_state_of_the_striker() -> None:
 
 
 def test_efforts_of_a_receiver_are_seen_from_the_other_side() -> None:
-    plain = dataclasses.replace(RECOVERY, recovery=None)
+    plain = dataclasses.replace(RECOVERY, recovery=NO_CHOICE)
     rows = observations(plain, [plain.state_of(plain.n_strokes, 0, 0, 0, 2, 1)])
     assert rows.shape == (1, RALLY_WIDTH)
     assert rows[0, 57:59].tolist() == [1.0, 0.5]

@@ -287,7 +287,7 @@ def test_the_same_game_without_skill_or_recovery() -> None:
     ):
         for tables in (each, each.seats[1]):
             plain = without_recovery(tables)
-            assert (tables.recovery is None, plain.recovery) == (False, None)
+            assert (tables.hides, plain.hides) == (True, False)
             assert plain.threshold.tobytes() == tables.threshold.tobytes()
 
 

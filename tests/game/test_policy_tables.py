@@ -78,7 +78,7 @@ def test_positions_of_a_table_are_its_own_or_those_of_people() -> None:
     states = States(game=HIDDEN, state=STATES[5:8].astype(np.int32))
     assert WAITING.positions(states) * CHOICE_ONE == pytest.approx(steps[5:8])
     people = dataclasses.replace(WAITING, waits=None)
-    assert people.position_probabilities() is None
+    assert np.array_equal(people.position_probabilities(), HIDDEN.people_positions(STATES))
     assert np.array_equal(people.positions(states), HIDDEN.people_positions(states.state))
     assert np.array_equal(people.waiting_table, cumulative_positions(HIDDEN.people_positions(STATES)))
     assert WAITING.waiting_table is WAITING.waits

@@ -87,7 +87,6 @@ def test_all_draws_of_a_stroke_give_its_probabilities_exactly() -> None:
 def recovery_game() -> Game:
     """A small game with few positions, three levels of effort, and some probabilities of 0 and almost 1."""
     game = with_recovery(tiring_game(), 3, positions=3)
-    assert game.recovery is not None
     threshold, hurry = game.threshold.copy(), game.hurry.copy()
     # Neither faults nor winners; no winners; only faults or winners but for the last draw; all met above, and all but one below.
     threshold[::7, :2], threshold[1::7, 1] = 0, threshold[1::7, 0]
@@ -102,7 +101,6 @@ def recovery_game() -> Game:
 def test_positions_multiply_odds_and_leave_the_mean_of_people() -> None:
     game = recovery_game()
     recovery, waiting, catalogue = game.recovery, game.waiting, game.catalogue
-    assert recovery is not None
     most = 0.0
     for pair in range(0, game.n_base_pairs, 13):
         state, k, stroke = (int(table[pair]) for table in (game.base_pair_state, game.base_pair_rank, game.base_pair_stroke))
@@ -159,7 +157,6 @@ def _with_mean(mean: float, ratio: F64, weight: F64) -> F64:
 
 def test_positions_in_tables_that_do_not_fit_are_refused() -> None:
     recovery = recovery_game().recovery
-    assert recovery is not None
     people, effect = recovery.people, recovery.effect
     most = np.clip(effect, -4096, 4096)
     most[0, 0, 0, :2] = 4096, -4096

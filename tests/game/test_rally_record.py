@@ -21,7 +21,8 @@ def test_wrong_rallies() -> None:
 
     def checked(**changes: object) -> Rally:
         fields: dict[str, Any] = {"catalogue": catalogue, "server": 0, "stroke": np.array([serve]), "ending": WINNER, **changes}
-        return Rally(**{"hurried": np.zeros(np.shape(fields["stroke"]), np.bool_), **fields}).checked()
+        none = np.zeros(np.shape(fields["stroke"]), np.int64)
+        return Rally(**{"hurried": none > 0, "waited": none - 1, **fields}).checked()
 
     checked()
     checked(server=1, hands=("left", "right"), waited=np.array([8]), ending=0)
@@ -36,7 +37,10 @@ def test_wrong_rallies() -> None:
         *(({"ending": ending}, "expected 0 to 5") for ending in (-1, 6)),
         *(({"hurried": np.array(hurried)}, "none for the serve") for hurried in ([True], [False, False])),
         ({"hands": ("right", "both")}, "expected right or left"),
-        *(({"waited": np.array(waited)}, "expected 0 to 8 for each of 1 strokes") for waited in ([9], [-1], [4, 4])),
+        *(
+            ({"waited": np.array(waited)}, "expected 0 to 8, or -1 where it is not known, for each of 1 strokes")
+            for waited in ([9], [-2], [4, 4])
+        ),
     )
     for changes, message in cases:
         with pytest.raises(RallyError, match=message):
@@ -66,7 +70,8 @@ def test_what_a_rally_says_follows_from_its_strokes() -> None:
     game = default_game()
     serve, lift, smash, _ = strokes = names_of(game)
     ends, hurried = [RETURNED_BELOW, HURRIED_ABOVE, HURRIED_BELOW, WINNER], np.array([False, False, True, True])
-    rally = Rally(catalogue=game.catalogue, server=1, stroke=np.array(strokes), hurried=hurried, ending=WINNER)
+    waited, stroke = np.array([4, 8, 0, -1]), np.array(strokes)
+    rally = Rally(catalogue=game.catalogue, server=1, stroke=stroke, hurried=hurried, waited=waited, ending=WINNER)
     assert rally.striker.tolist() == [1, 0, 1, 0]
     assert rally.outcome.tolist() == ends
     assert (rally.winner, rally.open, len(rally)) == (0, False, 4)
@@ -84,7 +89,7 @@ def test_areas_of_a_rally_are_mirrored_by_hand_and_score() -> None:
     serve, lift, *_ = names_of(game)
     rally = Rally(
         catalogue=game.catalogue, server=1, stroke=np.array([serve]), hurried=np.array([False]), ending=WINNER, points=(4, 2),
-        hands=("left", "right"),
+        hands=("left", "right"), waited=np.array([4]),
     )  # fmt: skip
     assert rally.from_right
     odd = dataclasses.replace(rally, points=(4, 3))
@@ -135,13 +140,12 @@ def test_rows_of_a_record() -> None:
     assert (row.server, row.ending, row.points, row.games, row.match, row.number) == (1, WINNER, (3, 4), (1, 0), 2, 7)
     assert (row.ends_changed, row.hands, row.stroke.tolist()) == (True, ("right", "left"), rallies.stroke[:3].tolist())
     assert row.hurried.tolist() == [False, False, True]
-    assert row.waited is not None
     assert row.waited.tolist() == [4, 1, 2]
     assert (rallies.row(2, game.catalogue).ends_changed, rallies.row(2, game.catalogue).stroke.tolist()) == (
         False,
         rallies.stroke[4:].tolist(),
     )
-    assert dataclasses.replace(rallies, waited=None).row(0, game.catalogue).waited is None
+    assert dataclasses.replace(rallies, waited=None).row(0, game.catalogue).waited.tolist() == [-1] * 3
 
 
 def test_illegal_strokes_of_a_record_have_no_rank() -> None:

@@ -76,14 +76,14 @@ def test_the_stepper(game: Game) -> None:
     stepper, n = stepper_of(game), game.n_strokes
     for case in cases(game):
         state = State(*game.observation(case.state).tolist())
-        position = case.position if game.recovery is not None else None
+        position = case.position if game.hides else None
         played, following = stepper.step(case.state, case.striker, case.stroke, case.draw, position)
         assert (played.player, played.stroke, played.outcome) == (case.striker, case.stroke, case.outcome)
         assert following == case.following or case.outcome < RETURNED_BELOW
         assert np.flatnonzero(stepper.legal_action_mask(case.state)).tolist() == rules.legal_strokes(game, state)
         where = rules.legal_positions(game, state)
         assert stepper.chooses_position(case.state) == (len(where) > 1)
-        if game.recovery is not None:
+        if game.hides:
             assert (np.flatnonzero(stepper.position_mask(case.state)) - n).tolist() == where
 
 
@@ -101,7 +101,7 @@ def assert_played(game: Game, played: Rallies, key: np.ndarray) -> None:
         drawn = outcome_draw(draw(key[i], np.arange(len(rally))))
         for k, (stroke, outcome) in enumerate(zip(rally.stroke.tolist(), rally.outcome.tolist(), strict=True)):
             striker = (rally.server + k) % 2
-            position = rules.legal_positions(game, state)[0] if rally.waited is None else int(rally.waited[k])
+            position = int(rally.waited[k]) if game.hides else rules.legal_positions(game, state)[0]
             assert stroke in rules.legal_strokes(game, state)
             assert position in rules.legal_positions(game, state)
             assert outcome == rules.outcome(game, striker, state, stroke, position, int(drawn[k]))
@@ -142,7 +142,7 @@ def test_rows_of_given_strokes(game: Game) -> None:
         before, strikers = batch.rows.state.tolist(), batch.rows.striker.tolist()
         drawn = outcome_draw(draw(batch.rows.key, batch.rows.stroke)).tolist()
         stroke, position = batch.random_actions()
-        reward, done = batch.step(stroke, position if game.recovery is not None else None, reset=False)
+        reward, done = batch.step(stroke, position if game.hides else None, reset=False)
         for i, (number, striker) in enumerate(zip(before, strikers, strict=True)):
             state = State(*game.observation(number).tolist())
             where = int(position[i])
@@ -229,7 +229,7 @@ def test_jax(game: Game) -> None:
         pytest.skip("one table for both players")
     state, _, stroke, position, drawn, outcome, following = np.array(list(cases(game, 2000)), np.int32).T
     tables = rally.Tables.of(game)
-    places = (position,) if game.recovery is not None else ()
+    places = (position,) if game.hides else ()
     step = jax.jit(jax.vmap(rally.step, (None, 0, 0, 0, *(0 for _ in places))))
     found = step(tables, state, stroke, drawn, *places)
     assert np.array_equal(found.terminated, following < 0)

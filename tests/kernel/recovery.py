@@ -6,6 +6,7 @@ import numpy as np
 
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions, tabulate
+from shuttle_marl.game.recovery import NO_CHOICE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve
 from tests.recovery import small_recovery_game
@@ -18,7 +19,7 @@ PAIR = dataclasses.replace(pair_game("viktor-axelsen", "kento-momota", game=redu
 
 def people(name: str, game: Game = GAME) -> TabulatedPolicy:
     """A policy of the game without recovery, which waits as people do."""
-    plain = dataclasses.replace(game, recovery=None)
+    plain = dataclasses.replace(game, recovery=NO_CHOICE)
     policy = resolve(name, reduced_game()) if game is GAME else resolve(name, plain)
     return dataclasses.replace(tabulate(policy, plain), game=game)
 

@@ -57,7 +57,7 @@ def of_game(documentation: str, game: Game) -> str:
     found = SHAPE.search(documentation)
     assert found, documentation
     with_recovery = re.search(r"with recovery[^`]*``\[([^`]*)\]``", documentation, re.IGNORECASE)
-    return with_recovery[1] if with_recovery and game.recovery is not None else found[1]
+    return with_recovery[1] if with_recovery and game.hides else found[1]
 
 
 def entries(documentation: str) -> Iterator[tuple[str, str]]:
@@ -104,7 +104,7 @@ def test_tables_of_a_game_have_the_documented_shapes(name: str) -> None:
     for function in ("sum_by_state", "normalized"):
         check_returned(function, [np.ones(game.n_pairs)], game, game)
     check_returned("of_pairs", [np.ones(game.n_states)], game, game)
-    if game.recovery is not None:
+    if game.hides:
         assert check_attributes(game.recovery, game) == 2
         check_returned("people_positions", [states], game, game)
 
@@ -113,7 +113,7 @@ def test_tables_of_a_game_have_the_documented_shapes(name: str) -> None:
 def test_policies_and_observations_have_the_documented_shapes(name: str) -> None:
     game = game_of(name)
     policy, states = tabulate(resolve("bc", game), game), np.array([0, 4, 6, 9, 10])
-    assert check_attributes(policy, game, "waiting_table" if game.recovery is None else None) >= 2
+    assert check_attributes(policy, game, None if game.hides else "waiting_table") >= 2
     check_returned("probabilities", [States(game=game, state=states)], game, policy)
     check_returned("pair_probabilities", [], game, policy)
     check_returned(stroke_features, [game], game)
@@ -129,7 +129,7 @@ def test_batches_have_the_documented_shapes(name: str) -> None:
     rallies = RallyBatch(game, batch=5, seed=1)
     seen = rallies.new_observations()
     stroke, position = rallies.random_actions()
-    rallies.step(stroke, None if game.recovery is None else position, observed=seen)
+    rallies.step(stroke, position if game.hides else None, observed=seen)
     assert check_attributes(seen, game) == 2
 
 
@@ -149,7 +149,7 @@ def test_strokes_of_training_have_the_documented_shapes(name: str) -> None:
     documented = re.findall(r"``(\w+)``,? ``\[([^`]*)\]``", RallyCollector.collect.__doc__ or "")
     with_recovery = re.search(r"positions, ``\[([^`]*)\]`` and ``\[([^`]*)\]``", RallyCollector.collect.__doc__ or "")
     assert with_recovery
-    replaced = dict(zip(("observation", "action_mask"), with_recovery.groups(), strict=True)) if game.recovery is not None else {}
+    replaced = dict(zip(("observation", "action_mask"), with_recovery.groups(), strict=True)) if game.hides else {}
     assert {entry for entry, _ in documented} <= {*data.keys()}
     for entry, text in documented:
         check(replaced.get(entry, text), data[entry], sizes, f"RallyCollector.collect: {entry}", free)
@@ -157,7 +157,7 @@ def test_strokes_of_training_have_the_documented_shapes(name: str) -> None:
     observer = Observer(game, "cpu")
     check_returned("observations", [states], game, observer)
     logits, values, observation, *recovered = SHAPE.findall(Learner.predict.__doc__ or "")
-    if game.recovery is not None:
+    if game.hides:
         logits, observation = recovered
     for call in calls:
         free = {}

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.game.policy import PolicyError, TabulatedPolicy
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
@@ -51,7 +50,7 @@ def test_a_mixture_has_the_mean_of_positions(own: tuple[bool, bool]) -> None:
     shares = [part.position_probabilities() if keeps else people for part, keeps in zip(parts, own, strict=True)]
     assert shares[0] is not None
     assert shares[1] is not None
-    np.testing.assert_allclose(positions_of(found), 0.25 * shares[0] + 0.75 * shares[1], atol=2e-5)
+    np.testing.assert_allclose(found.position_probabilities(), 0.25 * shares[0] + 0.75 * shares[1], atol=2e-5)
     assert (found.waits is None) == (own == (False, False))
 
 
@@ -73,7 +72,7 @@ def test_a_deterministic_policy_makes_the_likeliest_choices(game: Game) -> None:
         assert found.waits is None
         return
     for each in (policy, waiting(policy, 5)):  # waiting as people do, and in another way
-        likeliest = positions_of(each).argmax(axis=1)
+        likeliest = each.position_probabilities().argmax(axis=1)
         np.testing.assert_array_equal(deterministic(each).position_probabilities(), np.eye(N_POSITIONS)[likeliest])
 
 

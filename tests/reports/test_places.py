@@ -52,7 +52,7 @@ def test_the_matrix_of_a_state_has_the_value_of_the_game(game: Game, solution: S
 def test_against_people_strokes_are_worth_what_they_are_without_recovery(
     game: Game, solution: Solution, states: list[int]
 ) -> None:
-    worth = Value(met(game, None), solution.value, 0)
+    worth = Value(met(game, game.people_positions(np.arange(game.n_states))), solution.value, 0)
     for state in states[:20]:
         places = places_of(game, state, 0, solution)
         assert places is not None

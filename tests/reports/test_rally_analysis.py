@@ -33,7 +33,8 @@ def random_rally(seed: int, length: int, ending: int = WINNER) -> Rally:
         hurried.append(bool(GAME.hurried(state)))
         state = int(GAME.arrivals(GAME.pair(state, np.array([strokes[-1]])))[0][int(rng.integers(4))])
     stroke = np.array(strokes, np.int64)
-    return Rally(catalogue=GAME.catalogue, server=seed % 2, stroke=stroke, hurried=np.array(hurried), ending=ending)
+    late, unknown = np.array(hurried), np.full(len(stroke), -1)
+    return Rally(catalogue=GAME.catalogue, server=seed % 2, stroke=stroke, hurried=late, waited=unknown, ending=ending)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -78,7 +79,9 @@ def test_values_after_an_open_rally_are_not_known() -> None:
     assert np.isfinite(found.rally_win[:-1]).all()
     assert np.isnan([found.rally_win[-1], found.match_win[-1]]).all()
     assert np.isnan(found.of_strokes("optimal")).all(), "without the solved game"
-    nothing = dataclasses.replace(rally, stroke=rally.stroke[:0], hurried=rally.hurried[:0], ending=RETURNED_ABOVE)
+    nothing = dataclasses.replace(
+        rally, stroke=rally.stroke[:0], hurried=rally.hurried[:0], waited=rally.waited[:0], ending=RETURNED_ABOVE
+    )
     assert len(analyse_rally(nothing, GAME, PLAYERS).rally_win) == 1
 
 

@@ -142,7 +142,7 @@ def test_receivers_wait_where_they_chose(played: list[Rally]) -> None:
         )
         assert min(front[0], back[0]) > 0.55, "beyond the middle positions"
         assert back[1] - front[1] > 1.2, "as far as the time allows"
-    with pytest.raises(RallyError, match=r"positions .*: expected 0 to 8 for each"):
+    with pytest.raises(RallyError, match=r"positions .*: expected 0 to 8, or -1"):
         dataclasses.replace(played[1], waited=np.full(len(played[1]), 9)).checked()
 
 
@@ -155,7 +155,7 @@ def test_players_stay_on_their_half(motions: list[Motion]) -> None:
 def test_every_end_of_a_rally_is_staged(played: list[Rally]) -> None:
     seen = set()
     for i, rally in enumerate(played):
-        short = dataclasses.replace(rally, stroke=rally.stroke[:3], hurried=rally.hurried[:3])
+        short = dataclasses.replace(rally, stroke=rally.stroke[:3], hurried=rally.hurried[:3], waited=rally.waited[:3])
         motion = stage(short, seed=i)
         end = ENDS[motion.trajectory.end[-1]]
         if end not in seen:
@@ -188,7 +188,7 @@ def test_serves_to_the_side_are_mirrored() -> None:
     catalogue = default_game().catalogue
     serve = catalogue.index("long-serve:back-right:below:forehand")
     none = np.zeros(0, np.int64)
-    even = Rally(catalogue=catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW)
+    even = Rally(catalogue=catalogue, server=0, stroke=none, hurried=none > 0, waited=none, ending=RETURNED_BELOW)
     odd = dataclasses.replace(even, points=(3, 2))
     assert [AREAS[rally.aim[0, serve]] for rally in (even, odd)] == ["back-right", "back-left"]
     assert [rally.as_named(0, serve) for rally in (even, odd)] == [True, False]
@@ -203,7 +203,9 @@ def test_serves_to_the_side_are_mirrored() -> None:
 def test_areas_of_a_left_handed_receiver_are_mirrored() -> None:
     catalogue = default_game().catalogue
     none = np.zeros(0, np.int64)
-    rally = Rally(catalogue=catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW, hands=("left", "right"))
+    rally = Rally(
+        catalogue=catalogue, server=0, stroke=none, hurried=none > 0, waited=none, ending=RETURNED_BELOW, hands=("left", "right")
+    )
     clear = next(k for k, name in enumerate(catalogue.names) if name.startswith("clear:back-left"))
     assert [AREAS[rally.aim[seat, clear]] for seat in (0, 1)] == ["back-left", "back-right"], "seat 1 aims at the left-hander"
     serve = catalogue.index("long-serve:back-right:below:forehand")
@@ -264,7 +266,8 @@ BOTH_HANDS = (("right", "left"), ("left", "right"))
 def prefix(rally: Rally, strokes: int) -> Rally:
     """The first strokes of a rally, while it was open."""
     ending = int(rally.outcome[strokes - 1]) if strokes else RETURNED_BELOW
-    return dataclasses.replace(rally, stroke=rally.stroke[:strokes], hurried=rally.hurried[:strokes], ending=ending)
+    kept = {name: getattr(rally, name)[:strokes] for name in ("stroke", "hurried", "waited")}
+    return dataclasses.replace(rally, **kept, ending=ending)
 
 
 def with_stroke(rally: Rally, k: int, stroke: int, ending: int) -> Rally:
@@ -369,7 +372,7 @@ def two_strokes(played: list[Rally]) -> tuple[Rally, Motion]:
     [
         (lambda rally: {"server": 1 - rally.server}, {}, "other strokes before number 2"),
         (lambda rally: {"hurried": rally.hurried ^ (np.arange(len(rally)) == 1)}, {}, "other strokes before number 2"),
-        (lambda rally: {"stroke": rally.stroke[[0, 2, 2]], "hurried": rally.hurried[:3]}, {}, "other strokes before number 2"),
+        (lambda rally: {"stroke": rally.stroke[[0, *[2] * (len(rally) - 1)]]}, {}, "other strokes before number 2"),
         (lambda rally: {"points": (1, 1)}, {}, "other strokes"),
         (lambda rally: {"ends_changed": True}, {}, "other strokes"),
         (lambda rally: {"hands": ("left", "right")}, {}, "other hands"),

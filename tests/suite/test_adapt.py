@@ -9,7 +9,6 @@ import pytest
 
 from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
@@ -91,27 +90,27 @@ def test_populations_share_no_player_and_follow_from_their_seed(arena: Arena) ->
 
 def test_opponents_wait_somewhere_and_learn(arena: Arena) -> None:
     (habit,) = opponent(arena, "waiting", 0).policies
-    assert np.abs(positions_of(habit) - positions_of(arena.policy("bc"))).max() > 0.2
+    assert np.abs(habit.position_probabilities() - arena.policy("bc").position_probabilities()).max() > 0.2
     assert "waiting" not in families(PLAIN)
     learner, met = opponent(arena, "learner", 0), arena.policy("safe")
     assert learner.at(0) is learner.policies[0]
     answer, plain = best_response(met).policy, learner.policies[0]
     mixed = learner.at(300, met)
-    expected = learner.learns * positions_of(answer) + (1 - learner.learns) * positions_of(plain)
-    np.testing.assert_allclose(positions_of(mixed), expected, atol=1e-4)
+    expected = learner.learns * answer.position_probabilities() + (1 - learner.learns) * plain.position_probabilities()
+    np.testing.assert_allclose(mixed.position_probabilities(), expected, atol=1e-4)
     assert evaluate(met, mixed).odds().rally < evaluate(met, plain).odds().rally
 
 
 def test_positions_are_tilted_towards_what_was_seen(arena: Arena) -> None:
     bc, rng = arena.policy("bc"), np.random.default_rng(0)
-    target = positions_of(waiting(bc, np.random.default_rng(1).normal(scale=2, size=(14, 9))))
+    target = waiting(bc, np.random.default_rng(1).normal(scale=2, size=(14, 9))).position_probabilities()
     state = rng.choice(np.flatnonzero(GAME.playable), 20_000)
     place = (rng.random((len(state), 1)) > target[state].cumsum(axis=1)).sum(axis=1).clip(0, 8).astype(np.int8)
-    found = tilted_positions(positions_of(bc), GAME, state, place)
-    before, after = (np.abs(each - target)[state].sum(axis=1).mean() for each in (positions_of(bc), found))
+    found = tilted_positions(bc.position_probabilities(), GAME, state, place)
+    before, after = (np.abs(each - target)[state].sum(axis=1).mean() for each in (bc.position_probabilities(), found))
     assert after < 0.35 * before
-    nothing = tilted_positions(positions_of(bc), GAME, state[:0], place[:0])
-    np.testing.assert_allclose(nothing, positions_of(bc))
+    nothing = tilted_positions(bc.position_probabilities(), GAME, state[:0], place[:0])
+    np.testing.assert_allclose(nothing, bc.position_probabilities())
 
 
 class Oracle:
@@ -254,7 +253,11 @@ def test_the_posterior_is_that_of_bayes_and_forgets(arena: Arena) -> None:
     (rally,) = observed(GAME, (types["bc"], types["defensive"]), 1, 3)
     found = [
         sum(
-            np.log(max(policy.probability_of(np.array([pair]))[0] if not own else positions_of(policy)[state, place], 1e-4))
+            np.log(
+                max(
+                    policy.probability_of(np.array([pair]))[0] if not own else policy.position_probabilities()[state, place], 1e-4
+                )
+            )
             for pair, own, state, place in zip(rally.pair, rally.own, rally.state, rally.position, strict=True)
         )
         for policy in types.values()

@@ -383,7 +383,6 @@ def test_an_object_of_another_task_is_refused(tmp_path: Path) -> None:
 
 def test_what_positions_change_is_estimated() -> None:
     game = load_game(f"{reduced_model()}:recovery")
-    assert game.recovery is not None
     random = tabulate(resolve("random", game), game)
     log = play_log((random, random), 150_000, 0)
     unknown = dataclasses.replace(game.recovery, effect=np.zeros_like(game.recovery.effect))
@@ -392,7 +391,6 @@ def test_what_positions_change_is_estimated() -> None:
     number = np.zeros(game.recovery.effect.shape[1:])
     np.add.at(number, (game.catalogue.shot[stroke], game.catalogue.area[stroke], log.waited), 1)
     often = np.where(number > 2000, number, 0)
-    assert found.recovery is not None
 
     def compared(effect: Any) -> Any:
         """Only differences between the positions of a stroke matter."""

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.exact.profile import positions_of
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.recovery import CENTRE
 from shuttle_marl.suite import population
@@ -39,7 +38,7 @@ def test_an_opponent_plays_what_started_last() -> None:
 def test_habits_of_position_follow_the_own_stroke() -> None:
     policy = waiting(random_policy(HIDDEN, 0), 0)
     shift = np.random.default_rng(1).normal(size=(14, 9))
-    before, found = positions_of(policy), positions_of(population.waiting(policy, shift))
+    before, found = policy.position_probabilities(), population.waiting(policy, shift).position_probabilities()
     for state in range(0, HIDDEN.n_states, 17):
         weight = before[state] * np.exp(shift[HIDDEN.incoming_shot(state)])
         np.testing.assert_allclose(found[state], weight / weight.sum(), atol=2e-5)

@@ -45,7 +45,7 @@ def simulated(player: TabulatedPolicy, against: TabulatedPolicy, seed: int) -> t
         unseen[counting] = infos["unseen"][counting]
         state, draw = env.versus.rows.state, rng.integers(CHOICE_ONE, size=(2, ROWS))
         strokes = game.pair_stroke[first[state] + player.choose(state, draw[0])]
-        if game.recovery is not None:
+        if game.hides:
             strokes = np.where(env.versus.waits, game.n_strokes + player.choose_position(state, draw[1]), strokes)
         _, rewards, over, _, infos = env.step(strokes)
         won += (rewards[over & counting] > 0).sum()

@@ -67,7 +67,7 @@ def test_who_knows_what_is_hidden_reaches_the_optimum(name: str) -> None:
     case = task.cases(arena)[0]
     found = task.score(arena, case, 0, OMNISCIENT[name](arena, case))
     assert found[task.metric] == pytest.approx(found["best"] if task.optimum is None else task.optimum, abs=0.01)
-    assert (arena.game.recovery is not None) == task.recovery == ("position of the receiver" in task.hidden)
+    assert (arena.game.hides) == task.recovery == ("position of the receiver" in task.hidden)
 
 
 SEEDS = ("5" * 64, "secret")
@@ -96,7 +96,7 @@ def test_opponents_and_games_of_a_round_are_drawn(tmp_path: Path) -> None:
     one, other = (opponent_of(each, case) for each in drawn)
     assert one.hash != other.hash
     assert one.game.hash != other.game.hash
-    assert all(each.game.recovery is not None for each in drawn)
+    assert all(each.game.hides for each in drawn)
     golden.check("drawn_game", {"round": golden.weighted_sum(drawn[0].game.threshold.astype(float))})
     # Learners train in the drawn game.
     folder = run("exploit-v1", "ppo", tmp_path / "run", split="round", seed=SEEDS[0])

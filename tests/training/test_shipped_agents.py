@@ -82,9 +82,9 @@ def test_logits_may_be_as_large_as_float32_allows() -> None:
     game, largest = tiring_game(), float(np.finfo(np.float32).max)
     n, levels = game.n_strokes, game.levels
     sizes = {"own": n + 1, "incoming": n + 1, "contact": 2, "duel": LONGEST_DUEL + 1, "effort": levels, "opponent_effort": levels}
-    zeros = {name: np.zeros((size, 1)) for name, size in (sizes | {"hurried": 2}).items()}
+    zeros = {name: np.zeros((size, 1)) for name, size in (sizes | {"hurried": 2, "position": 2}).items()}
     for bias, fits in ((largest, True), (np.nextafter(largest, np.inf), False)):
-        policy = PolicyNetwork(**zeros, position=None, layers=((np.zeros((n, 1)), np.full(n, bias)),))
+        policy = PolicyNetwork(**zeros, layers=((np.zeros((n, 1)), np.full(n, bias)),))
         with nullcontext() if fits else pytest.raises(PolicyError, match="the network gives no finite numbers in state"):
             found, uniform = policy.table(game), tabulate(registry.resolve("random", game), game)
             assert np.abs(found.cumulative.astype(int) - uniform.cumulative).max() <= 1

@@ -24,7 +24,6 @@ def test_a_rally_goes_on_from_each_of_its_strokes() -> None:
     for number in range(3):
         about = number, ("a", "b"), Score(server=number % 2)
         rally = play_rally(small_recovery_game(), POLICIES, stream(7, 0, number), about, {})
-        assert rally.waited is not None
         assert len(rally.waited) == len(rally.stroke) == len(rally.hurried)
         for kept in range(len(rally.stroke)):
             again = play_rally(small_recovery_game(), POLICIES, stream(7, 0, number), about, {}, begun=(rally, kept))
@@ -37,9 +36,9 @@ def test_positions_of_kept_strokes_may_be_unknown() -> None:
     about = 0, ("a", "b"), Score(server=0)
     rallies = (play_rally(small_recovery_game(), POLICIES, stream(seed, 0, 0), about, {}) for seed in range(20))
     rally = next(rally for rally in rallies if len(rally.stroke) > 3)
-    unknown = dataclasses.replace(rally, waited=None)
+    unknown = dataclasses.replace(rally, waited=np.full(len(rally), -1))
     again = play_rally(small_recovery_game(), POLICIES, np.zeros(1, np.uint64), about, {}, begun=(unknown, 2))
-    assert again.waited is None
+    assert (again.waited < 0).all()
     assert (again.stroke[:2] == rally.stroke[:2]).all()
 
 
@@ -55,7 +54,7 @@ def test_rallies_are_played_to_their_end_or_to_the_turn_of_a_person() -> None:
     for number in range(20):
         rally = play(number)
         lengths.add(len(rally))
-        assert (rally.turn, rally.receives, rally.chosen, rally.waited) == (None, False, (), None)
+        assert (rally.turn, rally.receives, rally.chosen, rally.waited.max()) == (None, False, (), -1)
         assert rally.ending < RETURNED_BELOW
         assert rally.winner in (0, 1)
         assert (rally.server, rally.key) == (number % 2, int(stream(5, 0, number)[0]) >> 1)

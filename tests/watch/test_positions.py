@@ -73,7 +73,6 @@ def test_no_message_depends_on_what_is_hidden_at_a_turn(policies: PolicyTables, 
         chosen = with_choice(plan, rally, policies.game, np.random.default_rng(1))
         following = Match(chosen, policies).rally(rally.number, PERSON)
         monkeypatch.undo()
-        assert following.waited is not None
         return before, int((following.stroke if rally.receives else following.waited)[len(rally)])
 
     seen, told = {False: 0, True: 0}, {False: 0, True: 0}
@@ -97,7 +96,7 @@ def test_the_stroke_of_the_opponent_does_not_depend_on_where_a_person_waits(poli
             plans = [msgspec.structs.replace(plan, waited=waited) for waited in waits]
             rallies = [Match(one, policies).rally(rally.number, PERSON) for one in plans]
             assert len({int(one.stroke[at]) for one in rallies}) == 1
-            assert [int(one.waited[at]) for one in rallies if one.waited is not None] == feasible.tolist()
+            assert [int(one.waited[at]) for one in rallies if one.waited[at] >= 0] == feasible.tolist()
             compared += 1
     assert compared > 5
 
@@ -114,7 +113,6 @@ def test_rallies_of_a_person_are_recorded_and_replayed(policies: PolicyTables, t
     assert (checked.problems, checked.replayed, checked.rallies) == ((), True, len(finished))
     shown = LogRallies(path, policies.game)
     for number, rally in enumerate(finished):
-        assert rally.waited is not None
         assert shown.rally(number).waited.tolist() == rally.waited.tolist()
     with RallyLog(path) as read:
         assert read.rally(0).waited.tolist() == finished[0].waited.tolist()
@@ -171,9 +169,9 @@ def test_perfect_play_waits_where_the_solution_does(policies: PolicyTables) -> N
 def test_real_receivers_wait_where_they_were_annotated() -> None:
     game = load_game("default:recovery")
     shown = RealRallies(SAMPLE, game)
-    waited = np.concatenate([rally.waited for rally in map(shown.rally, range(30)) if rally.waited is not None])
+    waited = np.concatenate([rally.waited for rally in map(shown.rally, range(30)) if rally.waited[0] >= 0])
     assert len(np.unique(waited)) > 5
-    assert all(rally.waited is None for rally in map(RealRallies(SAMPLE, load_game()).rally, range(5)))
+    assert all((rally.waited < 0).all() for rally in map(RealRallies(SAMPLE, load_game()).rally, range(5)))
 
 
 def test_a_position_is_tried_in_a_recorded_rally(policies: PolicyTables, tmp_path: Path) -> None:

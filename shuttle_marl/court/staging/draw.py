@@ -219,7 +219,7 @@ class TrajectoryBuilder:
                 out[seat] = self.measured.base[self.shot[i], 4]
             else:
                 out[seat] = self.measured.base[self.shot[last], self.area[last]]
-        if self.rally.waited is not None:
+        if self.rally.waited[i] >= 0:
             receiver = 1 - self._striker(i)
             forehand = 1.0 if self.players[receiver].right_handed else -1.0
             out[receiver] = waiting_places()[self.rally.waited[i]] * (forehand, -1.0)

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.optimal import best_response, restricted_response
-from shuttle_marl.exact.profile import PairPolicy, StatePolicy, positions_of
+from shuttle_marl.exact.profile import PairPolicy, StatePolicy
 from shuttle_marl.game.policy import TabulatedPolicy, position_shares, tabulate
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import Game
@@ -136,7 +136,7 @@ def waited(prior: StatePolicy, seen: Sequence[PlayedRally]) -> F64:
     """``[S, 9]`` positions of an opponent: those of a prior, tilted towards what was seen after each shot type that it played."""
     state = np.concatenate([np.zeros(0, np.int32), *(rally.state[rally.own] for rally in seen)])
     place = np.concatenate([np.zeros(0, np.int8), *(rally.position[rally.own] for rally in seen)])
-    return tilted_positions(positions_of(prior), prior.game, state, place)
+    return tilted_positions(prior.position_probabilities(), prior.game, state, place)
 
 
 def tilted_positions(prior: F64, game: Game, state: I32, place: I8) -> F64:
@@ -165,7 +165,7 @@ def mean_of(types: Sequence[TabulatedPolicy], weight: F64, *, least: float = 0.0
         least: weight of a type from which on its positions count.
     """
     kept = np.where(weight > least, weight, 0)
-    parts = [share * positions_of(policy) for policy, share in zip(types, kept / kept.sum(), strict=True) if share]
+    parts = [share * policy.position_probabilities() for policy, share in zip(types, kept / kept.sum(), strict=True) if share]
     return PairPolicy(game=types[0].game, probability=weight @ chances(tuple(types)), positions=np.sum(parts, axis=0))
 
 

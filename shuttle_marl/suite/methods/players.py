@@ -10,11 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from shuttle_marl.base.arrays import Bools
 from shuttle_marl.exact import restricted_response
 from shuttle_marl.exact.play import cells_of, lists
-from shuttle_marl.exact.profile import PairPolicy, positions_of
+from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.computed import deterministic, minimax_policy, mixture
 from shuttle_marl.recording.logs import blank, play_log
 from shuttle_marl.suite.adapt import observed
@@ -67,6 +69,11 @@ def constant_by_incoming(setting: PlayerSetting) -> Trained:
     return constant(setting, "incoming_shot", "contact")
 
 
+def decisions(game: Game, own: Bools) -> int:
+    """Decisions of a player: the strokes that are their own, and with recovery a position at each of the other strokes."""
+    return int(own.sum()) + game.hides * int((~own).sum())
+
+
 def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Trained:
     """Counts of the opponent's choices against perfect play, shrunken towards bc, and the restricted response in the game.
 
@@ -75,7 +82,7 @@ def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Tr
     game = setting.game
     number = max(1, min(setting.budget, _COUNTED) // _STROKES)
     seen = list(observed(game, (minimax_policy(game), setting.against), number, setting.seed))
-    used = sum(len(rally.own) if game.hides else int(rally.own.sum()) for rally in seen)
+    used = sum(decisions(game, rally.own) for rally in seen)
     return Trained(player=respond(counted(setting.policy("bc"), seen), float(argument)), strokes=used)
 
 
@@ -117,19 +124,17 @@ def estimated(setting: PlayerSetting, options: Boosting) -> tuple[PairPolicy, in
         # Own strokes, and with recovery positions; those of the other side too where that is the learner's.
         number = int(0.45 * min(setting.budget / (1 + game.hides) / (1 + both), options.most)) - _MARGIN
         log = play_log((player, player if both else setting.against), number, 2 * setting.seed + turn)
-        used += len(log) * (1 + both) if game.hides else len(log) if both else int(log.own.sum())
+        used += sum(decisions(game, own) for own in (log.own, ~log.own)[: 1 + both])
         logs.append(log)
         pair, outcome, place, own, state = (
             np.concatenate([getattr(log, name) for log in logs]) for name in ("pair", "outcome", "waited", "own", "state")
         )
         trees = options.trees if turn else options.trees // 2  # a plan needs less than the result
         model = game_of(rules, boosted(rules, pair, outcome, trees, setting.seed, _COLUMNS, **fitting))
-        if game.hides:
-            model = with_positions(model, pair, outcome, place)
+        model = with_positions(model, pair, outcome, place)
         estimate = PairPolicy(game=model, probability=cloned(rules, pair[~own], shrink=SHRINK))
-        if game.hides:
-            places = tilted_positions(positions_of(estimate), model, state[own], place[own])
-            estimate = dataclasses.replace(estimate, positions=places)
+        places = tilted_positions(estimate.position_probabilities(), model, state[own], place[own])
+        estimate = estimate.waiting_at(places)
         if not turn:
             player = mixture([in_game(planned(setting, estimate, options.p), game), uniform], [1 - _EXPLORE, _EXPLORE])
     return estimate, used

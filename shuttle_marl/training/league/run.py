@@ -65,7 +65,7 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
     check_processes(1 if config.ray is not None else config.workers)
     begun = time.monotonic()
     game = resolve_game(config.game, config.profile)
-    config = dataclasses.replace(config, meta_solver=config.meta_solver or ("nash" if game.recovery is None else "linear"))
+    config = dataclasses.replace(config, meta_solver=config.meta_solver or ("linear" if game.hides else "nash"))
     names = config.pool or tuple(name for name in POOL if name in registry.names(game)) or ("random",)
     given = dict(zip(names, registry.tabulated(names, game), strict=True))
     fixed, console = config.fixed(), console or Console(quiet=True)
