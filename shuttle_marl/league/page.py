@@ -308,6 +308,10 @@ def compare(folders: Sequence[Path]) -> bytes:
             trained.append(read_curve(folder, name_of_run))
         else:
             raise LeagueError(f"{folder}: contains neither a finished tournament ({REPORT}) nor a training run ({runs.METRICS})")
+    told: list[tuple[str, object]] = [*tournaments.items(), *((run.name, run.rows) for run in trained)]
+    for (first, one), (second, other) in itertools.combinations(told, 2):
+        if one == other:
+            raise LeagueError(f"{first} and {second} are the same run; give one of them")
     return render(
         __package__,
         "comparison.html.j2",
