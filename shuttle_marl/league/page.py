@@ -308,6 +308,10 @@ def compare(folders: Sequence[Path]) -> bytes:
             trained.append(read_curve(folder, name_of_run))
         else:
             raise LeagueError(f"{folder}: contains neither a finished tournament ({REPORT}) nor a training run ({runs.METRICS})")
+    told: list[tuple[str, object]] = [*tournaments.items(), *((run.name, run.rows) for run in trained)]
+    for (first, one), (second, other) in itertools.combinations(told, 2):
+        if one == other:
+            raise LeagueError(f"{first} and {second} are the same run; give one of them")
     return render(
         __package__,
         "comparison.html.j2",
@@ -364,10 +368,12 @@ def _rated(rows: Iterable[Mapping[str, Any]], caption: str = "") -> Table:
         at = [round(100 * (each - low) / (high - low), 2) for each in (least, value, most, exact, 0.0)]
         return Cell(text, value, span=Span(*at))
 
-    group = [Column[Any]("group", lambda row: number(row["group"], ".0f"), about="groups are not compared")]
+    def named(row: Mapping[str, Any]) -> Cell:
+        return name(f"{row['player']} (group {row['group']:.0f})" if apart else str(row["player"]))
+
     scale = f"rating and 95 % interval, from {low:+.0f} to {high:+.0f} Elo points; diamond: exact"
-    columns = [Column[Any]("player", lambda row: name(str(row["player"])), left=True), *(group if apart else ())]
-    return table(rows, [*columns, Column(scale, drawn, left=True)], caption)
+    columns = [Column[Any]("player", named, left=True), Column[Any](scale, drawn, left=True)]
+    return table(rows, columns, caption)
 
 
 def _rating_columns(run: str, ranking: Mapping[str, Mapping[str, float]]) -> list[Column[str]]:

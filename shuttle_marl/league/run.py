@@ -109,6 +109,9 @@ class _Run:
         self.results = self.read_results(finished=finished)
         if finished:
             _say(self.console, f"{self.folder}: already finished")
+            known = self.stages(self.results)
+            for stage in range(1, len(known) + 1):
+                self.has_log(known[:stage])
             standings = rank(config.pool, self.results, config.seed, self.exact())
             return LeagueRun(folder=run.folder, standings=standings, results=self.results)
         begun = time.monotonic()
@@ -205,13 +208,37 @@ class _Run:
 
     def recorder(self, known: Sequence[Sequence[Pairing]]) -> RallyRecorder | None:
         """The recorder of the last stage in ``known``; None if nothing remains to be recorded."""
-        config, results, stage = self.config, self.results, len(known) - 1
-        path = self.folder / log_name(stage)
-        first, end = known[-1][0].number, known[-1][-1].number + 1
-        every = Sampling.parse(config.record).every
-        if not every:
+        every = Sampling.parse(self.config.record).every
+        if not every or (len(self.results) > known[-1][-1].number and self.has_log(known)):
             return None
-        header = LogHeader(
+        path = self.folder / log_name(len(known) - 1)
+        if every == 1:
+            recorded = self.played_in(known[-1])
+        else:
+            recorded = rallies_of_pairings(path, min(len(self.results), known[-1][-1].number + 1))
+        return RallyRecorder(resume_log(path, self.header(known), recorded))
+
+    def played_in(self, stage: Sequence[Pairing]) -> int:
+        """Number of the rallies of the finished pairings of a stage."""
+        done = self.results[stage[0].number : stage[-1].number + 1]
+        return sum(counts["rallies"] for result in done for counts in result.seats)
+
+    def has_log(self, known: Sequence[Sequence[Pairing]]) -> bool:
+        """Whether the log of the last stage in ``known``, which is played, is there; an error if it is another one."""
+        path = self.folder / log_name(len(known) - 1)
+        if path.exists():
+            with RallyLog(path) as log:
+                whole = Sampling.parse(self.config.record).every != 1 or log.n_rallies == self.played_in(known[-1])
+                expected = self.header(known)
+                if not whole or dataclasses.replace(log.header, software=expected.software) != expected:
+                    told = "is the log of another run; restore it, or play the tournament again with --overwrite"
+                    raise LeagueError(f"{path}: {told}")
+        return path.exists()
+
+    def header(self, known: Sequence[Sequence[Pairing]]) -> LogHeader:
+        """The header of the log of the last stage in ``known``."""
+        config = self.config
+        return LogHeader(
             seed=config.seed,
             game=self.game.hash,
             strokes=self.game.catalogue.names,
@@ -222,18 +249,6 @@ class _Run:
             columns=columns_of(self.game),
             pair=Pair.of(self.game),
         )
-        if path.exists() and len(results) >= end:
-            with RallyLog(path) as log:
-                if log.header != header:
-                    raise LeagueError(
-                        f"{path}: is the log of another run; restore it, or play the tournament again with --overwrite"
-                    )
-            return None
-        if every == 1:
-            recorded = sum(counts["rallies"] for result in results[first:end] for counts in result.seats)
-        else:
-            recorded = rallies_of_pairings(path, min(len(results), end))
-        return RallyRecorder(resume_log(path, header, recorded))
 
     def exact(self) -> ExactOdds:
         config = self.config

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import itertools
 import re
 import warnings
@@ -247,27 +248,36 @@ def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[list[LogFil
                 parts = _open_parts(path, opened)
                 logs.append(parts)
                 for log in logs[:-1]:
-                    if _same(log[0], parts[0]) or _same(parts[0], log[0]):
+                    shared = _shared(log[0], parts[0]), _shared(parts[0], log[0])
+                    if any(each and all(each) for each in shared):
                         left, kept = sorted((parts, log), key=lambda files: sum(int(file.rallies.sum()) for file in files))
                         told = f"{left[0].path}: left out, because it holds the rallies of {kept[0].path.name}"
                         warnings.warn(told, stacklevel=3)
                         logs.remove(left)
                         break
+                    if any(map(any, shared)):
+                        both = f"{log[0].path.name} and {path.name}"
+                        raise RecordingError(f"{folder}: {both} share some of their rallies; read them one by one")
     if not logs:
         raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does")
     return logs
 
 
-def _same(one: LogFile, other: LogFile) -> bool:
-    """Whether the first rallies of a file are in another one, and both of one seed, game and form."""
+def _shared(one: LogFile, other: LogFile) -> list[bool]:
+    """For each pairing of a file, whether its first rallies there are in another one; empty if seed, game or form differ."""
     alike = ("seed", "game", "strokes", "rules", "draws", "columns")
     if any(getattr(one.header, name) != getattr(other.header, name) for name in alike):
-        return False
-    first = _told_apart(other, 0)[:_ENOUGH] if len(other.rallies) else []
+        return []
+    rows = functools.cache(_told_apart)
     keys = {key: number << 32 for number, key in enumerate(one.header.pairings)}
-    places = np.array([keys[key] | match for key, match, *_ in first if key in keys], np.uint64)[:, None]
-    batches = np.flatnonzero(((one.first_match <= places) & (places <= one.last_match)).any(axis=0)).tolist()
-    return bool(batches) and {*first} <= set().union(*(_told_apart(one, i) for i in batches))
+    found: list[bool] = []
+    for number, key in enumerate(other.header.pairings):
+        held = (other.first_match < np.uint64(number + 1 << 32)) & (np.uint64(number << 32) <= other.last_match)
+        first = [row for row in (rows(other, int(held.argmax())) if held.any() else ()) if row[0] == key][:_ENOUGH]
+        places = np.array([keys[key] | match for _, match, *_ in first if key in keys], np.uint64)[:, None]
+        batches = np.flatnonzero(((one.first_match <= places) & (places <= one.last_match)).any(axis=0)).tolist()
+        found += [{*first} <= set().union(*(rows(one, i) for i in batches))] * bool(first)
+    return found
 
 
 def _told_apart(file: LogFile, i: int) -> list[tuple[Any, ...]]:
@@ -501,7 +511,8 @@ def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
     """Check that every rally follows from the previous rally of its match, and that it belongs to the sample."""
     header = files[0].header
     sampling, matches = Sampling.parse(header.record), _Matches(header.rules)
-    problems: list[str] = []
+    problems = [f"{files[0].path.name} is part {header.part} of a log whose earlier parts are missing"] * bool(header.part)
+    begun = [np.empty(0, np.uint64)]
     number, matches.all_known = header.first_rally, header.first_rally == 0
     for file in files:
         for i in range(len(file.rallies)):
@@ -512,12 +523,18 @@ def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
                 # Later ones may belong to matches whose start was not seen.
                 matches.open_, matches.all_known = matches.open_[:0], False
             number = first + len(rallies)
+            starts = rallies.rally == 0
+            begun.append(rallies.pairing[starts].astype(np.uint64) << np.uint64(32) | rallies.match[starts])
             bad = np.flatnonzero(matches.breaks(rallies))
             if len(bad):
                 problems.append(f"rally {offset + first + int(bad[0])} does not follow from the rally before it")
             strange = np.flatnonzero(~sampling.keeps(header, rallies.pairing, rallies.match))
             if len(strange):
                 problems.append(f"rally {offset + first + int(strange[0])} does not belong to {header.record}")
+    again, times = np.unique(np.concatenate(begun), return_counts=True)
+    if (times > 1).any() and "seed" not in header.columns:
+        pairing, match = divmod(int(again[times.argmax()]), 1 << 32)
+        problems.append(f"match {match} of pairing {pairing} begins {times.max()} times")
     if matches.in_order and len(matches.open_) > 1 and "seed" not in header.columns:
         pairing, match = matches.open_[0, :2]
         problems.append(f"match {match} of pairing {pairing} breaks off")

@@ -281,10 +281,14 @@ def test_what_cannot_be_resumed(small: dict[str, Any], tmp_path: Path) -> None:
         run_league(LeagueConfig(**config, resume=True))
     manifest.unlink()
     log = tmp_path / "run" / "rallies.mcap"
-    run_league(LeagueConfig(**config | {"seed": 1, "out": tmp_path / "other"}))
-    log.write_bytes((tmp_path / "other/rallies.mcap").read_bytes())
-    with pytest.raises(LeagueError, match="the log of another run"):
-        run_league(LeagueConfig(**config, resume=True))
+    for change in ({"seed": 1}, {"matches": 4}):
+        run_league(LeagueConfig(**config | change | {"out": tmp_path / "other"}, overwrite=True))
+        log.write_bytes((tmp_path / "other/rallies.mcap").read_bytes())
+        for state in ("running", "finished"):
+            manifest.write_text(json.dumps({**about, "status": state}))
+            with pytest.raises(LeagueError, match="the log of another run"):
+                run_league(LeagueConfig(**config, resume=True))
+    manifest.unlink()
     log.unlink()
     with pytest.raises(RecordingError, match="is missing"):
         run_league(LeagueConfig(**config, resume=True))

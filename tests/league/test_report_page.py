@@ -200,6 +200,7 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
     for folders, says in (
         ([], "give one run"),
         ([run, run], "given twice"),
+        ([run, training_run(tmp_path / "copy", 0, 0.1, 0.1)], "run and copy are the same run"),
         ([tmp_path / "empty"], "neither a finished tournament"),
         ([tmp_path / "gone"], "neither a finished tournament"),
     ):

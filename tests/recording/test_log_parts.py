@@ -1,5 +1,6 @@
 """Logs of several files: parts by size, and folders with the logs of several writers."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -55,6 +56,8 @@ class TestParts:
             with pytest.raises(RecordingError, match=f"no rally {first}"):
                 log.rally(first)
         assert f"rallies {first} to {end - 1} are missing, before others of a.2.mcap" in check(in_parts).problems
+        alone = check(part_path(in_parts, 2)).problems
+        assert "a.2.mcap is part 2 of a log whose earlier parts are missing" in alone
 
     def test_parts_of_another_log_do_not_belong(self, in_parts: Path, rallies, header, tmp_path: Path) -> None:
         other = tmp_path / "b.mcap"
@@ -243,3 +246,13 @@ class TestFolders:
             assert both.numbers_of_match(1, 90, rally=300).tolist() == [290]
             with pytest.raises(RecordingError, match=r"b\.mcap, c\.mcap have a match 90 of pairing 1 each; name one"):
                 both.numbers_of_match(1, 90)
+
+    def test_logs_that_share_a_part_of_their_rallies_are_not_added_up(self, tmp_path: Path, rallies, header) -> None:
+        whole, other = rallies(200), dataclasses.replace(rallies(50, seed=9), pairing=np.ones(50, np.uint32))
+        shared = whole.slice(0, int((whole.pairing == 0).sum()))
+        for name, pairings, parts in (("a", (3, 4, 5), [whole]), ("b", (3, 99), [shared, other])):
+            with RallyLogWriter(tmp_path / f"{name}.mcap", header(pairings=pairings), batch_rallies=64) as log:
+                for part in parts:
+                    log.append(part)
+        with pytest.raises(RecordingError, match=r"a\.mcap and b\.mcap share some of their rallies; read them one by one"):
+            RallyLog(tmp_path)

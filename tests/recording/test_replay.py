@@ -286,6 +286,13 @@ def test_arbitrary_rallies_are_wrong_but_never_an_error(log_file: Path) -> None:
     assert len(check(log_file, GAME).problems) >= 2
 
 
+def test_a_match_that_is_there_twice_is_noticed(played: Path, tmp_path: Path) -> None:
+    with RallyLog(played) as log, RallyLogWriter(tmp_path / "twice.mcap", log.header) as twice:
+        for _ in range(2):
+            twice.append(log.batch(0)[1])
+    assert "match 0 of pairing 0 begins 2 times" in check(tmp_path / "twice.mcap").problems
+
+
 def test_check_and_recover(played: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(played)]) == 0
     assert "replayed with equal outcomes" in capsys.readouterr().out
