@@ -96,6 +96,8 @@ def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
     if (cleaned := _cleaned(path)) is not None:
         return cleaned.strokes, cleaned.account
     strokes, account = _read(path)
+    for violation in violations(strokes, of_order=True):  # the score is counted in the order of the rows
+        raise DataError(path, f"{violation}; sort by game, rally and stroke in each match, or {_again()}")
     if told := _lack(strokes, account):
         warnings.warn(f"{path}: {told}", stacklevel=2)
     return strokes, account or Account.of(strokes)
