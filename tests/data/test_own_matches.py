@@ -61,6 +61,8 @@ def test_one_match_under_two_names_is_not_fitted(tmp_path: Path, capsys: pytest.
     capsys.readouterr()
     assert main(["validate", out]) == 0
     assert "has the strokes of game 1 of 'final'" in capsys.readouterr().out
+    with pytest.warns(UserWarning, match="has the strokes of game 1 of 'final': are they one"):  # also where it is not fitted
+        read_matches(out)
     assert dynamics.main(["fit", "--data", out, "--out", str(tmp_path / "m"), "--validation-share", "0.5"]) == 1
     assert "would count its strokes twice" in " ".join(capsys.readouterr().err.split())
 
