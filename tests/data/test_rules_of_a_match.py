@@ -153,6 +153,13 @@ def test_a_score_that_the_rules_do_not_allow_is_refused(tmp_path: Path) -> None:
         read_matches(tmp_path / "match.csv", tmp_path / "map.toml", "15")
 
 
+def test_a_game_after_the_end_of_a_match_does_not_change_its_rules_silently(tmp_path: Path) -> None:
+    games = [(1, 0, 0)] * 21 + [(2, 0, 0)] * 21 + [(3, 0, 1)] * 21  # the third is of practice
+    imported(table(games, ("game", "winner")), tmp_path)
+    with pytest.warns(UserWarning, match=r"the rules are 21x5, by the scores, and not those of the sport, 21, 15, 11: are all"):
+        read_matches(tmp_path / "match.csv", tmp_path / "map.toml")
+
+
 def test_a_column_names_the_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rallies, _ = played("15", np.random.default_rng(5))
 
