@@ -75,9 +75,13 @@ class Rallies:
         self.ending = sheet.words("ending", 0)
         stops = np.isin(self.ending, [_ENDINGS.index(word) for word in STOPS])
         self.stopped = np.isin(self.group, self.group[stops])
+        ends = dict(zip(self.match.tolist(), self.group.tolist(), strict=True))  # last rally of each match
         for row in np.flatnonzero(stops).tolist():
             told = f"match {str(self.match[row])!r} was not finished: {_ENDINGS[self.ending[row]]}"
             sheet.notes += [told] if told not in sheet.notes else []
+            if ends[self.match[row]] > self.group[row]:
+                asked = "this ends a match, and rallies of it follow; remove them, or give the rally another ending"
+                sheet.mark(row, f"ending {_ENDINGS[self.ending[row]]!r}; {asked}")
             self.ending[row] = _ENDINGS.index("unknown")
         self.player, self.opponent = players_of(sheet, self.match, self.game)
 

@@ -55,6 +55,15 @@ def test_all_problems_are_listed_once(mapped: bool, tmp_path: Path, capsys: pyte
     assert main(["validate", *flags]) == 0
 
 
+def test_no_match_goes_on_after_a_player_retired(tmp_path: Path) -> None:
+    rallies = ["game,rally,player,opponent,shot,ending", "1,1,ada,bea,short serve,out", "1,2,bea,ada,short serve,retired"]
+    (tmp_path / "own.csv").write_text("\n".join(rallies), encoding="utf-8")
+    assert read_matches(tmp_path / "own.csv")["reason"].to_pylist()[-1] == REASONS.index("stopped")
+    (tmp_path / "own.csv").write_text("\n".join([*rallies, "1,3,ada,bea,short serve,out"]), encoding="utf-8")
+    with pytest.raises(DataError, match="line 3: ending 'retired'; this ends a match, and rallies of it follow; remove them"):
+        read_matches(tmp_path / "own.csv")
+
+
 def test_one_match_under_two_names_is_not_fitted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "o.parquet")
     assert main(["import", str(CASES / "one_match_under_two_names" / "another_name.csv"), "--out", out]) == 0
