@@ -74,7 +74,10 @@ def test_nobody_wins_the_rally_in_which_a_player_retired(
     column: str, cells: tuple[str, ...], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = ("1,1,ada,bea,short serve,out", "1,2,bea,ada,short serve,landed", "1,3,bea,ada,short serve,retired")
-    lines = [f"game,rally,player,opponent,shot,ending,{column}", *(f"{row},{cell}" for row, cell in zip(rows, cells, strict=True))]
+    lines = [
+        f"game,rally,player,opponent,shot,ending,{column}",
+        *(f"{row},{cell}" for row, cell in zip(rows, cells, strict=True)),
+    ]
     (tmp_path / "own.csv").write_text("\n".join(lines), encoding="utf-8")
     assert main(["validate", str(tmp_path / "own.csv")]) == 0
     printed = capsys.readouterr().out
