@@ -143,6 +143,7 @@ def _carried(strokes: pa.Table) -> dict[str, RulesName]:
     return {match: name for match, name in both if name}
 
 
+_SPORT: Final = ("21", "15", "11")
 Doubts = list[tuple[str, str]]  # matches, and what is not certain of each
 
 
@@ -160,10 +161,13 @@ def told_rules(matches: Ends) -> tuple[dict[str, RulesName], Doubts]:
     told: Doubts = []
     for match, name in found.items():
         finishing = [other for other in possible[match] if fits[match][other][2] < fits[match][name][2]]
-        sure = name == "21" or (name in ("15", "11") and not fits[match][name][2])
+        sure = name == "21" or (name in _SPORT and not fits[match][name][2])
         others = finishing if finishing or sure else [other for other in possible[match] if other != name]
         if others and not any(least[match]):
             told.append((match, f"the rules, {name}, are not certain: {', '.join(others)} fit too; name them with --rules"))
+        elif name not in _SPORT:
+            asked = "are all games of one match? Name the rules with --rules"
+            told.append((match, f"the rules are {name}, by the scores, and not those of the sport, {', '.join(_SPORT)}: {asked}"))
         elif name != usual:
             told.append((match, f"the rules are {name}, by the scores, and those of most matches {usual}"))
         if least[match][0]:

@@ -36,6 +36,7 @@ _LET: Final = _ENDINGS.index("let")
 _UNFORCED, _FORCED = (_ENDINGS.index(word) for word in ("unforced-error", "forced-error"))
 _FAULTS, _WINNERS = ([_ENDINGS.index(word) for word in words] for words in (FAULTS, WINNERS))
 _REASON: Final = np.array([REASONS.index(word if word in REASONS else "unknown") for word in _ENDINGS])
+_NOBODYS: Final = "the rally in which the match was stopped, which nobody won; expected"
 _UNSAID: Final = REASONS.index("unknown")
 _MOST_MATCHES: Final = 10_000
 _SHORTEST: Final = min(rules.points for rules in RULES.values())
@@ -75,9 +76,13 @@ class Rallies:
         self.ending = sheet.words("ending", 0)
         stops = np.isin(self.ending, [_ENDINGS.index(word) for word in STOPS])
         self.stopped = np.isin(self.group, self.group[stops])
+        ends = dict(zip(self.match.tolist(), self.group.tolist(), strict=True))  # last rally of each match
         for row in np.flatnonzero(stops).tolist():
             told = f"match {str(self.match[row])!r} was not finished: {_ENDINGS[self.ending[row]]}"
             sheet.notes += [told] if told not in sheet.notes else []
+            if ends[self.match[row]] > self.group[row]:
+                asked = "this ends a match, and rallies of it follow; remove them, or give the rally another ending"
+                sheet.mark(row, f"ending {_ENDINGS[self.ending[row]]!r}; {asked}")
             self.ending[row] = _ENDINGS.index("unknown")
         self.player, self.opponent = players_of(sheet, self.match, self.game)
 
@@ -179,6 +184,10 @@ def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
         after, by_score = _by_score(rallies, known)
         both, rows = after[rallies.group], np.arange(len(sheet))
         points = {"points": both[rows, rallies.side], "points_opponent": both[rows, 1 - rallies.side]}
+    before = np.r_[np.zeros((1, 2)), after[:-1]]
+    before[rallies.fresh[rallies.first]] = 0
+    risen = rallies.stopped[rallies.first] & (after > before).any(axis=1)
+    sheet.warn(np.flatnonzero(last)[risen], f"points rise in {_NOBODYS} those before it")
     _fill(by_score, after, rallies, known)
     winner = np.where(winner < 0, by_score, winner)
     winner[rallies.stopped[rallies.first]] = -1  # nobody won it, whatever the points are
@@ -218,6 +227,8 @@ def _winners(rallies: Rallies) -> I64:
     names = spelled(sheet, "winner", rallies.game, rallies.match) if "winner" in sheet else ()
     for row, name in enumerate(names):
         both = (rallies.player[row], rallies.opponent[row])
+        if name and rallies.stopped[row] and rallies.last[row]:
+            sheet.warn([row], f"winner {shown(name)} of {_NOBODYS} no winner")
         if not name or rallies.stopped[row] or both[0] == both[1]:  # the last is reported already
             continue
         if player_id(name) not in both:

@@ -280,9 +280,9 @@ class Violation:
         return f"{self.rule}: {len(self.rows)} rows break it, first {self.example}"
 
 
-def violations(strokes: pa.Table) -> Iterator[Violation]:
-    """Every broken rule of a table of schema :data:`STROKES`."""
-    for rule, columns, bad in _rules(strokes):
+def violations(strokes: pa.Table, *, of_order: bool = False) -> Iterator[Violation]:
+    """Every broken rule of a table of schema :data:`STROKES`, or every one of the order of its rows."""
+    for rule, columns, bad in _order(_numbers(strokes), len(strokes)) if of_order else _rules(strokes):
         rows = np.flatnonzero(bad)
         if len(rows):
             values = strokes.slice(int(rows[0]), 1).to_pylist()[0]

@@ -55,10 +55,17 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
         strokes, doubts = cleaned.strokes, cleaned.warnings
     else:
         strokes = _of_folder(path) if raw else load_counted(path)[0]
-        strokes, doubts = (strokes, ()) if rules is None else with_rules(strokes, path, rules)
+        strokes, doubts = _told(strokes, path, rules)
     for told in doubts:
         warnings.warn(told, stacklevel=2)
     return strokes
+
+
+def _told(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, tuple[str, ...]]:
+    """The strokes of a table by the rules given or carried, and what is doubtful; those of published matches carry none."""
+    twice = () if (published := strokes["rules"].null_count == len(strokes)) else copies(strokes)
+    strokes, doubts = (strokes, ()) if published and rules is None else with_rules(strokes, path, rules)
+    return strokes, (*twice, *doubts)
 
 
 def _of_folder(root: Path) -> pa.Table:
@@ -96,6 +103,8 @@ def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
     if (cleaned := _cleaned(path)) is not None:
         return cleaned.strokes, cleaned.account
     strokes, account = _read(path)
+    for violation in violations(strokes, of_order=True):  # the score is counted in the order of the rows
+        raise DataError(path, f"{violation}; sort by game, rally and stroke in each match, or {_again()}")
     if told := _lack(strokes, account):
         warnings.warn(f"{path}: {told}", stacklevel=2)
     return strokes, account or Account.of(strokes)
@@ -259,7 +268,8 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
 
 def _validate_table(path: Path) -> Report:
     strokes, account = _read(path)
-    lost, problems, notes = _lack(strokes, account), [*map(str, violations(strokes))], copies(strokes)
+    lost, problems = _lack(strokes, account), [*map(str, violations(strokes))]
+    notes = [*dict.fromkeys((*copies(strokes), *(() if problems else _told(strokes, path)[1])))]
     if account is None:
         notes += [lost, "another program wrote this file, without an account: the counts are those of its rows"]
     else:

@@ -221,6 +221,15 @@ def test_another_schema(tmp_path: Path, strokes: pa.Table, change: Any, told: st
     assert told in str(caught.value)
 
 
+@pytest.mark.parametrize("order", [[("player", "ascending")], [("rally", "descending")]], ids=["by player", "reversed"])
+def test_rows_in_another_order_are_refused(file: Path, order: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    pq.write_table(pq.read_table(file).sort_by(order), file)  # with its account
+    with pytest.raises(DataError, match=r"rows break it, first row \d+ .*; sort by game, rally and stroke in each match, or"):
+        read_matches(file)
+    assert main(["summary", str(file)]) == 1
+    assert "sort by game" in capsys.readouterr().err
+
+
 def test_sound_tables_break_no_rule(strokes: pa.Table) -> None:
     assert list(violations(strokes)) == []
     assert list(violations(strokes.slice(0, 0))) == []

@@ -1,5 +1,6 @@
 """Matches of one's own through the command line: the template, all problems at once, files that are never written, and names."""
 
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -55,12 +56,42 @@ def test_all_problems_are_listed_once(mapped: bool, tmp_path: Path, capsys: pyte
     assert main(["validate", *flags]) == 0
 
 
+def test_no_match_goes_on_after_a_player_retired(tmp_path: Path) -> None:
+    rallies = ["game,rally,player,opponent,shot,ending", "1,1,ada,bea,short serve,out", "1,2,bea,ada,short serve,retired"]
+    (tmp_path / "own.csv").write_text("\n".join(rallies), encoding="utf-8")
+    assert read_matches(tmp_path / "own.csv")["reason"].to_pylist()[-1] == REASONS.index("stopped")
+    (tmp_path / "own.csv").write_text("\n".join([*rallies, "1,3,ada,bea,short serve,out"]), encoding="utf-8")
+    with pytest.raises(DataError, match="line 3: ending 'retired'; this ends a match, and rallies of it follow; remove them"):
+        read_matches(tmp_path / "own.csv")
+
+
+@pytest.mark.parametrize(("column", "cells", "told"), [
+    ("winner", ("bea", "bea", "ada"), "winner 'ada' of the rally .* nobody won; expected no winner"),
+    ("score", ("0-1", "0-2", "1-2"), "points rise in the rally .* nobody won; expected those before it"),
+    ("score", ("0-1", "0-2", "0-2"), ""),
+])  # fmt: skip
+def test_nobody_wins_the_rally_in_which_a_player_retired(
+    column: str, cells: tuple[str, ...], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = ("1,1,ada,bea,short serve,out", "1,2,bea,ada,short serve,landed", "1,3,bea,ada,short serve,retired")
+    lines = [
+        f"game,rally,player,opponent,shot,ending,{column}",
+        *(f"{row},{cell}" for row, cell in zip(rows, cells, strict=True)),
+    ]
+    (tmp_path / "own.csv").write_text("\n".join(lines), encoding="utf-8")
+    assert main(["validate", str(tmp_path / "own.csv")]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(f"line 4: {told}", printed) if told else "expected" not in printed, printed
+
+
 def test_one_match_under_two_names_is_not_fitted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "o.parquet")
     assert main(["import", str(CASES / "one_match_under_two_names" / "another_name.csv"), "--out", out]) == 0
     capsys.readouterr()
     assert main(["validate", out]) == 0
     assert "has the strokes of game 1 of 'final'" in capsys.readouterr().out
+    with pytest.warns(UserWarning, match="has the strokes of game 1 of 'final': are they one"):  # also where it is not fitted
+        read_matches(out)
     assert dynamics.main(["fit", "--data", out, "--out", str(tmp_path / "m"), "--validation-share", "0.5"]) == 1
     assert "would count its strokes twice" in " ".join(capsys.readouterr().err.split())
 

@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+from shuttle_marl.commands.data import main
 from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.data import DataError, read_matches
 from shuttle_marl.data.matches import real_rallies
@@ -151,7 +153,14 @@ def test_a_score_that_the_rules_do_not_allow_is_refused(tmp_path: Path) -> None:
         read_matches(tmp_path / "match.csv", tmp_path / "map.toml", "15")
 
 
-def test_a_column_names_the_rules(tmp_path: Path) -> None:
+def test_a_game_after_the_end_of_a_match_does_not_change_its_rules_silently(tmp_path: Path) -> None:
+    games = [(1, 0, 0)] * 21 + [(2, 0, 0)] * 21 + [(3, 0, 1)] * 21  # the third is of practice
+    imported(table(games, ("game", "winner")), tmp_path)
+    with pytest.warns(UserWarning, match=r"the rules are 21x5, by the scores, and not those of the sport, 21, 15, 11: are all"):
+        read_matches(tmp_path / "match.csv", tmp_path / "map.toml")
+
+
+def test_a_column_names_the_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rallies, _ = played("15", np.random.default_rng(5))
 
     def told(name: str, columns: Collection[str] = ("game", "winner")) -> pa.Table:
@@ -161,5 +170,11 @@ def test_a_column_names_the_rules(tmp_path: Path) -> None:
     assert set(told("15")["rules"].to_pylist()) == {"15"}
     assert set(told("15.0")["rules"].to_pylist()) == {"15"}, "as a spreadsheet writes it"
     assert told("15", ("winner",))["game"].to_pylist()[-1] == rallies[-1][0], "they number the games"
+    file = tmp_path / "match.parquet"
+    pq.write_table(told("21"), file)
+    with pytest.warns(UserWarning, match=r"a game ends \d+-\d+, before anybody has won it by the rules 21: by 15 none does"):
+        read_matches(file)
+    assert main(["validate", str(file)]) == 0
+    assert "by 15 none does; give other --rules" in capsys.readouterr().out
     with pytest.raises(DataError, match=r"unknown rules '16'; map it in \[values.rules\] to one of 21, 15, 11"):
         told("16")
