@@ -55,17 +55,22 @@ def read_matches(path: Path | str, columns: Path | str | None = None, rules: Rul
         strokes, doubts = cleaned.strokes, cleaned.warnings
     else:
         strokes = _of_folder(path) if raw else load_counted(path)[0]
-        strokes, doubts = _told(strokes, path, rules)
+        twice = [] if _published(strokes) else copies(strokes)
+        strokes, doubts = _by_rules(strokes, path, rules)
+        doubts = (*twice, *doubts)
     for told in doubts:
         warnings.warn(told, stacklevel=2)
     return strokes
 
 
-def _told(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, tuple[str, ...]]:
-    """The strokes of a table by the rules given or carried, and what is doubtful; those of published matches carry none."""
-    twice = () if (published := strokes["rules"].null_count == len(strokes)) else copies(strokes)
-    strokes, doubts = (strokes, ()) if published and rules is None else with_rules(strokes, path, rules)
-    return strokes, (*twice, *doubts)
+def _published(strokes: pa.Table) -> bool:
+    """Whether a table is of published or simulated matches, which carry no rules."""
+    return bool(strokes["rules"].null_count == len(strokes))
+
+
+def _by_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, tuple[str, ...]]:
+    """The strokes of a table by the rules given or carried, and what is doubtful about the rules."""
+    return (strokes, ()) if _published(strokes) and rules is None else with_rules(strokes, path, rules)
 
 
 def _of_folder(root: Path) -> pa.Table:
@@ -269,7 +274,7 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
 def _validate_table(path: Path) -> Report:
     strokes, account = _read(path)
     lost, problems = _lack(strokes, account), [*map(str, violations(strokes))]
-    notes = [*dict.fromkeys((*copies(strokes), *(() if problems else _told(strokes, path)[1])))]
+    notes = [*copies(strokes), *(() if problems else _by_rules(strokes, path)[1])]
     if account is None:
         notes += [lost, "another program wrote this file, without an account: the counts are those of its rows"]
     else:

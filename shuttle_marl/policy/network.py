@@ -106,16 +106,11 @@ class PolicyNetwork:
                     total = total + embedding[column]
                 strokes.append(total)
             levels = game.levels
-            sizes = {
-                "contact": 2,
-                "duel": LONGEST_DUEL + 1,
-                "effort": levels,
-                "opponent_effort": levels,
-                "hurried": 2,
-                "position": 2,
-            }
+            sizes = {"contact": 2, "duel": LONGEST_DUEL + 1, "effort": levels, "opponent_effort": levels, "hurried": 2}
+            if game.hides:
+                sizes["position"] = 2
             parts = {"position": np.zeros((2, width))}
-            parts |= {name: take(f"0.{name}.weight", sizes[name], width) for name in [*sizes][: 5 + game.hides]}
+            parts |= {name: take(f"0.{name}.weight", size, width) for name, size in sizes.items()}
             hidden = sorted({name.rpartition(".")[0] for name in known if name.startswith("0.layers.")}, key=_number)
             layers = [(take(f"{name}.weight", width, width), take(f"{name}.bias", width)) for name in hidden]
             layers.append((take("1.weight", game.n_actions, width), take("1.bias", game.n_actions)))
