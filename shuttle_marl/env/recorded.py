@@ -156,7 +156,7 @@ def recorder_of(batch: RallyBatch, record: Record, names: Sequence[str], rules: 
     if callable(record):
         return TapeReader(batch, record)
     log = Recording(record, batch.game, names, rules)
-    reader = TapeReader(batch, log.add, log.close)
+    reader = TapeReader(batch, log.add, log.close, thread=True)
     log.finish_with(reader)
     return reader
 
