@@ -54,7 +54,7 @@ AREAS: Final[dict[Area, tuple[str, ...]]] = {
     "workers": tuple(f"{_LEARN} --workers {n} --out {{out}}/{n}" for n in (1, 2, 8)),
     "staging": (
         f"{_LEAGUE} --matches 2 --no-exact --out {{out}}/played",
-        "recording scene {out}/played/rallies.mcap --best 2 --out {out}/scene.mcap",
+        "recording scene {out}/played/rallies.mcap --out {out}/scene.mcap",
     ),
     "reports": ("seeded reports",),
     "pages": (

@@ -143,13 +143,11 @@ def scene(
     rally: int | None = None,
     match: int | None = None,
     pairing: int = 0,
-    best: int | None = None,
-    fps: int = 50,
     policy: Policies = (),
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     model: RallyModel = RALLY_MODEL,
 ) -> None:
-    """Write rallies as a 3D scene for Foxglove or Lichtblick: --rally, --match or --best; by default the longest rally.
+    """Write rallies as a 3D scene for Foxglove or Lichtblick: --rally or --match; by default the longest rally.
 
     Args:
         path: a rally log, or a folder of them.
@@ -157,22 +155,19 @@ def scene(
         rally: number of the rally in the log.
         match: number of the match in its pairing: all its rallies.
         pairing: number of the pairing of the match.
-        best: number of rallies: the longest of the log.
-        fps: frames per second, 25 to 50.
         policy: policy for a name in the log; modules and files are allowed here.
         appearance: appearance of the players.
         model: game of the log.
     """
     console = cli.console(stderr=True)
     with RallyLog(path) as log:
-        numbers = scenes.select(log, rally=rally, match=match, pairing=pairing, best=best)
+        numbers = scenes.select(log, rally=rally, match=match, pairing=pairing)
         content, unknown = scenes.write_scene(
             log,
             numbers,
             model.load_for(path),
             hands=appearance.hands,
             athletes=appearance.athletes,
-            fps=fps,
             resolve=_resolver(policy, [player.name for player in log.policies]),
             progress=lambda numbers: cli.progress(numbers, "staging"),
         )
