@@ -143,8 +143,6 @@ class LogHeader:
         record: sample of the matches, see :meth:`Sampling.parse`.
         columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log, in that order.
         pair: the players whose skill the seats have; None: both seats strike with the same tables.
-        part: number of this file in the log, from 0; equality ignores this field and the next.
-        first_rally: number of the first rally of this file.
 
     Raises:
         RecordingError: an invalid value.
@@ -162,8 +160,6 @@ class LogHeader:
     columns: tuple[str, ...] = ()
     pair: Pair | None = None
     software: str = f"shuttle_marl {__version__}"
-    part: int = dataclasses.field(default=0, compare=False)
-    first_rally: int = dataclasses.field(default=0, compare=False)
 
     def looks(self, seats: tuple[int, int]) -> Looks:
         """Hands and sexes of the policies at seats 0 and 1, by number; right-handed men where the game is of no shipped model."""
@@ -177,9 +173,8 @@ class LogHeader:
             raise RecordingError(f"strokes, policies and players: expected names of up to {MAX_NAME} characters")
         if self.columns != tuple(name for name in OPTIONAL if name in self.columns):
             raise RecordingError(f"columns {self.columns}: expected some of {OPTIONAL}, in that order")
-        for name, least, limit in (("matches_per_draw", 1, 1 << 32), ("part", 0, 1 << 31), ("first_rally", 0, 1 << 62)):
-            if not least <= getattr(self, name) < limit:
-                raise RecordingError(f"{name} {getattr(self, name)}: expected a number from {least} up to {limit}")
+        if not 1 <= self.matches_per_draw < 1 << 32:
+            raise RecordingError(f"matches_per_draw {self.matches_per_draw}: expected a number from 1 up to {1 << 32}")
         if not all(0 <= key < 1 << 64 for key in self.pairings):
             raise RecordingError("pairings: expected keys from 0 up to 2^64")
         Sampling.parse(self.record)
