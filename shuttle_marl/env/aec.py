@@ -304,7 +304,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         hurried = self._stepper.is_hurried(self._state)
         played, self._state = self._stepper.step(self._state, striker, stroke, draw, self._position)
         self._strokes.append(played)
-        self._positions += [self._position] * self.game.hides
+        if self.game.hides:
+            self._positions.append(self._position)
         outcome = played.outcome
         self._length += 1
         self._cumulative_rewards[agent] = 0.0

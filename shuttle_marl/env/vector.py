@@ -201,7 +201,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         if self._features is None:
             found = self.game.observation(state)
             found = np.where(own[:, None], found, found[:, SWAP_TOKENS])
-            return np.column_stack([found, *[waits.astype(np.int32)] * self.game.hides])
+            return np.column_stack([found, waits.astype(np.int32)]) if self.game.hides else found
         seen = with_efforts(self.game, self._features, state, ~own)
         seen[:, RALLY_WIDTH:] = waits[:, None]
         return seen
