@@ -31,8 +31,7 @@ from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, Rec
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, arrow_schema, from_arrow, to_arrow
 
 _MOST_POLICIES: Final = 1 << 16
-_ENOUGH: Final = 20
-"""Rallies that two files share if they hold the same ones."""
+_ENOUGH: Final = 20  # rallies that two files share if they hold the same ones
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
     ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
     ".csv": pyarrow.csv.CSVWriter,

@@ -32,11 +32,9 @@ SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet"
 CollectorName = Literal["kernel", "torchrl"]
 
 Growth = Annotated[float, msgspec.Meta(ge=0, le=1000)]
-SEEDS: Final = 1 << 31
-"""Number of seeds of PyTorch's generators and of a sampler."""
+SEEDS: Final = 1 << 31  # number of seeds of PyTorch's generators and of a sampler
 SELF: Final = "self"
-SHARP: Final = 0.1
-"""Softmax temperature of an agent that is to play the best stroke it knows."""
+SHARP: Final = 0.1  # softmax temperature of an agent that is to play the best stroke it knows
 AUTO: Final = "auto"
 _NO_EFFECT: Final = ("out", "resume", "overwrite", "workers", "ray")
 
