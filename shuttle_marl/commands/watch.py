@@ -120,7 +120,7 @@ class OutputOptions:
 
     Attributes:
         record: folder for the logs of rallies that you play.
-        save_site: write the match, or the recorded rallies, as static files to this folder, for any web server, and exit.
+        save_site: write the match as static files to this folder, for any web server, and exit.
     """
 
     record: Path = Path("runs/watch")
