@@ -58,7 +58,6 @@ def info(path: Log, *, json_output: Json = False) -> None:
             "game": headers[0].game,
             "players": [] if headers[0].pair is None else list(headers[0].pair.players),
             "draws": list(dict.fromkeys(header.draws for header in headers)),
-            "record": list(dict.fromkeys(header.record for header in headers)),
             "columns": list(headers[0].columns),
             "software": list(dict.fromkeys(header.software for header in headers)),
         }

@@ -27,7 +27,7 @@ from shuttle_marl.game.rules import OUTCOMES, REASONS, WINNER
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import Game
-from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError, Sampling
+from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, arrow_schema, from_arrow, to_arrow
 
 _MOST_POLICIES: Final = 1 << 16
@@ -482,9 +482,9 @@ def check(path: Path, game: Game | None = None) -> Checked:
 
 
 def _check_matches(file: LogFile, offset: int) -> list[str]:
-    """Check that every rally follows from the previous rally of its match, and that it belongs to the sample."""
+    """Check that every rally follows from the previous rally of its match."""
     header, problems, number = file.header, list[str](), 0
-    sampling, matches = Sampling.parse(header.record), _Matches(header.rules)
+    matches = _Matches(header.rules)
     begun = [np.empty(0, np.uint64)]
     for i in range(len(file.rallies)):
         first, rallies = file.batch(i)
@@ -499,9 +499,6 @@ def _check_matches(file: LogFile, offset: int) -> list[str]:
         bad = np.flatnonzero(matches.breaks(rallies))
         if len(bad):
             problems.append(f"rally {offset + first + int(bad[0])} does not follow from the rally before it")
-        strange = np.flatnonzero(~sampling.keeps(header, rallies.pairing, rallies.match))
-        if len(strange):
-            problems.append(f"rally {offset + first + int(strange[0])} does not belong to {header.record}")
     again, times = np.unique(np.concatenate(begun), return_counts=True)
     if (times > 1).any() and "seed" not in header.columns:
         pairing, match = divmod(int(again[times.argmax()]), 1 << 32)

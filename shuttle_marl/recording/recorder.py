@@ -6,8 +6,6 @@ A file is written to ``FILE.part`` and moved to ``FILE`` when it is closed. Afte
 
 import contextlib
 import dataclasses
-import functools
-import itertools
 import os
 import time
 from collections import deque
@@ -24,7 +22,7 @@ from shuttle_marl.game.draws import pairing_key
 from shuttle_marl.game.rally import Rallies, columns_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import log_file
-from shuttle_marl.recording.header import LogHeader, Player, RecordingError, Sampling
+from shuttle_marl.recording.header import LogHeader, Player, RecordingError
 from shuttle_marl.recording.log_file import advice, encode, files_of, salvage, set_aside, unfinished
 
 T = TypeVar("T")
@@ -224,31 +222,12 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
     return writer
 
 
-def rallies_of_pairings(path: Path, pairings: int) -> int:
-    """Number of rallies of an unfinished log of pairings below a number.
-
-    Pairings must be recorded one after the other, in the order of their numbers.
-
-    Raises:
-        RecordingError: the file cannot be read or is not a rally log.
-    """
-    count = 0
-    for first, _, batch in itertools.chain.from_iterable(salvage(file)[1] for file in files_of(path)[:1]):
-        if int(batch.pairing.max()) >= pairings:
-            break
-        count = first + len(batch)
-    return count
-
-
 class RallyRecorder(LogContext):
     """Records finished rallies in a background thread.
 
     A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the
     GIL. An error in the thread is raised by the next call: a :class:`RecordingError` if the log cannot be written any further;
     earlier batches are complete.
-
-    Attributes:
-        sample: function that returns the rallies of the sample; can be pickled.
     """
 
     def __init__(self, log: RallyLogWriter, *, waiting_strokes: int = 1 << 24) -> None:
@@ -259,7 +238,6 @@ class RallyRecorder(LogContext):
             waiting_strokes: strokes in the queue from which :meth:`add` blocks.
         """
         self.path = log.path
-        self.sample: Callable[[Rallies], Rallies] = functools.partial(Sampling.parse(log.header.record).of, log.header)
         self._log, self._limit = log, waiting_strokes
         self._queue: deque[tuple[int, Future[None]]] = deque()
         self._waiting = 0
@@ -269,25 +247,22 @@ class RallyRecorder(LogContext):
     @classmethod
     def create(cls, path: Path, header: LogHeader, **options: Any) -> Self:
         """Start a log, with options of :class:`RallyLogWriter`, and record into it."""
-        if not Sampling.parse(header.record).every:
-            raise RecordingError(f"{path}: --record none records nothing; leave the recorder out")
         return cls(RallyLogWriter(path, header, **options))
 
     def add(self, rallies: Rallies) -> None:
-        """Record those of some finished rallies that are in the sample; blocks while the queue is full.
+        """Record some finished rallies; blocks while the queue is full.
 
         Args:
             rallies: the rallies; their arrays must not be changed afterwards.
         """
-        chosen = self.sample(rallies)
-        if len(chosen):
+        if len(rallies):
             self._raise()
             while self._queue and (self._queue[0][1].done() or self._waiting > self._limit):
                 strokes, appended = self._queue.popleft()
                 self._waiting -= strokes
                 appended.result()
-            self._queue.append((len(chosen.stroke), self._submitted(chosen)))
-            self._waiting += len(chosen.stroke)
+            self._queue.append((len(rallies.stroke), self._submitted(rallies)))
+            self._waiting += len(rallies.stroke)
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
         """Request :meth:`RallyLogWriter.flush` for all rallies added so far, and return its future result at once."""
@@ -334,7 +309,7 @@ class RallyRecorder(LogContext):
 
 @contextlib.contextmanager
 def sampled_log(
-    path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int, record: str = "all"
+    path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int
 ) -> Iterator[Callable[[int, Rallies], None]]:
     """Log of the matches of :class:`shuttle_marl.policy.Scorer` of several policies against one opponent.
 
@@ -352,7 +327,6 @@ def sampled_log(
         policies=(opponent, *(Player(name=name) for name in policies)),
         pairings=tuple(pairing_key(name, opponent.name) for name in policies),
         matches_per_draw=1,
-        record=record,
         columns=columns_of(game),
     )
     with RallyRecorder.create(path, header) as recorder:

@@ -157,7 +157,7 @@ class TestFolders:
 
     def test_rallies_that_two_logs_share_count_once(self, tmp_path: Path, rallies, header) -> None:
         """The larger log is read, also where the other one begins later; a run of another seed is another one."""
-        logs = {"a": (header(record="sample:2"), rallies(200).slice(40, 100)), "b": (header(), rallies(200))}
+        logs = {"a": (header(), rallies(200).slice(40, 100)), "b": (header(), rallies(200))}
         logs["c"] = header(seed=8), rallies(200)
         for name, (about, played) in logs.items():
             with RallyLogWriter(tmp_path / f"{name}.mcap", about, batch_rallies=64) as log:
