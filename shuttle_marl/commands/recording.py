@@ -10,8 +10,8 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RALLY_MODEL, Appearance, Json, RallyModel
+from shuttle_marl.court import WatchError
 from shuttle_marl.court import scene as scenes
-from shuttle_marl.court.scene import SceneError
 from shuttle_marl.game.court import AREA_WORDS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import OUTCOMES, REASONS
@@ -211,7 +211,7 @@ def _resolver(policies: Sequence[str], names: Sequence[str]) -> "Resolve":
     for entry in policies:
         matching = [name for name in names if entry.startswith(f"{name}=")]
         if not matching:
-            raise SceneError(f"--policy {entry}: expected NAME=POLICY with a name of the log, which has {', '.join(names)}")
+            raise WatchError(f"--policy {entry}: expected NAME=POLICY with a name of the log, which has {', '.join(names)}")
         name = max(matching, key=len)
         given[name] = entry.removeprefix(f"{name}=")
 

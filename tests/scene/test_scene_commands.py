@@ -13,8 +13,9 @@ import pytest
 from mcap.reader import make_reader
 
 from shuttle_marl.commands.recording import main
+from shuttle_marl.court import WatchError
 from shuttle_marl.court.recorded import LogRallies
-from shuttle_marl.court.scene import SceneError, select
+from shuttle_marl.court.scene import select
 from shuttle_marl.court.scene import write as topics
 from shuttle_marl.court.scene.write import write_scene
 from shuttle_marl.game import default_game
@@ -37,13 +38,13 @@ def test_a_rally_is_written_to_a_file(log_path: Path, tmp_path: Path, capsys: py
 def test_a_match_that_the_log_does_not_have(log_path: Path) -> None:
     with RallyLog(log_path) as log:
         for pairing, match in ((0, 99), (7, 0)):
-            with pytest.raises(SceneError, match=f"no match {match} of pairing {pairing}"):
+            with pytest.raises(WatchError, match=f"no match {match} of pairing {pairing}"):
                 select(log, match=match, pairing=pairing)
 
 
 def test_rallies_that_a_scene_may_show(log_path: Path) -> None:
     with RallyLog(log_path) as log:
-        with pytest.raises(SceneError, match="expected one of --rally NUMBER, --match NUMBER"):
+        with pytest.raises(WatchError, match="expected one of --rally NUMBER, --match NUMBER"):
             select(log, rally=0, match=0)
         assert select(log, rally=0) == [0]
         lengths = log.rally_table()["length"].to_pylist()

@@ -16,9 +16,10 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.base.errors import printable
+from shuttle_marl.court import WatchError
 from shuttle_marl.court.match import CourtRally
 from shuttle_marl.court.recorded import LogRallies
-from shuttle_marl.court.scene import SceneError, shapes
+from shuttle_marl.court.scene import shapes
 from shuttle_marl.court.scene.shapes import SECOND, colour, entity, stamp
 from shuttle_marl.court.staging import ENDS, Motion, stage
 from shuttle_marl.court.staging.geometry import unit
@@ -274,17 +275,17 @@ def select(log: RallyLog, *, rally: int | None = None, match: int | None = None,
         pairing: number of the pairing of the match.
 
     Raises:
-        SceneError: both rally and match; or the log has no such match or rally.
+        WatchError: both rally and match; or the log has no such match or rally.
         RecordingError: the log is damaged.
     """
     if rally is not None and match is not None:
-        raise SceneError("expected one of --rally NUMBER, --match NUMBER")
+        raise WatchError("expected one of --rally NUMBER, --match NUMBER")
     if rally is not None:
         return [rally]
     if match is not None:
         numbers = [number for number in log.numbers_of_match(pairing, match).tolist() if log.rally(number).finished[0]]
         if not numbers:
-            raise SceneError(f"{log.path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
+            raise WatchError(f"{log.path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
         return numbers
     length, longest = 0, -1
     for first, rallies in log.batches():
@@ -292,7 +293,7 @@ def select(log: RallyLog, *, rally: int | None = None, match: int | None = None,
         if lengths.max() > length:
             length, longest = lengths.max(), first + int(lengths.argmax())
     if longest < 0:
-        raise SceneError(f"{log.path}: no rally that came to its end")
+        raise WatchError(f"{log.path}: no rally that came to its end")
     return [longest]
 
 
