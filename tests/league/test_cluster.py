@@ -22,7 +22,7 @@ from tests.league.test_league_training import final
 from tests.reduced import reduced_model
 
 PLAYED: dict[str, Any] = {
-    "pool": ("bc", "attacking", "safe", "random"), "matches": 40, "batch": 80, "record": "sample:3", "exact": False
+    "pool": ("bc", "attacking", "safe", "random"), "matches": 40, "batch": 80, "exact": False
 }  # fmt: skip
 TRAINED: dict[str, Any] = {
     "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "update_interval": 2, "patience": 2, "pool": ("attacking", "safe")

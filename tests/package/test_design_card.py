@@ -108,7 +108,7 @@ def test_every_rally_is_recorded_to_mcap_and_replays_in_foxglove(tmp_path: Path,
         assert log.n_rallies == 50
         assert set(sm.to_df(log.rally_table())["reason"]) == {"fault", "winner"}
     scene = tmp_path / "scene.mcap"
-    assert recording(["scene", str(path), "--fps", "25", "--out", str(scene)]) == 0
+    assert recording(["scene", str(path), "--out", str(scene)]) == 0
     reader = make_reader(io.BytesIO(scene.read_bytes()))
     assert any("layout" in attachment.name for attachment in reader.iter_attachments())
     summary = reader.get_summary()

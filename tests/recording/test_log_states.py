@@ -14,7 +14,7 @@ from shuttle_marl.recording import Rallies, RallyLog, RallyLogWriter, RecordingE
 from shuttle_marl.recording.recorder import resume
 from tests.recording.conftest import a_header, read_rallies, same, some_rallies
 
-OPTIONS: dict[str, Any] = {"batch_rallies": 8, "max_bytes": 12_000}
+OPTIONS: dict[str, Any] = {"batch_rallies": 8}
 writing = precondition(lambda self: self.writing)
 killed = precondition(lambda self: not self.writing)
 

@@ -26,6 +26,7 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
+from shuttle_marl.recording import RallyLog
 from shuttle_marl.reports import charts, coach
 from shuttle_marl.reports.habits import Habit, Page1, Statement
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
@@ -478,7 +479,7 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     assert "no match 7" in capsys.readouterr().err
     # The live court serves the same page for each rally of the match.
     game = resolve_game(model)
-    recorded = LogRallies(log, game)
+    recorded = LogRallies(RallyLog(log), game)
     page = _downloads(RallyOptions(replay=log), recorded, game)["report", "text/html"]
     number = next(k for k in range(recorded.count) if recorded.match(k) == (0, 1))
     assert read(page(number + 1))[1] == text

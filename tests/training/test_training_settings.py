@@ -38,8 +38,8 @@ def test_what_cannot_be_meant_together() -> None:
         ({**own, "fault_cost": 0.5}, "not available in self-play"),
         ({**own, "bonus": ("smash=0.5",)}, "not available in self-play"),
         ({"variant": "nash"}, "--variant nash: requires self-play"),
-        ({"record": "half"}, "expected all, none, or sample:N"),
-        ({"figures": "half"}, "expected all, none, or sample:N"),
+        ({"record": "half"}, "--record half: invalid enum value"),
+        ({"figures": "half"}, "--figures half: invalid enum value"),
     ]
     for flags, says in refused:
         with pytest.raises(Exception, match=says):
