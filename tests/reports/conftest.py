@@ -54,7 +54,7 @@ def reported(sample: pa.Table, model: str) -> MatchReport:
 
 
 @pytest.fixture(scope="session")
-def reported_page(reported: MatchReport) -> bytes:
+def page(reported: MatchReport) -> bytes:
     return match_page(reported)
 
 

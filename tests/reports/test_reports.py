@@ -88,10 +88,10 @@ def test_a_scouting_report_has_its_parts(scouted: ScoutingReport, sample: pa.Tab
 
 
 def test_page_1_has_statements_with_counts_and_nothing_of_luck(
-    scouted: ScoutingReport, scouted_page: bytes, reported: MatchReport, reported_page: bytes
+    scouted: ScoutingReport, scouted_page: bytes, reported: MatchReport, page: bytes
 ) -> None:
-    for figures, page in ((scouted.as_json(), scouted_page), (reported.as_json(), reported_page)):
-        _, text = read(page)
+    for figures, content in ((scouted.as_json(), scouted_page), (reported.as_json(), page)):
+        _, text = read(content)
         said = json.loads(json.dumps(figures["page1"], allow_nan=False))
         assert said
         for each in said:
@@ -123,10 +123,10 @@ def test_examples_show_habits_of_the_opponent(scouted: ScoutingReport, sample: p
     assert f"game {example.game} at {points}" in text
 
 
-def test_charts_are_those_that_somebody_looked_at(scouted_page: bytes, reported_page: bytes) -> None:
+def test_charts_are_those_that_somebody_looked_at(scouted_page: bytes, page: bytes) -> None:
     found = {}
-    for name, page in (("scouting report", scouted_page), ("match report", reported_page)):
-        for number, svg in enumerate(re.findall("<svg.*?</svg>", page.decode(), re.DOTALL)):
+    for name, content in (("scouting report", scouted_page), ("match report", page)):
+        for number, svg in enumerate(re.findall("<svg.*?</svg>", content.decode(), re.DOTALL)):
             found[f"{name}, {number}"] = golden.drawing(svg)
     golden.check("report_charts", found, 0.01)
 
@@ -338,10 +338,8 @@ def test_a_match_without_places(match: pa.Table, model: str) -> None:
     assert "No single choice was clearly worse" in read(match_page(report))[1]
 
 
-def test_rallies_that_the_data_lack_are_mentioned(
-    match: pa.Table, model: str, reported: MatchReport, reported_page: bytes
-) -> None:
-    assert "By the score" not in read(reported_page)[1]
+def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, reported: MatchReport, page: bytes) -> None:
+    assert "By the score" not in read(page)[1]
     keep = pc.invert(pc.is_in(match["rally"], value_set=pa.array([3, 4, 9], match.schema.field("rally").type)))
     report = match_report(match.filter(keep), game=resolve_game(model))
     played = sum(map(sum, report.score))
@@ -353,8 +351,8 @@ def test_rallies_that_the_data_lack_are_mentioned(
     assert match_report(match.filter(pa.array(~late)), game=resolve_game(model)).rallies[-1].after == reported.rallies[-1].after
 
 
-def test_a_game_that_the_data_lack_is_mentioned(match: pa.Table, model: str, reported: MatchReport, reported_page: bytes) -> None:
-    assert "Game 1 is not in the data" not in read(reported_page)[1]
+def test_a_game_that_the_data_lack_is_mentioned(match: pa.Table, model: str, reported: MatchReport, page: bytes) -> None:
+    assert "Game 1 is not in the data" not in read(page)[1]
     report = match_report(match.filter(pc.greater(match["game"], 1)), game=resolve_game(model))
     assert report.score == reported.score[1:]
     assert all(np.isnan([row.before, row.after]).all() for row in report.rallies)  # nobody knows who won it

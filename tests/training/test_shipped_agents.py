@@ -142,17 +142,13 @@ def tables(cache: Path) -> list[bytes]:
         return [content for [content] in database.execute("SELECT content FROM tables")]
 
 
-def small_agents(folder: Path) -> list[Path]:
-    """Two agents of a small game, with weights of their own."""
-    torch.manual_seed(0)
-    found = [folder / "one", folder / "other"]
-    for agent in found:
-        save_agent(agent, TIRING, save(weights_of(make_actor(TIRING, width=8, hidden=1))), {})
-    return found
+def small_agent(folder: Path) -> Path:
+    save_agent(folder, TIRING, save(weights_of(make_actor(TIRING, width=8, hidden=1))), {})
+    return folder
 
 
 def test_a_table_is_made_again_where_it_is_damaged(cache: Path, tmp_path: Path) -> None:
-    folder, other = small_agents(tmp_path)
+    folder = small_agent(tmp_path / "one")
     first = load_agent(folder, TIRING)
     [whole] = tables(cache)
     for damaged in (whole, whole[:-1], whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], b""):
@@ -160,12 +156,12 @@ def test_a_table_is_made_again_where_it_is_damaged(cache: Path, tmp_path: Path) 
             database.execute("UPDATE tables SET content = ?", (damaged,))
         assert load_agent(folder, TIRING).hash == first.hash
         assert tables(cache) == [whole]
-    load_agent(other, TIRING)
+    load_agent(small_agent(tmp_path / "other"), TIRING)
     assert len(tables(cache)) == 2
 
 
 def test_agents_play_without_a_cache(cache: Path, tmp_path: Path) -> None:
-    agent, _ = small_agents(tmp_path)
+    agent = small_agent(tmp_path / "agent")
     before = load_agent(agent, TIRING).hash
     cache.unlink()
     cache.mkdir()
