@@ -23,7 +23,7 @@ def test_an_option_that_is_nearly_one_is_named() -> None:
 
 def test_a_policy_of_the_history_needs_it() -> None:
     states = States(game=default_game(), state=np.zeros(1, np.int32))
-    with pytest.raises(ShuttleError, match="states without history"):
+    with pytest.raises(ValueError, match="states without history"):
         registry.resolve("bc:history", default_game()).probabilities(states)
 
 
