@@ -21,7 +21,7 @@ from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 from shuttle_marl.recording import replay
 
-CONFIGS = {sm.PPOConfig: 24_000, sm.A2CConfig: 24_000, sm.SACConfig: 40_000}
+CONFIGS = {sm.PPOConfig: 16_000, sm.A2CConfig: 16_000, sm.SACConfig: 24_000}
 """Strokes after which each algorithm has learned something."""
 
 
@@ -71,7 +71,7 @@ def test_torch_models_decide_whether_a_stroke_is_good_and_returned() -> None:
 def test_agents_learn_through_torchrl_collectors(kind: type, tmp_path: Path) -> None:
     from torch import nn
 
-    done = sm.train(kind(collector="torchrl", strokes=CONFIGS[kind], batch=4096, exploitability=False, out=tmp_path / "run"))
+    done = sm.train(kind(collector="torchrl", strokes=CONFIGS[kind], batch=2048, exploitability=False, out=tmp_path / "run"))
     assert done.evaluation.rally_win > 0.5, "it has learned something against bc"
     assert isinstance(sm.agent_network(done.folder / "agent"), nn.Module)
     with sm.RallyLog(done.folder / "rallies.mcap") as log:
