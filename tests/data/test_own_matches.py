@@ -15,6 +15,7 @@ from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS
 from shuttle_marl.data.words import COLUMNS, template
 from tests.data.test_cases import CASES
+from tests.reduced import reduced_model
 
 FINAL = CASES / "a_match_of_two_games" / "final.csv"
 
@@ -141,6 +142,7 @@ def test_no_name_is_left_in_a_pseudonymous_table(tmp_path: Path, monkeypatch: py
         assert b"berta" not in repr((told.schema.metadata, told.to_pylist())).lower().encode(), name
         assert data.main(["validate", str(out)]) == 0
     assert data.main(["import", "Anna Example v Berta.csv", "--columns", "map.toml", "--out", "named.parquet"]) == 0
-    assert analysis.main(["named.parquet", "--anonymous", "--against", "Anna Example v Berta.csv", "--out", "out"]) == 0
+    flags = ["--anonymous", "--against", "Anna Example v Berta.csv", "--out", "out", "--game", reduced_model()]
+    assert analysis.main(["named.parquet", *flags]) == 0
     for file in Path("out").iterdir():
         assert b"anna" not in file.read_bytes().lower() + file.name.lower().encode(), file

@@ -72,9 +72,9 @@ def test_gymnasiums_check_passes_without_warnings(name: str, mode: str | None) -
 @pytest.mark.parametrize(
     "code",
     [
-        "import gymnasium, shuttle_marl\ngymnasium.make('{}')\ngymnasium.register_envs(shuttle_marl)",
+        "import gymnasium, shuttle_marl\ngymnasium.spec('{}')\ngymnasium.register_envs(shuttle_marl)",
         "import gymnasium\ngymnasium.make('shuttle_marl:{}')",
-        "import shuttle_marl, gymnasium, importlib\nimportlib.reload(gymnasium)\ngymnasium.make('{}')",
+        "import shuttle_marl, gymnasium, importlib\nimportlib.reload(gymnasium)\ngymnasium.spec('{}')",
     ],
 )
 def test_the_ids_are_known_in_every_order_of_imports(code: str) -> None:

@@ -49,10 +49,11 @@ def _tables(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("command", [[], ["train"]])
 def test_ray_that_is_missing_is_named(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: list[str], small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert main([*command, "--ray", "auto", "--pool", "attacking", "safe", "--out", str(tmp_path / "run")]) == 1
+    flags = ["--ray", "auto", "--pool", "attacking", "safe", "--game", small_model, "--out", str(tmp_path / "run")]
+    assert main([*command, *flags]) == 1
     message = capsys.readouterr().err
     assert "--ray auto: Ray is not installed; `pip install" in message
     assert "[ray]" in message

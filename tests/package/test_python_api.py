@@ -35,8 +35,7 @@ def test_reports_are_figures_and_pages(tmp_path: Path) -> None:
     hidden = sm.report(SAMPLE, "axelsen chou", game=game, anonymous=True).html("zh").decode()
     assert "球员A" in hidden
     assert "Axelsen" not in hidden
-    again = sm.report(SAMPLE, "axelsen chou", game=game)
-    assert found.html("zh") == again.html("zh"), "no sentence keeps the language of an earlier page"
+    assert found.html("zh") == path.read_bytes(), "no sentence keeps the language of an earlier page"
     with pytest.raises(ShuttleError, match="3 matches"):
         sm.report(SAMPLE, "viktor axelsen")
 

@@ -112,7 +112,7 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
 def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figures = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=0.0, exploitability=0.5)
     monkeypatch.setattr(Evaluator, "evaluate", lambda *_, **__: figures)
-    config = SACConfig(**{**SMALL, "batch": 64, "width": 4, "checkpoint_every": 2}, strokes=64 * 3, warm_up=100, minibatch=16)
+    config = SACConfig(**{**SMALL, "batch": 64, "width": 4, "checkpoint_every": 2}, strokes=64 * 3, warm_up=100, minibatch=64)
     whole = train(dataclasses.replace(config, out=tmp_path / "whole")).folder
     for when in itertools.count(1):
         folder = tmp_path / f"stopped-{when}"
