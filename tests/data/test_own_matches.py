@@ -129,10 +129,9 @@ def test_no_output_is_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str
 def test_no_name_is_left_in_a_pseudonymous_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(FINAL, "Anna Example v Berta.csv")
-    Path("Berta.eaf").write_text(FINAL.with_name("tiers.eaf").read_text().replace('"ending"', '"Coach of Anna"'))
-    Path("Berta.json").write_text(FINAL.with_name("strokes.json").read_text().replace('"ending"', '"sister of Berta"'))
+    Path("Berta.xml").write_text(FINAL.with_name("sportscode.xml").read_text().replace(">ending<", ">Coach of Anna<"))
     Path("map.toml").write_text('discipline = "WS"\n')
-    for name in ("Anna Example v Berta.csv", "Berta.eaf", "Berta.json"):
+    for name in ("Anna Example v Berta.csv", "Berta.xml"):
         out = Path(name + ".parquet")
         flags = ["import", name, "--columns", "map.toml", "--anonymous", "--hand", "Anna Example=left", "--out", str(out)]
         assert data.main(flags) == 0

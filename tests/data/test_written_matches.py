@@ -66,7 +66,7 @@ def outcomes(stroke: Written) -> set[int]:
 
 NUMBERS = (("game", "rally", "stroke"), ("game", "rally"), ("game",), ("rally",), ())
 TOLD = ((), ("ending",), ("winner",), ("ending", "winner"), *((kind,) for kind in written.SCORES), ("ending", written.SCORES[0]))
-FORMATS = ("csv", "json", "json by game", "elan", "elan of strokes", "sportscode")
+FORMATS = ("csv", "sportscode")
 
 
 @settings(max_examples=150, deadline=None)
@@ -81,7 +81,7 @@ def test_any_table_of_two_games_is_read_as_it_was_written_or_refused(
     timed: bool, order: str, swapped: bool,
 ) -> None:  # fmt: skip
     rng = random.Random(seed)
-    of_video = form.startswith(("elan", "sportscode"))
+    of_video = form == "sportscode"
     matches = 1 if of_video or (ends and named) else matches  # one mapping of ends has the names of one match
     played = [
         written.match(seed + i, f"round {i + 1}{' away' if swapped and i == 1 else ''}", PAIRS[i], rallies=8)
@@ -97,25 +97,12 @@ def test_any_table_of_two_games_is_read_as_it_was_written_or_refused(
         rallies = list(parts.values())
         rng.shuffle(rallies)
         strokes = [stroke for rally in rallies for stroke in rally]
-    unit = "s" if form.startswith("elan") else unit  # whose times have one
     timed = timed or of_video
     columns = (*(("match",) if matches > 1 else ()), *numbers, "player", "shot", *told, *(("seconds",) if timed else ()))
-    if form == "json by game" and not (ends and named and "game" in numbers):
-        form = "json"
-    if form == "json by game":
-        strokes.sort(key=lambda stroke: stroke.game)
     rows = written.entries(strokes, columns, ends=ends, unit=unit)
     names = names_of_ends(strokes, ends) if ends and named else {}
-    fields = 'discipline = "WS"\n'
-    if form == "csv":
-        content, fields = written.as_csv(rows), spelled(names) if names else fields
-    elif form.startswith("json"):
-        content = written.as_json(rows, names, by_game=form == "json by game")
-    else:
-        fields = spelled(names) if names else fields
-        content = (
-            written.as_sportscode(rows) if form == "sportscode" else written.as_elan(rows, dependent=form == "elan of strokes")
-        )
+    fields = spelled(names) if names else 'discipline = "WS"\n'
+    content = written.as_csv(rows) if form == "csv" else written.as_sportscode(rows)
     try:
         cleaned = import_text(content, fields)
     except DataError:

@@ -3,10 +3,9 @@
 import csv
 import dataclasses
 import io
-import json
 import random
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 SHOTS: Final = ("lift", "net-shot", "drive", "push", "block", "clear")
 UNITS: Final = {"s": 1.0, "ms": 1000.0, "frames": 25.0, "minutes": 1 / 60}
@@ -110,53 +109,6 @@ def as_csv(rows: Sequence[dict[str, str]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
-
-
-def as_json(rows: Sequence[dict[str, str]], names: dict[str, str], *, by_game: bool = False) -> str:
-    """A flat list, or a list of games with the names of the ends in each."""
-    written: list[dict[str, Any]] = [
-        {name: int(value) if name in ("game", "rally", "stroke") else value for name, value in row.items() if value}
-        for row in rows
-    ]
-    for row in written:
-        if "seconds" in row:
-            row["time"] = float(row.pop("seconds"))
-    if not by_game:
-        return json.dumps({**({"players": names} if names else {}), "strokes": written})
-    one, two = names
-    games = {game: [row for row in written if row["game"] == game] for game in sorted({row["game"] for row in written})}
-    other = {one: names[two], two: names[one]}
-    return json.dumps([{"players": names if game % 2 else other, "strokes": inside} for game, inside in games.items()])
-
-
-def as_elan(rows: Sequence[dict[str, str]], *, dependent: bool = False) -> str:
-    """Tiers at times, or of which all but the strokes belong to these."""
-    times: list[str] = []
-    tiers: dict[str, list[str]] = {}
-
-    def slot(seconds: float) -> str:
-        times.append(f'<TIME_SLOT TIME_SLOT_ID="ts{len(times)}" TIME_VALUE="{round(1000 * seconds)}"/>')
-        return f"ts{len(times) - 1}"
-
-    for number, row in enumerate(rows):
-        start = float(row["seconds"])
-        shared = (slot(start), slot(start + 0.4))
-        for name, value in row.items():
-            if name == "seconds" or not value:
-                continue
-            told = f"<ANNOTATION_VALUE>{value}</ANNOTATION_VALUE>"
-            if name == "shot":
-                at = f'ANNOTATION_ID="s{number}" TIME_SLOT_REF1="{shared[0]}" TIME_SLOT_REF2="{shared[1]}"'
-                inside = f"<ALIGNABLE_ANNOTATION {at}>{told}</ALIGNABLE_ANNOTATION>"
-            elif dependent:
-                inside = f'<REF_ANNOTATION ANNOTATION_ID="{name}{number}" ANNOTATION_REF="s{number}">{told}</REF_ANNOTATION>'
-            else:
-                at = f'ANNOTATION_ID="{name}{number}" TIME_SLOT_REF1="{slot(start)}" TIME_SLOT_REF2="{slot(start + 0.4)}"'
-                inside = f"<ALIGNABLE_ANNOTATION {at}>{told}</ALIGNABLE_ANNOTATION>"
-            tiers.setdefault(name, []).append(f"<ANNOTATION>{inside}</ANNOTATION>")
-    media = '<HEADER TIME_UNITS="milliseconds"><MEDIA_DESCRIPTOR MEDIA_URL="a.mp4"/></HEADER>'
-    body = "".join(f'<TIER TIER_ID="{"strokes" if name == "shot" else name}">{"".join(a)}</TIER>' for name, a in tiers.items())
-    return f"<ANNOTATION_DOCUMENT>{media}<TIME_ORDER>{''.join(times)}</TIME_ORDER>{body}</ANNOTATION_DOCUMENT>"
 
 
 def as_sportscode(rows: Sequence[dict[str, str]]) -> str:
