@@ -9,11 +9,6 @@ from typing import Final
 
 SHOTS: Final = ("lift", "net-shot", "drive", "push", "block", "clear")
 UNITS: Final = {"s": 1.0, "ms": 1000.0, "frames": 25.0, "minutes": 1 / 60}
-ENDS: Final = {
-    "top": ("top", "bottom"), "near": ("near", "far"), "player": ("player_far", "player_near"), "zh": ("上方", "下方"),
-    "side": ("Left side", "Right side"), "upper": ("upper", "lower"),
-}  # fmt: skip
-"""What the end of the first player in the first game is called, and the other one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +17,6 @@ class Written:
 
     Attributes:
         who: 0 or 1, the player.
-        end: 0 or 1, the end of the player.
         ending, winner: of the last stroke of a rally; else empty, and None.
         score: of players 0 and 1 after the rally.
         before: before it.
@@ -34,7 +28,6 @@ class Written:
     stroke: int
     players: tuple[str, str]
     who: int
-    end: int
     shot: str
     seconds: float
     ending: str
@@ -49,7 +42,7 @@ class Written:
 
 
 def match(seed: int, name: str, players: tuple[str, str], games: Sequence[int] = (1, 2), rallies: int = 6) -> list[Written]:
-    """A match whose players change ends after the first game."""
+    """A random match."""
     rng = random.Random(seed)
     strokes: list[Written] = []
     seconds, server = rng.uniform(0, 5), rng.randrange(2)
@@ -65,7 +58,7 @@ def match(seed: int, name: str, players: tuple[str, str], games: Sequence[int] =
                 who, ends = (server + stroke - 1) % 2, stroke == length
                 strokes.append(
                     Written(
-                        match=name, game=game, rally=rally, stroke=stroke, players=players, who=who, end=(who + game - 1) % 2,
+                        match=name, game=game, rally=rally, stroke=stroke, players=players, who=who,
                         shot="short-serve" if stroke == 1 else rng.choice(SHOTS), seconds=round(seconds, 3),
                         ending=("out" if fault else "landed") if ends else "", winner=winner,
                         score=(score[0], score[1]), before=before, server=server,
@@ -84,16 +77,14 @@ def score_of(stroke: Written, kind: str) -> str:
     return f"{both[first]}-{both[1 - first]}"
 
 
-def entries(strokes: Sequence[Written], columns: Sequence[str], *, ends: str = "", unit: str = "s") -> list[dict[str, str]]:
+def entries(strokes: Sequence[Written], columns: Sequence[str], *, unit: str = "s") -> list[dict[str, str]]:
     """Rows with some columns."""
     rows = []
     for stroke in strokes:
-        named = ENDS[ends] if ends else stroke.players
-        own = stroke.end if ends else stroke.who
         everything: dict[str, str] = {
             "match": stroke.match, "game": str(stroke.game), "rally": str(stroke.rally), "stroke": str(stroke.stroke),
-            "player": named[own], "opponent": named[1 - own], "shot": stroke.shot, "ending": stroke.ending,
-            "winner": "" if stroke.winner is None else named[own if stroke.winner == stroke.who else 1 - own],
+            "player": stroke.player, "opponent": stroke.players[1 - stroke.who], "shot": stroke.shot, "ending": stroke.ending,
+            "winner": "" if stroke.winner is None else stroke.players[stroke.winner],
             "seconds": f"{stroke.seconds * UNITS[unit]:.6f}", **{kind: score_of(stroke, kind) for kind in SCORES},
         }  # fmt: skip
         rows.append({"score" if name in SCORES else name: everything[name] for name in columns})
