@@ -124,15 +124,6 @@ def _rally() -> None:
             return
 
 
-def _analysis() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        run = Path(folder) / "run"
-        _module("shuttle_marl.league", "--pool", "bc", "attacking", "safe", "--matches", "20", "--out", str(run))()
-        _module("shuttle_marl.analysis", str(run / "rallies.mcap"), "--out", folder)()
-        replace_file(IMAGES / "landings.png", (Path(folder) / "landings.png").read_bytes())
-        replace_file(IMAGES / "replies.png", (Path(folder) / "replies-attacking.png").read_bytes())
-
-
 def _league_report() -> None:
     """The first screens of the report of the default tournament."""
     with tempfile.TemporaryDirectory() as folder:
@@ -227,7 +218,6 @@ def _show(page: "Page", mode: str) -> None:
 
 
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
-    ("landings.png", "replies.png"): (_analysis, _GAME),
     ("league_report.png",): (_league_report, _RANKING),
     ("match_report.png", "scouting_report.png"): (_reports, _GAME),
     ("learning_curves.png",): (_learning_curves, "experiments/results/win_rates.json"),

@@ -33,14 +33,13 @@ from shuttle_marl.game.court import (
     seen_by,
 )
 from shuttle_marl.game.recovery import position_box
-from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.reports.languages import Texts
 
 if TYPE_CHECKING:
     from shuttle_marl.exact import Solution
     from shuttle_marl.reports.rally import Aim
-    from shuttle_marl.reports.summary import Summary
     from shuttle_marl.reports.waits import Stand, Wait
     from shuttle_marl.reports.words import Words
 
@@ -61,9 +60,6 @@ _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
 _MISSING: Final = 4.5  # width that a letter takes beyond what a missing one does [px]
 _FORMATS: Final = (".png", ".svg", ".pdf")
-_NAMES: Final = [{"cross-court-net-shot": "cross-court\nnet shot"}.get(shot, shot.replace("-", " ")) for shot in SHOTS]
-_MOST_POINTS: Final = 4000  # approximate largest number of landing points drawn for a player
-_LEAST_SHARE: Final = 3.0  # smallest share of a reply that is printed in a picture of transitions [%]
 _SPREAD: Final = 0.35  # range of the colours: probabilities of winning from 0.15 to 0.85
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _STYLE: Final[dict[str, Any]] = {
@@ -458,55 +454,6 @@ def tradeoff(frontier: Sequence[tuple[float, float, float]], methods: Mapping[st
     axes.set(xlabel="exploitability [points]", ylabel="score: rallies won above perfect play [points]", ylim=(least, None))
     sizes = "\n".join(["strokes, by size:", *(f"{budget:,}" for budget in budgets)]) if len(budgets) > 1 else None
     drawn.legend(loc="outside right upper", fontsize=9, title=sizes, title_fontsize=9, alignment="left")
-    return drawn
-
-
-def landings(summaries: Mapping[str, "Summary"], reference: "Summary", name: str) -> Any:
-    """Where the good strokes of some land, of 100, and the difference from a reference.
-
-    Landing points are drawn for annotated matches; a log holds only areas. All receivers are drawn as right-handed.
-    """
-    drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
-    for axes, (player, summary) in zip(np.atleast_1d(drawn.subplots(1, len(summaries))), summaries.items(), strict=True):
-        _landed(axes, summary.areas, reference.areas, None)
-        if summary.marked:
-            points = summary.points[:: max(1, len(summary.points) // _MOST_POINTS)]
-            axes.scatter(*points.T, s=1.5, color=INK, alpha=0.35, linewidths=0, zorder=4)
-        _write(axes, 0, -HALF_LENGTH / 2, f"{player}\nstrikes from here", 9, "white", zorder=5)
-        axes.set_title(f"{player}: {summary.strokes:,} strokes", fontsize=10)
-    sides = Texts("en")(f"sides.{HANDS[0]}")
-    drawn.supxlabel(f"of 100 strokes, and the difference from {name}; {sides}", fontsize=9)
-    return drawn
-
-
-def transitions(summary: "Summary", title: str) -> Any:
-    """Replies of a player: one row per incoming shot type, with the share of each reply."""
-    drawn = figure(8.6, 7.0)
-    axes = drawn.subplots()
-    count = summary.transitions
-    total = count.sum(axis=1)
-    rows, replies = np.flatnonzero(total), np.flatnonzero(np.arange(len(SHOTS)) >= N_SERVES)
-    share = 100 * count[np.ix_(rows, replies)] / total[rows, None]
-    picture = axes.imshow(share, cmap="Greens", vmin=0, vmax=max(40.0, float(share.max(initial=0.0))), aspect="auto")
-    for row, column in zip(*np.nonzero(share >= _LEAST_SHARE), strict=True):
-        colour = "white" if share[row, column] > 0.6 * picture.norm.vmax else INK
-        _write(axes, column, row, f"{share[row, column]:.0f}", 8, colour)
-    played = 100 * count[:, replies].sum(axis=0) / max(1, total.sum())
-    axes.set_xticks(
-        range(len(replies)),
-        [f"{_NAMES[k]}\n{part:.0f} %" for k, part in zip(replies, played, strict=True)],
-        rotation=40, ha="right", fontsize=8,
-    )  # fmt: skip
-    incoming = [f"{_NAMES[k].replace(chr(10), ' ')}  {100 * total[k] / max(1, total.sum()):.0f} %" for k in rows]
-    axes.set_yticks(range(len(rows)), incoming, fontsize=8)
-    axes.set(xlabel="reply, and its share of all replies", ylabel="incoming shot, and its share of all that come")
-    axes.set_xticks(np.arange(len(replies) + 1) - 0.5, minor=True)
-    axes.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
-    axes.grid(which="minor", color="white", linewidth=1)
-    axes.tick_params(which="both", length=0)
-    axes.spines[:].set_visible(False)
-    drawn.colorbar(picture, ax=axes, shrink=0.6, label="share of the replies to a shot [%]")
-    axes.set_title(title, fontsize=11)
     return drawn
 
 
