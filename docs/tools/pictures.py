@@ -227,12 +227,6 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         "experiments/results/suite.json",
     ),
     ("truth.png",): (_truth, "experiments/results/truth_cross.json"),
-    ("value.png",): (
-        _module(
-            "shuttle_marl.exact", "solve", "--plot", str(IMAGES / "value.png"), "--incoming", "smash:middle-left:above:forehand"
-        ),
-        _GAME,
-    ),
     ("film.webp",): (_film, _GAME),
     ("watch_players.jpg", *(f"watch_{mode}_{size}.jpg" for mode, size in _MODES)): (_court, _GAME),
 }

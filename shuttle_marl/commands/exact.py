@@ -35,27 +35,18 @@ _HOLES: Final = ("state", "plays, better", "in self-play", "against its best res
 _SAMPLES: Final = SampleOptions()
 
 
-def solve(
-    *, model: Model = MODEL, away: bool = True, plot: File = None, incoming: str | None = None, json_output: Json = False
-) -> None:
+def solve(*, model: Model = MODEL, away: bool = True, json_output: Json = False) -> None:
     """Solve the game: the value of a rally under perfect play, and statistics of perfect play.
 
     Args:
         model: the game.
         away: also play the solution in the refits of the game.
-        plot: draw the value of the replies to the stroke --incoming over the court into this file (PNG, SVG or PDF).
-        incoming: the stroke, as in smash:middle-left:above:forehand.
     """
     from shuttle_marl.exact.odds import of_solution  # noqa: PLC0415
 
     tables = model.load()
-    stroke = _stroke_to_plot(tables, plot, incoming)
     with cli.working("solving"):
         solution = exact.solve(tables)
-    if plot is not None and stroke is not None:
-        from shuttle_marl.reports import charts  # noqa: PLC0415
-
-        charts.save(charts.best_replies(solution, stroke), plot)
     others, spreads = _in_refits(tables, away, functools.partial(of_solution, solution))
     seen = exact.visits(*solution.policy)
     serving = (1 + solution.value_at_serve) / 2
@@ -295,20 +286,6 @@ def _recorded(
     with sampled_log(path, sampled, opponent, scorer.game, seed=samples.seed, record=samples.record) as add:
         yield {name: functools.partial(add, i) for i, name in enumerate(sampled)}
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
-
-
-def _stroke_to_plot(game: Game, plot: Path | None, incoming: str | None) -> int | None:
-    """Catalogue index of the incoming stroke of a chart, checked before anything is computed."""
-    from shuttle_marl.reports import charts, rally  # noqa: PLC0415
-
-    if (plot is None) != (incoming is None):
-        raise ExactError("--plot and --incoming belong together: a file, and the stroke whose replies are drawn")
-    if plot is None or incoming is None:
-        return None
-    charts.check_format(plot)
-    stroke = rally.stroke_index(game, incoming)
-    rally.edges_of(game, stroke, None)
-    return stroke
 
 
 def _least(game: Game, at_least: int | None) -> int:

@@ -21,10 +21,8 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import OptionError, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.game.court import (
-    AREA_WORDS,
     HALF_LENGTH,
     HALF_WIDTH,
-    HANDS,
     N_AREAS,
     SHORT_SERVICE,
     WIDTH,
@@ -33,13 +31,8 @@ from shuttle_marl.game.court import (
     seen_by,
 )
 from shuttle_marl.game.recovery import position_box
-from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import Game
-from shuttle_marl.reports.languages import Texts
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact import Solution
-    from shuttle_marl.reports.rally import Aim
     from shuttle_marl.reports.waits import Stand, Wait
     from shuttle_marl.reports.words import Words
 
@@ -60,7 +53,6 @@ _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
 _MISSING: Final = 4.5  # width that a letter takes beyond what a missing one does [px]
 _FORMATS: Final = (".png", ".svg", ".pdf")
-_SPREAD: Final = 0.35  # range of the colours: probabilities of winning from 0.15 to 0.85
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",
@@ -204,18 +196,6 @@ def of_hand(area: int, hand: str | None) -> int:
     return area if area < 0 else seen_by(hand, area)
 
 
-def _area(
-    axes: Any, place: int, colour: Any, text: str, size: float, *, ink: str = _DARK, edge: str = _DARK, width: float = 0.6,
-    marked: bool = False, **style: Any,
-) -> None:  # fmt: skip
-    """An area of the opponent's half with a text; a marked one has a wide edge and bold letters."""
-    x, y = area_centre(np.array(place))
-    axes.fill(
-        *corners(place), facecolor=colour, edgecolor=edge, linewidth=3.0 if marked else width, zorder=3.6 if marked else 3.5
-    )
-    _write(axes, x, y, text, size, ink, zorder=5, weight="bold" if marked else "normal", **style)
-
-
 @_styled()
 def curves(
     lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False
@@ -301,18 +281,6 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
     return chart.svg(title)
 
 
-def _landed(axes: Any, shares: F64, reference: F64, hand: str | None, clear: Sequence[int] = ()) -> None:
-    """Draw shares of the target areas, coloured by their difference from a reference, with the striker at the bottom."""
-    colours, difference = _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
-    draw_court(axes)
-    axes.grid(visible=False)
-    most = max(4.0, float(np.abs(difference).max()))
-    for area in range(N_AREAS):
-        text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
-        shade = colours(0.5 + difference[area] / most / 2)
-        _area(axes, of_hand(area, hand), shade, text, 12, marked=area in clear)
-
-
 @_styled()
 def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
     """Where strokes land.
@@ -324,8 +292,19 @@ def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequ
         clear: areas with a frame.
     """
     chart, say = Chart(330.0, 330.0), _words()
-    _landed(chart.axes, shares, reference, hand, clear)
-    chart.axes.set_ylim(-1.2, HALF_LENGTH + 0.3)
+    axes, colours, difference = chart.axes, _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
+    draw_court(axes)
+    axes.grid(visible=False)
+    most = max(4.0, float(np.abs(difference).max()))
+    for area in range(N_AREAS):
+        place, marked = of_hand(area, hand), area in clear
+        width, level, weight = (3.0, 3.6, "bold") if marked else (0.6, 3.5, "normal")
+        shade = colours(0.5 + difference[area] / most / 2)
+        axes.fill(*corners(place), facecolor=shade, edgecolor=_DARK, linewidth=width, zorder=level)
+        x, y = area_centre(np.array(place))
+        text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
+        _write(axes, x, y, text, 12, zorder=5, weight=weight)
+    axes.set_ylim(-1.2, HALF_LENGTH + 0.3)
     described = say.listed(f"{say.area(area, 'receiver')} {100 * shares[area]:.0f}" for area in range(N_AREAS))
     return chart.svg(f"{title}: {described}")
 
@@ -455,52 +434,3 @@ def tradeoff(frontier: Sequence[tuple[float, float, float]], methods: Mapping[st
     sizes = "\n".join(["strokes, by size:", *(f"{budget:,}" for budget in budgets)]) if len(budgets) > 1 else None
     drawn.legend(loc="outside right upper", fontsize=9, title=sizes, title_fontsize=9, alignment="left")
     return drawn
-
-
-def best_replies(solution: "Solution", incoming: int, own: int | None = None) -> Any:
-    """Probability of winning with the best reply to each target area (:func:`aims`), with the striker's half at the bottom.
-
-    The players of the game of a pair have their own hands.
-
-    Raises:
-        ExactError: the incoming stroke is not legal after the striker's own.
-    """
-    from shuttle_marl.reports.rally import aims  # noqa: PLC0415  only this picture needs it
-
-    drawn = figure(9.6, 8.2)
-    game = solution.games[0]
-    people = None if game.whole is None else game.whole.people
-    hands = (HANDS[0], HANDS[0]) if people is None else people.hands
-    met, names = int(game.catalogue.area[incoming]), game.catalogue.names
-    for axes, contact, aim in zip(drawn.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
-        draw_court(axes)
-        xs, ys = corners(of_hand(met, hands[0]), incoming=True)
-        axes.fill(xs, ys, facecolor=_MARKING, alpha=0.9, zorder=3.5)
-        text = f"incoming\n{AREA_WORDS[met].replace(' ', chr(10))}"
-        _write(axes, (xs[0] + xs[1]) / 2, (ys[0] + ys[2]) / 2, text, 7.5, INK, zorder=5)
-        for area in range(N_AREAS):
-            _reply(axes, game, aim, area, of_hand(area, hands[1]))
-        axes.set_title(f"shuttle {contact} the net: wins {100 * aim.best:.1f} %", fontsize=11)
-    if own is not None:
-        before = f" after one's own {names[own]}"
-    else:
-        before = "" if game.catalogue.is_serve[incoming] else ", mean over one's own last strokes"
-    drawn.suptitle(f"Reply to {names[incoming]}{before}", fontsize=12)
-    drawn.supxlabel(Texts("en")(f"sides.{hands[1]}"), fontsize=9)
-    return drawn
-
-
-def _reply(axes: Any, game: Game, aim: "Aim", area: int, place: int) -> None:
-    """Draw the best reply to an area, which lies at a place as the receiver sees it."""
-    import matplotlib as mpl  # noqa: PLC0415  slow to import
-
-    win, stroke = float(aim.win[area]), aim.stroke[area]
-    if stroke < 0:
-        axes.fill(*corners(place), facecolor="none", edgecolor=_MARKING, hatch="//", alpha=0.5, zorder=3.5)
-        return
-    shot = SHOTS[game.catalogue.shot[stroke]].replace("cross-court-net-shot", "cross-court\nnet-shot")
-    text = f"{100 * win:.1f} %\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
-    if np.isfinite(aim.support[area]):
-        text += f"\nn = {aim.support[area]:.0f}"
-    shade, best = mpl.colormaps["RdYlGn"](np.clip(0.5 + (win - 0.5) / _SPREAD / 2, 0, 1)), win >= aim.best
-    _area(axes, place, shade, text, 7.5, ink=INK, edge=INK if best else _MARKING, width=0.8, marked=best)

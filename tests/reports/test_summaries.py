@@ -16,14 +16,13 @@ from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.data import Account, write_parquet
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.data.simulated import stroke_table
-from shuttle_marl.exact import solve
 from shuttle_marl.game import court
-from shuttle_marl.game.pairs import load_skill, pair_game, people_of
+from shuttle_marl.game.pairs import load_skill
 from shuttle_marl.game.shipped import load_game, model_folder
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.league import pairs
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.reports import AnalysisError, charts, rally, rally_table, strokes_of, strokes_of_log, summarise
+from shuttle_marl.reports import AnalysisError, charts, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.reports.match import match_report, matches_in
 from shuttle_marl.reports.summary import hand_of, players_of, with_hands_of_model
 from tests import golden
@@ -131,26 +130,6 @@ def test_figures_of_a_tournament(valued: pa.Table) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "people", [("viktor-axelsen", "chou-tien-chen"), ("kento-momota", "viktor-axelsen"), ("viktor-axelsen", "kento-momota")]
-)
-def test_best_replies_are_drawn_where_players_of_the_hands_see_them(people: tuple[str, str]) -> None:
-    pair = pair_game(*people, game=reduced_model())
-    hands, solution = people_of(pair).hands, solve(pair)
-    catalogue = solution.games[0].catalogue
-    incoming = next(k for k in range(1, len(catalogue)) if catalogue.area[k] == 0 and k in solution.games[0].edge_incoming)
-    drawn = charts.best_replies(solution, incoming)
-    side = {"right": 1, "left": -1}
-    for axes, aim in zip(drawn.axes, rally.aims(solution, incoming), strict=True):
-        (met,) = (text for text in axes.texts if text.get_text() == "incoming\nfront\nforehand")
-        assert met.get_position()[0] * side[hands[0]] > 0  # the striker's own forehand side, at the bottom
-        for area in np.flatnonzero(aim.stroke >= 0).tolist():
-            shown = [text for text in axes.texts if text.get_text().startswith(f"{100 * aim.win[area]:.1f} %\n")]
-            x, y = court.area_centre(np.array(area))
-            assert (x * side[hands[1]], y) in {tuple(text.get_position()) for text in shown}
-    assert f"the opponent's {'forehand' if hands[1] == 'right' else 'backhand'} side is on the left" in drawn.get_supxlabel()
-
-
 @pytest.mark.slow
 def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert analysis([str(tournament), "--against", str(SAMPLE), "--out", str(tmp_path / "out"), "--json"]) == 0
@@ -186,7 +165,6 @@ def test_the_game_is_that_of_the_log_and_never_silently_the_shipped_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from shuttle_marl.league import LeagueConfig, run_league
-    from tests.reduced import reduced_model
 
     config = LeagueConfig(pool=("random", "safe"), matches=2, exact=False, game="default:men", out=tmp_path / "men")
     log = str(run_league(config).folder / "rallies.mcap")
