@@ -1,7 +1,7 @@
 """Pictures of the documentation and the data they are drawn from: ``python -m docs.tools.pictures [--only NAME ...] [--check]``.
 
 ``docs/images/sources.json`` holds the digest of the data of each picture. ``--check`` fails for a picture whose data have changed
-since it was drawn. Pictures of the court need the extras ``scene`` and ``pdf``, Chromium, and Foxglove Studio.
+since it was drawn. Pictures of the court need the extras ``scene`` and ``browser``, Chromium, and Foxglove Studio.
 """
 
 import hashlib

@@ -111,7 +111,6 @@ def test_no_output_is_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (report.main, f"match.parquet --out {tmp_path}/folder/../match.parquet"),
         (report.main, "strokes.csv --out hard.csv"),
         (report.main, "strokes.csv --columns map.toml --out map.toml"),
-        (report.main, "match.parquet --out page.html --pdf page.html"),
         (data.main, "import strokes.csv --out strokes.csv --overwrite"),
         (data.main, "import strokes.csv --columns map.toml --out map.toml --overwrite"),
         (analysis.main, "folder/strokes.csv --out folder"),
