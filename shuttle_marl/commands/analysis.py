@@ -11,10 +11,9 @@ import tyro
 from shuttle_marl import reports as play
 from shuttle_marl.base.files import MAX_JSON, read_file, replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import RALLY_MODEL, PlayerOptions, RallyModel, hands_told
+from shuttle_marl.commands.options import RALLY_MODEL, HandsTold, RallyModel, hands_told
 from shuttle_marl.game.stroke import SHOTS
 
-_PLAYERS: Final = PlayerOptions()
 _HEADINGS: Final = ("", "strokes", "won", "rating", "length", "tempo", "winners", "value", "most played")
 _SHOWN: Final = 12
 
@@ -26,7 +25,7 @@ def analysis(
     out: Path | None = None,
     model: RallyModel = RALLY_MODEL,
     rallies: int = 20_000,
-    players: tyro.conf.OmitArgPrefixes[PlayerOptions] = _PLAYERS,
+    hand: HandsTold = (),
     json: bool = False,
 ) -> None:
     """Summarise the play of every player of a rally log or of annotated matches, with the value of their strokes.
@@ -37,28 +36,25 @@ def analysis(
         out: folder for tables of rallies and strokes, as Parquet and CSV files.
         model: game on which values are computed.
         rallies: approximate number of rallies sampled from a log, the same number from each pairing.
-        players: whose strokes they are.
+        hand: hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
         json: print JSON.
     """
     from shuttle_marl.base import table_files  # noqa: PLC0415
-    from shuttle_marl.data import anonymised, named  # noqa: PLC0415
+    from shuttle_marl.data import named  # noqa: PLC0415
     from shuttle_marl.reports.summary import players_of  # noqa: PLC0415  these keep --help quick
 
     if out is not None:
         written = (out / f"{kind}.{suffix}" for kind in ("strokes", "rallies") for suffix in ("parquet", "csv"))
         cli.check_apart(written, [path] if against is None else [path, against])
     tables = model.load_for(path).seats[0].average
-    with hands_told(players.hand):
+    with hands_told(hand):
         strokes = play.strokes_of(path, rallies=rallies)
     valued = play.add_values_of_pairs(strokes, "bc", tables)
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
-    if players.anonymous:
-        valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
-    other = "others" if players.anonymous or against is None else against.resolve().name
     summaries = {name: play.summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
         others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies), "bc", tables)
-        summaries[other] = play.summarise(others)
+        summaries[against.resolve().name] = play.summarise(others)
     if out is not None:
         for kind, table in (("strokes", valued), ("rallies", play.rally_table(valued))):
             table_files.write_parquet(out / f"{kind}.parquet", table)

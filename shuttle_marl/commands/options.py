@@ -44,14 +44,6 @@ def hands_told(hands: HandsTold) -> Iterator[None]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PlayerOptions:
-    """The players of strokes."""
-
-    hand: HandsTold = ()  # Hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
-    anonymous: bool = False  # Replace the names of players and matches.
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class GameOptions:
     """The game that is solved or played."""
 
@@ -137,11 +129,12 @@ class SampleOptions:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ReportOptions(PlayerOptions):
+class ReportOptions:
     """The page and the figures of a report."""
 
     out: File = None  # HTML file; default: the name of the command.
     language: Language = "en"  # Language of the page: English, Chinese (simplified) or Indonesian.
+    hand: HandsTold = ()  # Hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
     json_output: Json = False  # Print the figures as JSON, and write no page unless --out is given.
 
     def write(self, report: "CoachReport", name: str) -> None:

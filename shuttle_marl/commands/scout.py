@@ -52,7 +52,7 @@ def scout(
         return
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
-    options: dict[str, Any] = {"rules": rules, "beside": beside, "date": date, "model": game, "anonymous": output.anonymous}
+    options: dict[str, Any] = {"rules": rules, "beside": beside, "date": date, "model": game}
     with hands_told(output.hand), cli.working("analysing the match-up"), speaking(output.language):
         report = scouting_report(player, opponent, data=data, clips=scout_clips, **options)
     output.write(report, "scout.html")

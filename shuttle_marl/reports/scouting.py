@@ -124,10 +124,7 @@ class ScoutingReport:
         opponent = dataclasses.replace(self.opponent, name=name_of(self.opponent.name))
         season = [form._replace(against=name_of(form.against)) for form in self.season]
         beside = self.beside and (name_of(self.beside[0]), self.beside[1])
-        pair = self.pair
-        if pair is not None and player is not None:
-            pair = dataclasses.replace(pair, people=dataclasses.replace(people_of(pair), players=(player.name, opponent.name)))
-        return dataclasses.replace(self, player=player, opponent=opponent, season=season, beside=beside, pair=pair)
+        return dataclasses.replace(self, player=player, opponent=opponent, season=season, beside=beside)
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""

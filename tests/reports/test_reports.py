@@ -419,18 +419,10 @@ def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.Capt
     listed = json.loads(capsys.readouterr().out)["players"]
     assert {"name", "discipline", "strokes", "matches", "last", "imitated"} == set(listed[0])
     out = tmp_path / "s.html"
-    assert scout_command([A, B, "--game", model, "--out", str(out), "--anonymous"]) == 0
-    content = out.read_text(encoding="utf-8")
-    assert "Player A against Player B" in content
-    for name in (A, B, "Axelsen", "Momota"):
-        assert name not in content
-    assert len(content) < 3_000_000
-    capsys.readouterr()
-    assert scout_command([A, B, "--game", model, "--out", str(out), "--anonymous", "--language", "zh"]) == 0
+    assert scout_command([A, B, "--game", model, "--out", str(out), "--language", "zh"]) == 0
     content = out.read_text(encoding="utf-8")
     assert '<html lang="zh-Hans">' in content
-    assert "球员A 对 球员B" in content
-    assert "Player" not in content
+    assert len(content) < 3_000_000
     out = tmp_path / "m.html"
     options = ["--game", model, "--out", str(out), "--video", "https://example.org/v?t={seconds}"]
     assert report_command([str(SAMPLE), "--match", "SIMULATED 2", *options]) == 0
