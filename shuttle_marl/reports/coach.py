@@ -251,7 +251,6 @@ def scouting_report(
     *,
     data: Path | str | None = None,
     rules: RulesName | None = None,
-    beside: str | None = None,
     date: str | None = None,
     model: str = "default",
     clips: Callable[[ScoutingReport, pa.Table | None], Clips] | None = None,
@@ -262,7 +261,6 @@ def scouting_report(
         player: who is to win; without an opponent, whose profile it is.
         data: annotated matches, for counted habits; None: those of the model alone.
         rules: of these matches; None: those of the table, or of its scores.
-        beside: another opponent, whose habits are shown beside.
         date: day of the players' skill, such as 2021-07-31; None: the last one known.
         model: name or folder of the model.
         clips: what stages the rallies of the page, ``shuttle_marl.court.clips.scout_clips``; None: without rallies.
@@ -272,7 +270,7 @@ def scouting_report(
     """
     strokes = None if data is None else read_matches(data, rules=rules)
     names = (player,) if opponent is None else (opponent, player)
-    found = scout(*names, beside=beside, model=model, date=date, data=strokes)
+    found = scout(*names, model=model, date=date, data=strokes)
 
     def page() -> bytes:
         staged = NO_CLIPS if clips is None else clips(found, strokes)

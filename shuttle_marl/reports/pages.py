@@ -259,7 +259,6 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips
         "ending_share": lambda each, digits=0: ranged(Estimate(each.share, each.low, each.high), digits),
         "clear_endings": clear_endings(report.endings),
         "endings": sorted(zip(whole[::2], whole[1::2], strict=True), key=lambda ends: -ends[0].strokes),
-        "beside": _beside(report),
     }
     return page("scout.html.j2", clips, content)
 
@@ -282,11 +281,3 @@ def _answers(report: ScoutingReport, kinds: Sequence[str]) -> list[Habit]:
     """All answers to some questions that are not very rare."""
     asked = [habit for habit in report.habits if habit.kind in kinds and _listed(habit)]
     return sorted(asked, key=lambda habit: (kinds.index(habit.kind), habit.about, -habit.share))
-
-
-def _beside(report: ScoutingReport) -> dict[str, Any] | None:
-    if report.beside is None:
-        return None
-    found = [habit for habit in report.beside[1] if habit.kind in ("shots", "serve", "return", "third")]
-    differ = sum(habit.clear for habit in found)
-    return {"name": report.beside[0], "differ": differ, "tested": len(found), "habits": list(filter(_listed, found))}
