@@ -170,7 +170,6 @@ class _Run:
             keep_strokes=recorder is not None,
             sample=None if recorder is None else recorder.sample,
             rules=RULES[config.rules],
-            decide=config.decide,
             workers=config.workers,
             cluster=self.cluster,
         )

@@ -1,6 +1,5 @@
-"""Ratings, intervals, assessments and the sequential test against closed forms, other libraries, and simulated leagues."""
+"""Ratings, intervals, and assessments against closed forms, other libraries, and simulated leagues."""
 
-import dataclasses
 import itertools
 import json
 import math
@@ -11,9 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from shuttle_marl.game import load_game
 from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games
-from shuttle_marl.league.entrants import enter
 from shuttle_marl.league.ranking import (
     ELO,
     ExactOdds,
@@ -28,15 +25,10 @@ from shuttle_marl.league.ranking import (
     wins_of,
 )
 from shuttle_marl.league.tournament import (
-    BOUND,
     COUNTS,
     PairResult,
-    Tournament,
-    decided,
     forfeited,
-    log_likelihood_ratio,
     round_robin,
-    share_of,
 )
 
 
@@ -345,64 +337,3 @@ def test_the_clearest_cycles_are_listed_first_and_twenty_at_most() -> None:
     ]
     assert len(every) == 30
     assert closest == pytest.approx(sorted(every, reverse=True)[:20])
-
-
-DECIDED = 40.0
-
-
-def test_the_ratio_is_that_of_the_likeliest_distributions_with_the_two_means() -> None:
-    cells = (31, 120, 49)
-
-    def likelihood(mean: float) -> float:
-        """By a general optimiser, over the probability of a split; the mean leaves one number free."""
-
-        def loss(split: np.ndarray) -> float:
-            both = mean - split[0] / 2
-            p = np.array([1 - split[0] - both, split[0], both])
-            return 1e9 if (p <= 0).any() else -float((np.array(cells) * np.log(p)).sum())
-
-        return -minimize(loss, [0.5], method="Nelder-Mead", options={"xatol": 1e-12, "fatol": 1e-12}).fun
-
-    expected = likelihood(share_of(DECIDED)) - likelihood(share_of(-DECIDED))
-    assert log_likelihood_ratio(cells, DECIDED) == pytest.approx(expected, abs=1e-6)
-    assert log_likelihood_ratio(cells[::-1], DECIDED) == pytest.approx(-expected, abs=1e-6)
-    assert math.isfinite(log_likelihood_ratio((0, 0, 5), 1000.0))
-
-
-def test_a_pairing_stops_when_it_is_decided(small_model: str) -> None:
-    game = load_game(small_model)
-    asked = dataclasses.replace(enter("safe", game), table=None)
-    entrants = [asked, enter("random", game), enter("attacking", game)]
-
-    def results(batch: int, decide: float | None) -> list[tuple[int, tuple[int, int, int]]]:
-        tournament = Tournament(game, entrants, matches=64, seed=1, batch=batch, keep_strokes=True, decide=decide)
-        blocks = [block for group in tournament.play(round_robin(["a", "b", "c"])) for block in group]
-        return [(sum(seat["matches"] for seat in result.seats), result.cells) for result, _ in blocks]
-
-    short, whole = results(64, 200.0), results(8192, None)
-    assert short == results(8192, 200.0)
-    assert short[2] == whole[2]  # both have tables
-    for (matches, cells), (_, all_cells) in zip(short[:2], whole[:2], strict=True):
-        assert matches % 32 == 0
-        assert matches == 2 * sum(cells)
-        assert 32 <= matches <= 64
-        assert all(a <= b for a, b in zip(cells, all_cells, strict=True))
-        assert matches == 64 or abs(log_likelihood_ratio(cells, 200.0)) >= BOUND
-
-
-def test_the_test_of_two_entrants_is_symmetric_and_sure_at_19_to_1() -> None:
-    assert share_of(0) == 0.5
-    assert share_of(400) == pytest.approx(10 / 11)
-    assert pytest.approx(math.log(19)) == BOUND
-    assert log_likelihood_ratio((3, 4, 3), 50) == pytest.approx(0, abs=1e-9)
-    ratio = log_likelihood_ratio((1, 4, 9), 50)
-    assert log_likelihood_ratio((9, 4, 1), 50) == pytest.approx(-ratio)
-    assert ratio > 0
-    # Only wins: the likeliest distributions have all weight on draws of 1 and 0 at the two means, m and 1 - m.
-    mean = share_of(100)
-    assert log_likelihood_ratio((0, 0, 1000), 100) == pytest.approx(1000 * math.log(mean / (1 - mean)), rel=1e-3)
-    sure = next(n for n in range(1, 99) if decided((0, 0, n), 100))
-    assert sure == math.ceil(math.log(19) / math.log(mean / (1 - mean)))
-    assert decided((sure, 0, 0), 100)
-    assert not decided((0, 0, sure - 1), 100)
-    assert np.isfinite(log_likelihood_ratio((0, 0, 0), 10))
