@@ -74,7 +74,7 @@ class LeagueConfig:
     rules: RulesName = "21"
     """Points of a game: 21 (best of three, the rules of the sport), or its trials: 15 (best of three), 11 (best of five)."""
     exact: bool = True
-    """Also compute exact results of every pair, best responses, and styles; takes seconds per entrant."""
+    """Also compute exact results of every pair, and best responses; takes seconds per entrant."""
     workers: Annotated[int, msgspec.Meta(ge=1, le=256)] = 1
     """Threads that play pairings of policies with tables; results do not depend on it."""
     ray: str | None = None

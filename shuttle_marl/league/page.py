@@ -18,7 +18,7 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import isolated, printable
 from shuttle_marl.base.intervals import Interval, interquartile_mean, probability_of_improvement
-from shuttle_marl.league.assessment import AXES, PEOPLE, Assessment, MetaGame, Style
+from shuttle_marl.league.assessment import Assessment, MetaGame
 from shuttle_marl.league.entrants import PAIRINGS, REPORT, Format, LeagueConfig, LeagueError
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.tournament import PairResult
@@ -30,7 +30,6 @@ TITLES: Final[dict[Format, str]] = {"round-robin": "Round robin", "swiss": "Swis
 FIGURES: Final = {"exploitability": "exploitability", "normalised_score": "normalised score", "rally_win": "rallies won"}
 _LESS_IS_BETTER: Final = ("exploitability",)
 _NUMBER: Final = (int, float)
-_MOST_MISFITS: Final = 40
 _LEAST_SHOWN: Final = 0.0005
 _NOT_A_SETTING: Final = ("seed", "record")
 _MOST: Final = 1000  # players of a tournament
@@ -82,10 +81,9 @@ def learning_charts(runs: Sequence[Curve]) -> list[tuple[str, Markup]]:
     return found
 
 
-def ranking(standings: Sequence[Standing], styles: Mapping[str, Style] | None = None) -> Table:
+def ranking(standings: Sequence[Standing]) -> Table:
     """The ranking, without empty columns."""
     apart = any(standing.group > 1 for standing in standings)
-    likeness = {player: style.likeness for player, style in (styles or {}).items()}
     columns: list[Column[Standing]] = [
         Column("", lambda s: Cell(str(s.rank), s.rank), about="rank", ascending=True),
         Column("group", lambda s: Cell(str(s.group), s.group) if apart else Cell(), about="groups are not compared",
@@ -108,9 +106,7 @@ def ranking(standings: Sequence[Standing], styles: Mapping[str, Style] | None = 
         Column("exploitability", lambda s: number(s.exploitability, "z.3f"),
                about="gain of the best response to the player; 0 is perfect play", ascending=True),
         Column("normalised", lambda s: number(s.normalised_score, "z.3f"),
-               about=f"by rallies won against {PEOPLE}: 0 for {PEOPLE}, 1 for the best response to it"),
-        Column("likeness", lambda s: percent(likeness.get(s.player, math.nan)),
-               about=f"fraction of the strokes in common with {PEOPLE}", brief=False),
+               about="by rallies won against bc: 0 for bc, 1 for the best response to it"),
     ]  # fmt: skip
     return table(standings, [column for column in columns if column.left or any(column.cell(s).text for s in standings)])
 
@@ -167,16 +163,12 @@ def page(
         totals={"players": len(standings)}
         | {what: sum(seat[what] for r in played for seat in r.seats) for what in ("matches", "rallies", "strokes")},
         summary=_summary(standings),
-        ranking=ranking(standings, assessment.styles),
+        ranking=ranking(standings),
         ratings=_rated(map(dataclasses.asdict, standings)),
         payoffs=_payoffs([s.player for s in standings], assessment.win[order][:, order]),
         curves=learning_charts(curves),
-        people=PEOPLE,
-        styles=_styles(standings, assessment.styles),
-        games=[_meta_game(about, game) for about, game in assessment.games.items()],
-        cyclic_share=assessment.cyclic_share,
+        games=_meta_games(assessment.games),
         cycles=_cycles(assessment),
-        misfit=_misfit(assessment),
         recorded_every=every,
         logs=[*logs.values()],
         files=(REPORT, PAIRINGS, "results.csv"),
@@ -209,28 +201,14 @@ def _payoffs(names: Sequence[str], win: F64) -> Table:
     return table(range(len(names)), columns)
 
 
-def _styles(standings: Sequence[Standing], styles: Mapping[str, Style]) -> Table | None:
-    if not styles:
-        return None
-    columns: list[Column[str]] = [
-        Column("player", name, left=True),
-        Column("likeness", lambda player: percent(styles[player].likeness)),
-        Column("strokes a rally", lambda player: number(styles[player].rally_length, ".2f")),
-        *(Column(axis, lambda player, axis=axis: percent(styles[player].shots[axis])) for axis in AXES),  # type: ignore[misc]
-    ]
-    return table([s.player for s in standings if s.player in styles], columns)
-
-
-def _meta_game(about: str, game: MetaGame) -> Table:
-    most = {player: max(weights[player] for weights in game.values()) for player in game["alpha_rank"]}
-    columns: list[Column[str]] = [
-        Column("player", name, left=True),
-        Column("Nash averaging", lambda player: percent(game["nash_average"][player])),
-        Column("maximal lottery", lambda player: percent(game["maximal_lottery"][player])),
-        Column("alpha-rank", lambda player: percent(game["alpha_rank"][player])),
-    ]
+def _meta_games(games: Mapping[str, MetaGame]) -> Table:
+    """Probabilities of the entrants in each game; those that have none are left out."""
+    columns: list[Column[str]] = [Column("player", name, left=True)]
+    for about, weights in games.items():
+        columns.append(Column(about, lambda player, weights=weights: percent(weights.get(player, math.nan))))  # type: ignore[misc]
+    most = {player: max(weights.get(player, 0.0) for weights in games.values()) for each in games.values() for player in each}
     shown = sorted((player for player in most if most[player] >= _LEAST_SHOWN), key=lambda player: -most[player])
-    return table(shown, columns, about.capitalize())
+    return table(shown, columns)
 
 
 def _cycles(assessment: Assessment) -> Table:
@@ -238,23 +216,6 @@ def _cycles(assessment: Assessment) -> Table:
     wins = [(cycle["players"], cycle["match_win"]) for cycle in assessment.cycles]
     rows = [[*map(name, players), *map(percent, won), percent(min(won))] for players, won in wins]
     return Table([Column(heading, name, left=i < 3) for i, heading in enumerate(headings)], rows)
-
-
-def _misfit(assessment: Assessment) -> Table | None:
-    """Pairings whose results differ most from the ratings; None without degrees of freedom."""
-    fit = assessment.misfit
-    if not fit.degrees:
-        return None
-    columns: list[Column[Any]] = [
-        Column("player", lambda row: name(row[0][0]), left=True),
-        Column("opponent", lambda row: name(row[0][1]), left=True),
-        Column("matches won", lambda row: percent(row[1])),
-        Column("by the ratings", lambda row: percent(row[2])),
-        Column("standard errors", lambda row: number(row[3], "+.1f")),
-    ]
-    caption = f"Misfit of the ratings: chi-squared {fit.statistic:.1f} with {fit.degrees} degrees of freedom, p = {fit.p:.2g}"
-    pairs = zip(assessment.pairs, fit.share.tolist(), fit.expected.tolist(), fit.z.tolist(), strict=True)
-    return table(sorted(pairs, key=lambda row: -abs(row[3]))[:_MOST_MISFITS], columns, caption)
 
 
 def _pairings(results: Sequence[PairResult], logs: Mapping[int, str], *, numbered: bool) -> Table:

@@ -25,7 +25,7 @@ from shuttle_marl.base.table_files import csv_bytes, write_parquet
 from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.league.assessment import as_json, assess, styles
+from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import PAIRINGS, REPORT, Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.page import Curve, page, read_curve
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table, unknown
@@ -263,8 +263,7 @@ class _Run:
         config, game, folder, results = self.config, self.game, self.folder, self.results
         _say(self.console, "writing the report")
         standings = rank(config.pool, results, config.seed, exact)
-        tables = {entrant.name: entrant.table for entrant in self.entrants if entrant.table is not None}
-        assessment = assess(standings, results, exact, styles(game.seats[0], tables) if config.exact else {})
+        assessment = assess(standings, results, exact)
         table = results_table(results, exact)
         replace_file(folder / "results.csv", csv_bytes(table))
         write_parquet(folder / "results.parquet", table)

@@ -14,10 +14,8 @@ from shuttle_marl import __version__
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
-from shuttle_marl.exact import visits
-from shuttle_marl.game.policy import tabulate
 from shuttle_marl.league import LeagueConfig, LeagueError
-from shuttle_marl.league.assessment import AXES, Style, assess, styles
+from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.page import Curve, compare, console_table, page
 from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.tournament import (
@@ -26,11 +24,9 @@ from shuttle_marl.league.tournament import (
     forfeited,
     round_robin,
 )
-from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import charts
 from tests import golden
 from tests.pages import parsed
-from tests.reduced import reduced_game
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>\x1b[2J"
 POOL = ("bc", "minimax", EVIL, "fails")
@@ -57,10 +53,6 @@ def tournament() -> dict[str, Any]:
         exploitability=np.array([0.4, 0, math.nan, math.nan]),
         normalised_score=np.array([0, 0.8, math.nan, math.nan]),
     )
-    styles = {
-        name: Style(likeness=likeness, rally_length=9.0, shots={axis: (i + 1) / 36 for i, axis in enumerate(AXES)})
-        for name, likeness in (("bc", 1.0), ("minimax", 0.05))
-    }
     standings = rank(POOL, results, 0, exact)
     curve = Curve(name="agent:x", rows=[{"strokes": i, "seconds": i / 2, "exploitability": 0.5 / (i + 1)} for i in range(9)])
     return {
@@ -68,7 +60,7 @@ def tournament() -> dict[str, Any]:
         "game": "0" * 64,
         "standings": standings,
         "results": results,
-        "assessment": assess(standings, results, exact, styles),
+        "assessment": assess(standings, results, exact),
         "curves": [curve],
     }
 
@@ -231,17 +223,6 @@ def test_the_console_shows_few_columns_of_the_ranking() -> None:
     shown = console_table(tournament()["standings"]).columns
     brief = ["", "player", "rating", "95 % interval", "matches won", "exact", "rallies won", "exploitability", "normalised"]
     assert [column.header for column in shown] == brief
-
-
-def test_styles_are_measured_in_the_states_of_people() -> None:
-    game = reduced_game()
-    tables = {name: tabulate(resolve(name, game), game) for name in ("bc", "random")}
-    found, usual = styles(game, tables), tables["bc"].pair_probabilities()
-    assert found["bc"].likeness == 1
-    seen = np.add(*visits(tables["bc"], tables["bc"]).states)
-    overlap = np.add.reduceat(np.minimum(usual, tables["random"].pair_probabilities()), game.pair_start[:-1][game.playable])
-    assert found["random"].likeness == pytest.approx(np.average(overlap, weights=seen[game.playable]), abs=1e-5)
-    assert all(sum(style.shots.values()) == pytest.approx(1, abs=1e-5) for style in found.values())
 
 
 def test_points_and_last_figures_of_a_curve() -> None:
