@@ -10,8 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
-from unicodedata import east_asian_width
+from typing import TYPE_CHECKING, Any, Final
 from xml.etree import ElementTree
 
 import numpy as np
@@ -51,7 +50,6 @@ _WIDE, _NARROW = 1100.0, 460.0
 """Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
 _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
-_MISSING: Final = 4.5  # width that a letter takes beyond what a missing one does [px]
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _STYLE: Final[dict[str, Any]] = {
@@ -150,12 +148,6 @@ def label(name: str, longest: int = _LONGEST_NAME) -> str:
     return name if len(name) <= longest else f"{name[: longest - 1]}…"
 
 
-def _listed(axes: Any, labels: Sequence[str]) -> None:
-    axes.set_yticks(range(len(labels)), labels, color=_INK)
-    axes.set_ylim(len(labels) - 0.4, -0.6)
-    axes.grid(axis="y", visible=False)
-
-
 def _shades(*colours: str) -> Callable[[float], str]:
     """Colours from 0 to 1, mixed of some."""
     from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
@@ -232,53 +224,6 @@ def _words() -> "Words":
     from shuttle_marl.reports.words import words  # noqa: PLC0415  slow to import
 
     return words()
-
-
-class Bar(NamedTuple):
-    """An estimate: its name, value and interval, a reference (NaN: none), whether it is clear, and the player (0 or 1)."""
-
-    name: str
-    value: float
-    low: float
-    high: float
-    reference: float = float("nan")
-    clear: bool = True
-    player: int = 0
-
-
-def _wide(text: str) -> int:
-    return sum(east_asian_width(letter) == "W" for letter in text)
-
-
-@_styled()
-def bars(rows: Sequence[Bar], title: str) -> Markup:
-    """Estimates with intervals, one below the other; a value of NaN is not known."""
-    say = _words()
-    whole = [label(row.name, 3 * _LETTERS) for row in rows]
-    # A line has half as many wide letters.
-    labels = [fill(text, _LETTERS // 2 if 2 * _wide(text) > len(text) else _LETTERS) for text in whole]
-    lines = max(text.count("\n") for text in labels) + 1
-    chart = Chart(_NARROW, (14.0 * lines + 6) * len(rows) + 40)
-    # The font of matplotlib has no wide letters, and leaves less space for them than that of the reader takes.
-    room = _MISSING * max(_wide(line) for text in labels for line in text.split("\n")) / _NARROW
-    chart.figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
-    axes = chart.axes
-    for y, row in enumerate(rows):
-        colour = _PLAYERS[row.player]
-        value, low, high = (say.number(x, ".1f") for x in row[1:4])
-        estimate = say("report.interval", value=value, low=low, high=high)
-        about = chart.tooltips(f"{row.name}: {estimate}")
-        if np.isfinite(row.value):
-            axes.plot([row.low, row.high], [y, y], color=colour, linewidth=3, alpha=0.55, gid=about)
-            axes.plot(row.value, y, "os"[row.player], markersize=8, markeredgewidth=1.6, markeredgecolor=colour,
-                      color=colour if row.clear else "none")  # fmt: skip
-        if np.isfinite(row.reference):
-            axes.plot(row.reference, y, "D", color="none", markeredgecolor=_INK, markeredgewidth=1.4, markersize=7,
-                      gid=chart.tooltips(f"{row.name}: {say.number(row.reference, '.1f')}"))  # fmt: skip
-    if min(row.low for row in rows) < 0 < max(row.high for row in rows):
-        axes.axvline(0, color=_DIM, linewidth=1)
-    _listed(axes, labels)
-    return chart.svg(title)
 
 
 @_styled()

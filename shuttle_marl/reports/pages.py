@@ -20,7 +20,7 @@ from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts
 from shuttle_marl.reports.habits import Habit, clear_endings
 from shuttle_marl.reports.html import Heading, Viewer, render
-from shuttle_marl.reports.match import MatchReport, ShotValue, matches_in
+from shuttle_marl.reports.match import MatchReport, matches_in
 from shuttle_marl.reports.scouting import ScoutingReport
 from shuttle_marl.reports.summary import met
 from shuttle_marl.reports.value import LEAST_REFITS
@@ -163,7 +163,6 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
         "course": _course(report),
         "values": sorted((each for each in report.values if each.clear), key=lambda each: -abs(each.points.value)),
         "all_values": sorted(report.values, key=lambda each: (each.player, -each.points.value)),
-        "bars": lambda values: [_bar(report, each) for each in values],
         "areas": areas,
         "drills": [
             drills(catalogue, ((shots[c.incoming], areas[c.incoming], c.better) for c in report.choices if c.player == player))
@@ -209,11 +208,6 @@ def _reasons(report: MatchReport, i: int) -> Iterator[str]:
         yield words()("match.moment_run", player=report.players[row.winner], points=run)
 
 
-def _bar(report: MatchReport, each: ShotValue) -> charts.Bar:
-    named = f"{report.players[each.player][:24]}: {words().shots(each.shot)}"
-    return charts.Bar(named, *each.points, clear=each.clear, player=each.player)
-
-
 _DOUBTFUL = 0.5
 
 
@@ -251,10 +245,7 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips
         "examples": [_example(report, each) for each in clips.examples],
         "recorded": any(each.match for each in clips.examples),
         "framed": [AREAS.index(each.answer) for each in report.habits if each.kind == "targets" and each.clear],
-        "habit_bars": lambda habits: [
-            charts.Bar(say.habit(each), 100 * each.share, 100 * each.low, 100 * each.high, 100 * each.usual, player=1)
-            for each in habits[:_SHOWN]
-        ],
+        "most_clear": [habit for habit in report.habits if habit.clear][:_SHOWN],
         "answers": lambda kinds: _answers(report, kinds),
         "ending_share": lambda each, digits=0: ranged(Estimate(each.share, each.low, each.high), digits),
         "clear_endings": clear_endings(report.endings),
