@@ -141,7 +141,6 @@ def page(
     results: Sequence[PairResult],
     assessment: Assessment,
     *,
-    curves: Sequence[Curve] = (),
     logs: Mapping[int, str] = {0: runs.RALLIES},
 ) -> bytes:
     """The page of a tournament, as the content of a file.
@@ -149,7 +148,6 @@ def page(
     Args:
         game: hash of the game.
         results: of every pairing, in the order in which they were played.
-        curves: of the entrants whose training runs still exist.
         logs: rally logs by the number of their first pairing.
     """
     played = [result for result in results if not result.forfeit]
@@ -166,7 +164,6 @@ def page(
         ranking=ranking(standings),
         ratings=_rated(map(dataclasses.asdict, standings)),
         payoffs=_payoffs([s.player for s in standings], assessment.win[order][:, order]),
-        curves=learning_charts(curves),
         games=_meta_games(assessment.games),
         cycles=_cycles(assessment),
         recorded_every=every,

@@ -54,14 +54,12 @@ def tournament() -> dict[str, Any]:
         normalised_score=np.array([0, 0.8, math.nan, math.nan]),
     )
     standings = rank(POOL, results, 0, exact)
-    curve = Curve(name="agent:x", rows=[{"strokes": i, "seconds": i / 2, "exploitability": 0.5 / (i + 1)} for i in range(9)])
     return {
         "config": LeagueConfig(pool=POOL),
         "game": "0" * 64,
         "standings": standings,
         "results": results,
         "assessment": assess(standings, results, exact),
-        "curves": [curve],
     }
 
 
