@@ -27,13 +27,13 @@ from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.odds import Spread
+    from shuttle_marl.game.shipped import Estimate
     from shuttle_marl.game.tables import Game
 
 T = TypeVar("T")
 Command = Callable[..., object]
 Commands = Command | Mapping[str, Command]
-Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"]
+Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Estimate] | None"]
 """Policy, its results in the game by name, and their spreads in the refits; None without refits."""
 Figure = object
 """What is shown of a result: a number, a text, shares by name, or a number with an interval ``(value, low, high)``."""
@@ -362,9 +362,9 @@ def shares(named: Mapping[str, float], count: int | None = None) -> str:
     return ", ".join(f"{words(name)} {percent(named[name])}" for name in order)
 
 
-def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
+def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Estimate] | None") -> dict[str, Any]:
     """Results in the game and in its refits as JSON; ``away`` is null without refits."""
-    return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
+    return {"home": home, "away": None if away is None else {name: figure._asdict() for name, figure in away.items()}}
 
 
 def home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked: bool) -> list[Table | str]:
@@ -376,7 +376,7 @@ def home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked:
     lines = []
     for name, home, away in rows:
         for figure, there in (away or {}).items():
-            mean, low, high = (min(1.0, max(0.0, float(part))) for part in (there.value, there.low, there.high))
+            mean, low, high = (min(1.0, max(0.0, part)) for part in there)
             lines.append((name, words(figure), written(figure, home[figure]), written(figure, (mean, low, high))))
     return [
         table("In the game and in its refits", ("policy", "result", "game", "refits"), lines),
