@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,7 +24,7 @@ from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.recording import Sampling
 from shuttle_marl.reports import charts
-from shuttle_marl.reports.html import Cell, Column, Span, Table, interval, name, number, percent, render, table
+from shuttle_marl.reports.html import Cell, Column, Table, interval, name, number, percent, render, table
 
 TITLES: Final[dict[Format, str]] = {"round-robin": "Round robin", "swiss": "Swiss tournament", "gauntlet": "Gauntlet"}
 FIGURES: Final = {"exploitability": "exploitability", "normalised_score": "normalised score", "rally_win": "rallies won"}
@@ -162,7 +162,6 @@ def page(
         | {what: sum(seat[what] for r in played for seat in r.seats) for what in ("matches", "rallies", "strokes")},
         summary=_summary(standings),
         ranking=ranking(standings),
-        ratings=_rated(map(dataclasses.asdict, standings)),
         payoffs=_payoffs([s.player for s in standings], assessment.win[order][:, order]),
         games=_meta_games(assessment.games),
         cycles=_cycles(assessment),
@@ -307,31 +306,7 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
     for run, ranked in rankings.items():
         columns += _rating_columns(run, ranked)
     players = dict.fromkeys(player for ranked in rankings.values() for player in ranked)
-    return {
-        "ratings": table(players, columns) if rankings else None,
-        "rated": [_rated(ranked.values(), f"Ratings of {run}") for run, ranked in rankings.items()],
-    }
-
-
-def _rated(rows: Iterable[Mapping[str, Any]], caption: str = "") -> Table:
-    """Ratings with their intervals on a line; of several groups, which are not compared, each with its number."""
-    rows = [*rows]
-    apart = len({row["group"] for row in rows}) > 1
-    known = [row[figure] for row in rows for figure in _RATING[1:5] if not math.isnan(row[figure])] or [0.0]
-    low, high = min(0.0, *known) - 1, max(0.0, *known) + 1
-
-    def drawn(row: Mapping[str, Any]) -> Cell:
-        value, least, most, exact = (row[figure] for figure in _RATING[1:5])
-        text = f"{value:+.0f} ({least:+.0f} to {most:+.0f})" + (f", exact {exact:+.0f}" if not math.isnan(exact) else "")
-        at = [round(100 * (each - low) / (high - low), 2) for each in (least, value, most, exact, 0.0)]
-        return Cell(text, value, span=Span(*at))
-
-    def named(row: Mapping[str, Any]) -> Cell:
-        return name(f"{row['player']} (group {row['group']:.0f})" if apart else str(row["player"]))
-
-    scale = f"rating and 95 % interval, from {low:+.0f} to {high:+.0f} Elo points; diamond: exact"
-    columns = [Column[Any]("player", named, left=True), Column[Any](scale, drawn, left=True)]
-    return table(rows, columns, caption)
+    return {"ratings": table(players, columns) if rankings else None}
 
 
 def _rating_columns(run: str, ranking: Mapping[str, Mapping[str, float]]) -> list[Column[str]]:
