@@ -24,7 +24,7 @@ from shuttle_marl.reports.match import MatchReport, matches_in
 from shuttle_marl.reports.scouting import ScoutingReport
 from shuttle_marl.reports.summary import met
 from shuttle_marl.reports.value import LEAST_REFITS
-from shuttle_marl.reports.waits import LEAST_METRES, Wait, differences, named
+from shuttle_marl.reports.waits import LEAST_METRES, Wait, differences
 from shuttle_marl.reports.words import between, metres, of_100, parts, ranged, signed, words
 
 if TYPE_CHECKING:
@@ -88,13 +88,6 @@ def drills(catalogue: Catalogue, asked: Iterable[tuple[int, int, int]]) -> list[
     return [*first.values()][:DRILLS]
 
 
-def shown_differences(wait: Wait) -> str:
-    """What the data support, as short texts with commas between them."""
-    say = words()
-    parts = [say(f"waits.shown_{each.kind}", metres=metres(each.value)) for each in named(wait)]
-    return say.listed(parts) or say("waits.same")
-
-
 def distance(wait: Wait) -> str:
     """The mean distance from the net with its interval, if it is known."""
     value, low, high = map(metres, wait.depth.mean)
@@ -109,7 +102,7 @@ def shares(wait: Wait, axis: int) -> str:
 def page(template: str, clips: Clips, content: Mapping[str, Any]) -> bytes:
     """The page of a report; ``template``: its file name; ``content``: figures that the template shows."""
     say = words()
-    figures = (between, metres, of_100, parts, ranged, signed, differences, distance, shares, shown_differences)
+    figures = (between, metres, of_100, parts, ranged, signed, differences, distance, shares)
     return render(
         __package__ or "",
         template,
