@@ -1,6 +1,5 @@
 """Inference of missing values of a sheet, warnings of improbable ones, and names of matches and players."""
 
-import functools
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -312,14 +311,12 @@ _TWO: Final = re.compile(r"[/&+;|\\\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(an
 """Separators of two names in one cell."""
 _HYPHEN: Final = re.compile(r"(?<=[^\W\d_])[-\u2010-\u2015](?=[^\W\d_])")
 _PLACE: Final = re.compile("player|court|side|half|end")
-_ENDS: Final = ("near", "far", "left", "right")
 
 
-@functools.lru_cache(maxsize=1 << 12)
 def _is_end(name: str) -> bool:
     """Whether a name is that of an end of the court, such as *top* or *player_near*."""
     word = _PLACE.sub("", bare(name))
-    return (Words("side", ()).meaning(word) or Words("side_of_area", ()).meaning(word)) in _ENDS
+    return bool(Words("side", ()).meaning(word)) or Words("side_of_area", ()).meaning(word) in ("left", "right")
 
 
 def names_of_matches(sheet: Sheet) -> Array:
