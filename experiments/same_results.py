@@ -65,8 +65,6 @@ AREAS: Final[dict[Area, tuple[str, ...]]] = {
     "pictures": (
         "seeded pictures",
         "analysis datasets/sample/strokes.parquet --out {out}/analysis --json",
-        "exact solve --no-away --plot {out}/solution.png",
-        "dynamics card --plot {out}/card.png",
     ),
     "suite": tuple(
         f"suite run {task} --method {method} --quick --seeds 1 --json --out {{out}}/{task}" for task, method in _SUITE.items()

@@ -27,7 +27,7 @@ from experiments.saving import Study, finish, iqm, mean_and_deviation, ship
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import entry_point
-from shuttle_marl.exact.odds import Values, best_odds, of_pair, over, pair_odds
+from shuttle_marl.exact.odds import best_odds, of_pair, over, pair_odds
 from shuttle_marl.game import load_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import refits_of
@@ -119,7 +119,7 @@ def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
         rows.append(
             {
                 **_row(row, found, [run for (agent, _), run in training.items() if agent == row]),
-                "away": None if away is None else {name: figure.as_json() for name, figure in away.items()},
+                "away": None if away is None else {name: figure._asdict() for name, figure in away.items()},
             }
         )
         matrix[row] = {name: float(np.mean([odds[name] for odds in against])) for name in others}
@@ -152,7 +152,7 @@ def _out(run: TrainingConfig) -> Path:
     return run.out
 
 
-def _away(policies: Sequence[TabulatedPolicy], opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:
+def _away(policies: Sequence[TabulatedPolicy], opponent: TabulatedPolicy, refit: Game) -> dict[str, float]:
     """``rally_win`` and ``match_win`` of a row's policies against the opponent in a refit, means over the seeds."""
     found = [of_pair(policy, opponent, refit) for policy in {policy.hash: policy for policy in policies}.values()]
     return {name: float(np.mean([odds[name] for odds in found])) for name in found[0]}

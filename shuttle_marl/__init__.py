@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from shuttle_marl.policy import register, resolve
     from shuttle_marl.policy.plain_network import from_network, save_network
     from shuttle_marl.recording import RallyLog, RallyLogWriter
-    from shuttle_marl.reports import analyse_rally, rank_players, report, scouting_report
+    from shuttle_marl.reports import analyse_rally, report, scouting_report
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, agent_network, train
 
 __version__ = "0.4.0"
@@ -68,7 +68,6 @@ __all__ = [
     "pair_game",
     "play_matches",
     "rally_v0",
-    "rank_players",
     "read_matches",
     "register",
     "report",

@@ -12,7 +12,7 @@ from typing import Final
 from shuttle_marl import __version__
 
 COMMANDS: Final = {
-    "analysis": "summaries and pictures of recorded rallies, compared with real matches",
+    "analysis": "summaries of recorded rallies, compared with real matches",
     "data": "download, convert, import, summarise and check annotated matches",
     "dynamics": "fit, evaluate and describe the models of the game",
     "exact": "solve the game, and measure policies against the solution",

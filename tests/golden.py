@@ -42,22 +42,6 @@ def drawing(svg: str) -> list[Any]:
     return [len(numbers), weighted_sum(numbers), sorted(set(re.findall("#[0-9a-f]{6}\\b", svg)))]
 
 
-def artists(drawn: Any) -> list[Any]:
-    """Size, texts, lines, rectangles, polygons and images of a picture."""
-    found: list[Any] = [drawn.get_size_inches()]
-    for axes in drawn.axes:
-        found += [[text.get_text(), *text.get_position()] for text in axes.texts]
-        found += [line.get_xydata() for line in axes.lines]
-        found.append([*axes.get_xlim(), *axes.get_ylim()])
-        found.append([artist.get_zorder() for artist in (*axes.lines, *axes.patches, *axes.texts)])
-        found += [
-            [*patch.get_patch_transform().transform(patch.get_path().vertices).ravel(), *patch.get_facecolor()]
-            for patch in axes.patches
-        ]
-        found += [np.ma.filled(image.get_array(), -1) for image in axes.images]
-    return found
-
-
 def _plain(value: Any) -> Any:
     """A value of JSON with floats of six digits."""
     if isinstance(value, np.ndarray | np.generic):

@@ -65,7 +65,7 @@ def _rallies_won(players: tuple[str, ...]) -> dict[str, tuple[str, str]]:
     for name in players:
         table = tabulate(resolve(name, game), game)
         there = over(refits, functools.partial(of_pair, table, opponent))["rally_win"]
-        mean, low, high = (f"{100 * min(1.0, max(0.0, float(part))):.1f}" for part in (there.value, there.low, there.high))
+        mean, low, high = (f"{100 * min(1.0, max(0.0, part)):.1f}" for part in there)
         home = evaluate(table, opponent).odds().rally
         shown[name] = (f"{100 * home:.1f} %", f"{mean} % ({low} to {high})")
     return shown

@@ -1,7 +1,7 @@
 """Pictures of the documentation and the data they are drawn from: ``python -m docs.tools.pictures [--only NAME ...] [--check]``.
 
 ``docs/images/sources.json`` holds the digest of the data of each picture. ``--check`` fails for a picture whose data have changed
-since it was drawn. Pictures of the court need the extra ``pdf`` and Chromium.
+since it was drawn. Pictures of the court need the extra ``browser`` and Chromium.
 """
 
 import hashlib
@@ -124,15 +124,6 @@ def _rally() -> None:
             return
 
 
-def _analysis() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        run = Path(folder) / "run"
-        _module("shuttle_marl.league", "--pool", "bc", "attacking", "safe", "--matches", "20", "--out", str(run))()
-        _module("shuttle_marl.analysis", str(run / "rallies.mcap"), "--out", folder)()
-        replace_file(IMAGES / "landings.png", (Path(folder) / "landings.png").read_bytes())
-        replace_file(IMAGES / "replies.png", (Path(folder) / "replies-attacking.png").read_bytes())
-
-
 def _league_report() -> None:
     """The first screens of the report of the default tournament."""
     with tempfile.TemporaryDirectory() as folder:
@@ -227,7 +218,6 @@ def _show(page: "Page", mode: str) -> None:
 
 
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
-    ("landings.png", "replies.png"): (_analysis, _GAME),
     ("league_report.png",): (_league_report, _RANKING),
     ("match_report.png", "scouting_report.png"): (_reports, _GAME),
     ("learning_curves.png",): (_learning_curves, "experiments/results/win_rates.json"),
@@ -237,12 +227,6 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         "experiments/results/suite.json",
     ),
     ("truth.png",): (_truth, "experiments/results/truth_cross.json"),
-    ("value.png",): (
-        _module(
-            "shuttle_marl.exact", "solve", "--plot", str(IMAGES / "value.png"), "--incoming", "smash:middle-left:above:forehand"
-        ),
-        _GAME,
-    ),
     ("film.webp",): (_film, _GAME),
     ("watch_players.jpg", *(f"watch_{mode}_{size}.jpg" for mode, size in _MODES)): (_court, _GAME),
 }

@@ -13,8 +13,8 @@ from typing import Any, Final
 import lazy_loader
 
 _EXTRAS: Final = {
+    "browser": ("playwright",),
     "frames": ("pandas", "polars"),
-    "pdf": ("playwright",),
     "render": ("pygame",),
     "scene": ("foxglove", "mcap_protobuf"),
     "train": ("lightgbm", "tensordict", "torch", "torchrl"),

@@ -1,4 +1,4 @@
-"""Summaries and pictures of recorded rallies, compared with real matches."""
+"""Summaries of recorded rallies, compared with real matches."""
 
 import json as json_format
 import math
@@ -11,13 +11,11 @@ import tyro
 from shuttle_marl import reports as play
 from shuttle_marl.base.files import MAX_JSON, read_file, replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import RALLY_MODEL, PlayerOptions, RallyModel, hands_told
+from shuttle_marl.commands.options import RALLY_MODEL, HandsTold, RallyModel, hands_told
 from shuttle_marl.game.stroke import SHOTS
 
-_PLAYERS: Final = PlayerOptions()
 _HEADINGS: Final = ("", "strokes", "won", "rating", "length", "tempo", "winners", "value", "most played")
 _SHOWN: Final = 12
-_PICTURED: Final = 3
 
 
 def analysis(
@@ -27,7 +25,7 @@ def analysis(
     out: Path | None = None,
     model: RallyModel = RALLY_MODEL,
     rallies: int = 20_000,
-    players: tyro.conf.OmitArgPrefixes[PlayerOptions] = _PLAYERS,
+    hand: HandsTold = (),
     json: bool = False,
 ) -> None:
     """Summarise the play of every player of a rally log or of annotated matches, with the value of their strokes.
@@ -35,37 +33,32 @@ def analysis(
     Args:
         path: a rally log, a folder of them, a stroke table, or a folder with annotated matches.
         against: another of these for comparison, for example real matches; all its players are counted together.
-        out: folder for pictures and tables of rallies and strokes, as Parquet and CSV files.
+        out: folder for tables of rallies and strokes, as Parquet and CSV files.
         model: game on which values are computed.
         rallies: approximate number of rallies sampled from a log, the same number from each pairing.
-        players: whose strokes they are.
+        hand: hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
         json: print JSON.
     """
     from shuttle_marl.base import table_files  # noqa: PLC0415
-    from shuttle_marl.data import anonymised, named  # noqa: PLC0415
+    from shuttle_marl.data import named  # noqa: PLC0415
     from shuttle_marl.reports.summary import players_of  # noqa: PLC0415  these keep --help quick
 
     if out is not None:
         written = (out / f"{kind}.{suffix}" for kind in ("strokes", "rallies") for suffix in ("parquet", "csv"))
         cli.check_apart(written, [path] if against is None else [path, against])
     tables = model.load_for(path).seats[0].average
-    with hands_told(players.hand):
+    with hands_told(hand):
         strokes = play.strokes_of(path, rallies=rallies)
     valued = play.add_values_of_pairs(strokes, "bc", tables)
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
-    if players.anonymous:
-        valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
-    other = "others" if players.anonymous or against is None else against.resolve().name
     summaries = {name: play.summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
         others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies), "bc", tables)
-        summaries[other] = play.summarise(others)
+        summaries[against.resolve().name] = play.summarise(others)
     if out is not None:
         for kind, table in (("strokes", valued), ("rallies", play.rally_table(valued))):
             table_files.write_parquet(out / f"{kind}.parquet", table)
             replace_file(out / f"{kind}.csv", table_files.csv_bytes(named(table) if kind == "strokes" else table))
-        name = "all together" if against is None else other
-        _draw(out, summaries, name, play.summarise(valued) if against is None else summaries[name])
     ratings, pairs = _ratings(path), sum(value != tables.hash for value in played.values())
     cli.show(
         {name: _figures(summary, ratings.get(name)) for name, summary in summaries.items()},
@@ -89,17 +82,6 @@ def _ratings(path: Path) -> dict[str, float]:
         return {}
 
 
-def _draw(out: Path, summaries: dict[str, "play.Summary"], name: str, reference: "play.Summary") -> None:
-    from shuttle_marl.reports import charts  # noqa: PLC0415
-
-    names = list(summaries)
-    drawn = {name: summaries[name] for name in (*names[:_PICTURED], *names[_PICTURED:][-1:])}
-    charts.save(charts.landings(drawn, reference, name), out / "landings.png")
-    for player, summary in drawn.items():
-        file = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in player)
-        charts.save(charts.transitions(summary, player), out / f"replies-{file}.png")
-
-
 def _figures(summary: "play.Summary", rating: float | None) -> dict[str, Any]:
     from shuttle_marl.reports.summary import ENDINGS  # noqa: PLC0415
 
@@ -108,7 +90,7 @@ def _figures(summary: "play.Summary", rating: float | None) -> dict[str, Any]:
             return value.tolist()
         return None if isinstance(value, float) and math.isnan(value) else value
 
-    figures = {name: plain(value) for name, value in vars(summary).items() if name != "points"}
+    figures = {name: plain(value) for name, value in vars(summary).items()}
     shares = {
         "shots": dict(zip(SHOTS, figures["shots"], strict=True)),
         "endings": dict(zip(ENDINGS, figures["endings"], strict=True)),

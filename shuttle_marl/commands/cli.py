@@ -27,13 +27,13 @@ from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact.odds import Spread
+    from shuttle_marl.game.shipped import Estimate
     from shuttle_marl.game.tables import Game
 
 T = TypeVar("T")
 Command = Callable[..., object]
 Commands = Command | Mapping[str, Command]
-Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"]
+Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Estimate] | None"]
 """Policy, its results in the game by name, and their spreads in the refits; None without refits."""
 Figure = object
 """What is shown of a result: a number, a text, shares by name, or a number with an interval ``(value, low, high)``."""
@@ -42,8 +42,7 @@ _NUMBERS: Final = ConstructorRegistry()
 _SCALES: Final = {"k": 10**3, "m": 10**6, "g": 10**9}
 _MOST_DIGITS: Final = 30
 _WIDTH: Final = 160  # width of output that is not to a terminal
-_WRITTEN: Final = ("out", "pdf")  # options that name what a command writes
-_PAGES: Final = (".html", ".md", ".pdf")
+_PAGES: Final = (".html", ".md")
 _SHOWN: Final = 4  # number of the largest fractions that a cell of a table shows
 _SHARES: Final = ("win", "won", "share", "thin", "rare", "against", "after", "runs")
 """Figures whose names have these words are fractions, which are shown in percent."""
@@ -222,18 +221,17 @@ def check_apart(written: Iterable[Path], read: Iterable[Path]) -> None:
         read: files, or folders in which every file but a page is an input.
 
     Raises:
-        ShuttleError: a path is in both, or written twice.
+        ShuttleError: a path is in both.
     """
-    outputs, inputs = list(written), [path for path in read if _identity(path) is not None]
-    for number, out in enumerate(outputs):
+    inputs = [path for path in read if _identity(path) is not None]
+    for out in written:
         known, whole = _identity(out), Path(os.path.realpath(out))
-        for other in (*inputs, *outputs[:number]):
+        for other in inputs:
             around = (
                 other.is_dir() and out.is_file() and out.suffix not in _PAGES and Path(os.path.realpath(other)) in whole.parents
             )
             if around or Path(os.path.realpath(other)) == whole or (known is not None and known == _identity(other)):
-                role = "read" if other in inputs else "written"
-                raise ShuttleError(f"{out}: is not written, because it is {role} too ({other}); name another file or folder")
+                raise ShuttleError(f"{out}: is not written, because it is read too ({other}); name another file or folder")
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
@@ -248,9 +246,9 @@ def _apart(command: Command) -> Command:
     @functools.wraps(command)
     def checked(*args: Any, **options: Any) -> object:
         given = list(_texts(inspect.signature(command).bind(*args, **options).arguments))
-        read = [text for name, text in given if name not in _WRITTEN and not text.startswith("default")]  # shipped models
+        read = [text for name, text in given if name != "out" and not text.startswith("default")]  # shipped models
         check_apart(
-            (Path(text) for name, text in given if name in _WRITTEN),
+            (Path(text) for name, text in given if name == "out"),
             (Path(part) for text in read for part in (text, text.partition(":")[2]) if part),
         )
         return command(*args, **options)
@@ -364,9 +362,9 @@ def shares(named: Mapping[str, float], count: int | None = None) -> str:
     return ", ".join(f"{words(name)} {percent(named[name])}" for name in order)
 
 
-def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
+def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Estimate] | None") -> dict[str, Any]:
     """Results in the game and in its refits as JSON; ``away`` is null without refits."""
-    return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
+    return {"home": home, "away": None if away is None else {name: figure._asdict() for name, figure in away.items()}}
 
 
 def home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked: bool) -> list[Table | str]:
@@ -378,7 +376,7 @@ def home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked:
     lines = []
     for name, home, away in rows:
         for figure, there in (away or {}).items():
-            mean, low, high = (min(1.0, max(0.0, float(part))) for part in (there.value, there.low, there.high))
+            mean, low, high = (min(1.0, max(0.0, part)) for part in there)
             lines.append((name, words(figure), written(figure, home[figure]), written(figure, (mean, low, high))))
     return [
         table("In the game and in its refits", ("policy", "result", "game", "refits"), lines),

@@ -81,8 +81,7 @@ def import_(
     """Import your own matches from a table or from the file of another program, and write a Parquet file.
 
     Args:
-        file: A CSV file in UTF-8 with a row per stroke; or a file of ShuttleSet, BadmintonDB, ELAN, Sportscode, or of a program
-            that recognises strokes in videos (JSON). The content tells which.
+        file: A CSV file in UTF-8 with a row per stroke; or a game of ShuttleSet, or XML of Sportscode, Dartfish or Nacsport.
         columns: Column map, a TOML file; `data template` writes an example. None: headers and words in any of seven languages.
         rules: Points of a game, and best of how many, such as 15, 11 or 21x1; default: those of the map, or of the scores.
         out: Parquet file to write; None: only read and count.

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
-import numpy as np
 import tyro
 
 from shuttle_marl import exact
@@ -22,7 +21,6 @@ from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.occupancy import Hole
-    from shuttle_marl.exact.odds import Spread, Values
     from shuttle_marl.game.rally import Rallies
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
@@ -35,27 +33,18 @@ _HOLES: Final = ("state", "plays, better", "in self-play", "against its best res
 _SAMPLES: Final = SampleOptions()
 
 
-def solve(
-    *, model: Model = MODEL, away: bool = True, plot: File = None, incoming: str | None = None, json_output: Json = False
-) -> None:
+def solve(*, model: Model = MODEL, away: bool = True, json_output: Json = False) -> None:
     """Solve the game: the value of a rally under perfect play, and statistics of perfect play.
 
     Args:
         model: the game.
         away: also play the solution in the refits of the game.
-        plot: draw the value of the replies to the stroke --incoming over the court into this file (PNG, SVG or PDF).
-        incoming: the stroke, as in smash:middle-left:above:forehand.
     """
     from shuttle_marl.exact.odds import of_solution  # noqa: PLC0415
 
     tables = model.load()
-    stroke = _stroke_to_plot(tables, plot, incoming)
     with cli.working("solving"):
         solution = exact.solve(tables)
-    if plot is not None and stroke is not None:
-        from shuttle_marl.reports import charts  # noqa: PLC0415
-
-        charts.save(charts.best_replies(solution, stroke), plot)
     others, spreads = _in_refits(tables, away, functools.partial(of_solution, solution))
     seen = exact.visits(*solution.policy)
     serving = (1 + solution.value_at_serve) / 2
@@ -234,27 +223,18 @@ def _hole(hole: "Hole") -> tuple[cli.Figure, ...]:
     return hole.description.replace(", ", "\n", 2), played, *seen, hole.regret, f"{hole.loss:.5f}"
 
 
-def crossplay(policies: Policies, *, model: Model = MODEL, away: bool = False, json_output: Json = False) -> None:
+def crossplay(policies: Policies, *, model: Model = MODEL, json_output: Json = False) -> None:
     """Compute the win probability of every policy against every other.
 
     Args:
         policies: names of policies (docs/league.md).
         model: the game.
-        away: also play all pairs in the refits of the game, which takes nine times as long.
     """
-    from shuttle_marl.exact.odds import of_all_pairs  # noqa: PLC0415
-
     _check_some(policies)
     tables = model.load()
     entrants = tables_of(cli.progress(policies, "tables"), tables)
     with cli.working("playing the pairs"):
         odds = exact.crossplay(entrants)
-    home = of_all_pairs(odds)
-
-    def crossed(refit: Game) -> "Mapping[str, Values]":
-        return of_all_pairs(exact.crossplay([exact.moved(each, refit) for each in entrants]))
-
-    others, spreads = _in_refits(tables, away, crossed, at_once=1)  # one after the other: a cross-play takes all cores
     figures = {
         "policies": list(policies),
         "rally_win_serving": odds.serving.tolist(),
@@ -262,19 +242,12 @@ def crossplay(policies: Policies, *, model: Model = MODEL, away: bool = False, j
         "rally_win": odds.rally.tolist(),
         "match_win": odds.match().tolist(),
         "error_bound": odds.error_bound,
-        **cli.home_and_away_json({name: np.asarray(figure).tolist() for name, figure in home.items()}, spreads),
     }
-    shares = np.asarray(home["match_share"]).tolist()
-    headlines: list[cli.Headlines] = [
-        (name, {"match_share": share}, None if spreads is None else {"match_share": spreads["match_share"].at(i)})
-        for i, (name, share) in enumerate(zip(policies, shares, strict=True))
-    ]
     cli.show(
         figures,
         json_output,
         cli.matrix("Matches won by the row against the column", policies, figures["match_win"]),
         cli.matrix("Rallies won by the row against the column", policies, figures["rally_win"]),
-        *cli.home_and_away(headlines, others, asked=away),
     )
 
 
@@ -297,20 +270,6 @@ def _recorded(
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
-def _stroke_to_plot(game: Game, plot: Path | None, incoming: str | None) -> int | None:
-    """Catalogue index of the incoming stroke of a chart, checked before anything is computed."""
-    from shuttle_marl.reports import charts, rally  # noqa: PLC0415
-
-    if (plot is None) != (incoming is None):
-        raise ExactError("--plot and --incoming belong together: a file, and the stroke whose replies are drawn")
-    if plot is None or incoming is None:
-        return None
-    charts.check_format(plot)
-    stroke = rally.stroke_index(game, incoming)
-    rally.edges_of(game, stroke, None)
-    return stroke
-
-
 def _least(game: Game, at_least: int | None) -> int:
     if at_least is not None and at_least < 0:
         raise ExactError(f"--at-least {at_least}: expected 0 or more")
@@ -318,14 +277,14 @@ def _least(game: Game, at_least: int | None) -> int:
 
 
 def _in_refits(
-    game: Game, asked: bool, figures: "Callable[[Game], Mapping[str, Values]]", *, at_once: int | None = None
-) -> "tuple[Sequence[Game], dict[str, Spread] | None]":
+    game: Game, asked: bool, figures: "Callable[[Game], Mapping[str, float]]"
+) -> "tuple[Sequence[Game], dict[str, Estimate] | None]":
     """The refits of a game, and figures in them; none unless asked for."""
     from shuttle_marl.exact.odds import over  # noqa: PLC0415
 
     refits = refits_of(game) if asked else ()
     with cli.working("playing the refits"):
-        return refits, over(refits, figures, at_once=at_once) if refits else None
+        return refits, over(refits, figures) if refits else None
 
 
 def _mix(seen: exact.Visits, player: int) -> dict[str, float]:

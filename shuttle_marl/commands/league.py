@@ -12,12 +12,11 @@ import tyro
 from shuttle_marl import league
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.runs import PAGE, RALLIES, interrupts_held
-from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.game.scoring import RULES, RulesName
 from shuttle_marl.game.shipped import Profile
-from shuttle_marl.league.entrants import LeagueConfig, LeagueError
+from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 
@@ -70,7 +69,6 @@ def pairs(
     policy: str | None = None,
     rules: RulesName | None = None,
     data: Path | None = None,
-    out: Path | None = None,
     json_output: Json = False,
 ) -> None:
     """Predict the result of every pair of real players, each in the game of that pair, beside real results.
@@ -83,14 +81,11 @@ def pairs(
         policy: policy of all players; default: each imitated.
         rules: of the predicted matches, such as 15, 11 or 21x1; default: those of the data if all have the same, else 21.
         data: annotated matches, for the real results: a stroke table, or a folder with the raw files.
-        out: file for the predictions of all pairs, NAME.csv or NAME.parquet.
     """
     from shuttle_marl.data import read_matches  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.data.matches import rules_of  # noqa: PLC0415
-    from shuttle_marl.league.pairs import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
+    from shuttle_marl.league.pairs import players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
 
-    if out is not None and out.suffix not in (".csv", ".parquet"):
-        raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
     strokes = None if data is None else read_matches(data)
     names = players_of(pairs, game, players)
     real = {} if strokes is None or rules is not None else rules_of(strokes)
@@ -104,9 +99,6 @@ def pairs(
     if strokes is not None:
         predictions = with_results(predictions, strokes)
     rows = ranked(names, predictions, game, date)
-    if out is not None:
-        table = pairs_table(predictions)
-        replace_file(out, csv_bytes(table) if out.suffix == ".csv" else parquet_bytes(table))
     met = sorted((each for each in predictions if each.matches), key=lambda each: -each.rallies)
     columns = ("real rallies", "real matches") if met else ()
     points = ((name, f"{value:+.2f}") for name, value in predictions[0].reasons.items()) if len(predictions) == 1 else ()

@@ -3,15 +3,14 @@
 import contextlib
 import dataclasses
 import itertools
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import msgspec
 import tyro
 
-from shuttle_marl.base.errors import OptionError, printable
+from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import Seed, check_bounds, replace_file
 from shuttle_marl.commands.cli import console, print_json, say
 from shuttle_marl.exact.fixed_point import ExactError
@@ -42,14 +41,6 @@ def hands_told(hands: HandsTold) -> Iterator[None]:
         yield
     for sentence in dict.fromkeys(itertools.chain(*unknown)):
         console(stderr=True).print(printable(sentence))
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PlayerOptions:
-    """The players of strokes."""
-
-    hand: HandsTold = ()  # Hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
-    anonymous: bool = False  # Replace the names of players and matches.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -138,89 +129,20 @@ class SampleOptions:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ReportOptions(PlayerOptions):
-    """Files and figures of a report."""
+class ReportOptions:
+    """The page and the figures of a report."""
 
     out: File = None  # HTML file; default: the name of the command.
-    pdf: File = None  # PDF file, written by Chromium; its first page is one side for the player.
-    figures: File = None  # CSV or Parquet file for a table of all figures.
     language: Language = "en"  # Language of the page: English, Chinese (simplified) or Indonesian.
-    json_output: Json = False  # Print the figures as JSON, and write no page unless --out or --pdf is given.
+    hand: HandsTold = ()  # Hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
+    json_output: Json = False  # Print the figures as JSON, and write no page unless --out is given.
 
     def write(self, report: "CoachReport", name: str) -> None:
-        """Write the page, the PDF file and the figures that the options ask for.
-
-        Args:
-            name: of the file of the page by default.
-
-        Raises:
-            WatchError: there is no Chromium, or it cannot print; the page is written.
-        """
-        files: dict[str, Path] = {}
-        if self.figures is not None:
-            write_figures(report.figures, self.figures)
-            files["figures"] = self.figures
+        """Write the page and print the figures that the options ask for; ``name``: of the page by default."""
         if self.json_output:
             print_json(report.figures)
-        if not self.json_output or self.out is not None or self.pdf is not None:
-            content = report.html(self.language)
+        if self.out is not None or not self.json_output:
             out = self.out or Path(name)
-            replace_file(out, content)
-            files["report"] = out
-            if self.pdf is not None:
-                replace_file(self.pdf, printed(content, out))
-                files["PDF"] = self.pdf
-        for what, path in () if self.json_output else files.items():
-            say(f"{what}: {path}")
-
-
-def write_figures(figures: Mapping[str, Any], path: Path) -> None:
-    """Write all figures of a report as a table: the name of each, such as ``page1.0.count``, and its number or text.
-
-    Raises:
-        OptionError: the name of the file does not end in ``.csv`` or ``.parquet``.
-        FileWriteError: it cannot be written.
-    """
-    import pyarrow as pa  # noqa: PLC0415  these keep --help quick
-
-    from shuttle_marl.base.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
-
-    def parts(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-        inner = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else None
-        if inner is None:
-            yield name, value
-        else:
-            for key, part in inner:
-                yield from parts(part, f"{name}.{key}" if name else f"{key}")
-
-    names, values = zip(*parts(figures, ""), strict=True)
-    numbers = [float(value) if isinstance(value, int | float) else None for value in values]
-    texts = [value if isinstance(value, str) else None for value in values]
-    table = pa.table({"figure": names, "number": pa.array(numbers, pa.float64()), "text": pa.array(texts, pa.string())})
-    if path.suffix not in (".csv", ".parquet"):
-        raise OptionError(f"--figures {path}: expected a file name that ends in .csv or .parquet")
-    replace_file(path, csv_bytes(table) if path.suffix == ".csv" else parquet_bytes(table))
-
-
-def printed(page: bytes, out: Path) -> bytes:
-    """A page on paper of size A4.
-
-    Args:
-        page: content of the HTML file.
-        out: its name, for errors.
-    """
-    from playwright.sync_api import Error  # noqa: PLC0415  an extra
-
-    from shuttle_marl.court import WatchError  # noqa: PLC0415
-    from shuttle_marl.court.server import browser_page, browser_program  # noqa: PLC0415
-
-    try:
-        with tempfile.TemporaryDirectory() as folder, browser_page() as tab:
-            file = Path(folder) / "report.html"
-            file.write_bytes(page)
-            tab.goto(file.as_uri())
-            return tab.pdf(prefer_css_page_size=True, print_background=True)
-    except Error as error:
-        reason = error.message.partition("\n")[0]
-        advice = f"open {out} in another browser and print it"
-        raise WatchError(f"{browser_program()} cannot print the report ({reason}); {advice}") from error
+            replace_file(out, report.html(self.language))
+            if not self.json_output:
+                say(f"report: {out}")

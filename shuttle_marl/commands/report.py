@@ -40,7 +40,7 @@ def report(
     from shuttle_marl.reports import coach  # noqa: PLC0415
 
     game = model.load_for(path)
-    options: dict[str, Any] = {"columns": columns, "rules": rules, "video": video, "anonymous": output.anonymous}
+    options: dict[str, Any] = {"columns": columns, "rules": rules, "video": video}
     with hands_told(output.hand), cli.working("analysing the match"), speaking(output.language):
         found = coach.report(path, match, pairing=pairing, game=game, clips=match_clips, **options)
     output.write(found, "report.html")

@@ -18,7 +18,6 @@ def scout(
     player: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[PLAYER]")] = None,
     opponent: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[OPPONENT]")] = None,
     *,
-    beside: str | None = None,
     data: Path | None = None,
     rules: RulesName | None = None,
     game: str = "default",
@@ -31,7 +30,6 @@ def scout(
     Args:
         player: name of the player to prepare; without an opponent, of the player to describe.
         opponent: name of the opponent to describe.
-        beside: another opponent, whose habits are shown beside those of the first one.
         data: annotated matches, for counted habits: a stroke table, or a folder with the raw files.
         rules: of these matches, such as 15, 11 or 21x1; default: those of the table, or of its scores.
         game: model of the game: a shipped one or a folder.
@@ -52,7 +50,7 @@ def scout(
         return
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
-    options: dict[str, Any] = {"rules": rules, "beside": beside, "date": date, "model": game, "anonymous": output.anonymous}
+    options: dict[str, Any] = {"rules": rules, "date": date, "model": game}
     with hands_told(output.hand), cli.working("analysing the match-up"), speaking(output.language):
         report = scouting_report(player, opponent, data=data, clips=scout_clips, **options)
     output.write(report, "scout.html")

@@ -1,6 +1,5 @@
 """Staged rallies in the pages of reports, with the program of the live court; what stages them is imported when it is needed."""
 
-import dataclasses
 import json
 from typing import Final
 
@@ -9,7 +8,7 @@ import pyarrow as pa
 from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.court.building import BuildError, build
 from shuttle_marl.data.table import strokes_hash
-from shuttle_marl.reports.coach import Source, hidden
+from shuttle_marl.reports.coach import Source
 from shuttle_marl.reports.habits import Habit
 from shuttle_marl.reports.html import Viewer
 from shuttle_marl.reports.match import MatchReport
@@ -62,15 +61,13 @@ def match_clips(report: MatchReport, source: Source) -> Clips:
         found = RealRallies(source.path, source.game.seats[0], source.strokes)
         of_key = found.numbers(str(source.match))
         numbers = {i: of_key[row.key] for i, row in enumerate(report.rallies) if row.key in of_key}
-    listed = {} if source.mapped or source.anonymous else numbers
+    listed = {} if source.mapped else numbers
     try:
         program = viewer()
     except BuildError as error:
         return Clips(reason=str(error), numbers=listed)
     moments = [i for i in report.moments if i in numbers]
     staged = [found.rally(numbers[i]) for i in moments]
-    game = report.game if source.policies is None else hidden(source.game, source.people, report.players)
-    if source.anonymous:
-        staged = [dataclasses.replace(rally, names=report.players) for rally in staged]
+    game = report.game if source.policies is None else source.game
     content, count = shared([(rally, game) for rally in staged], source.policies)
     return Clips(content=content, viewer=program, shown=moments[:count], numbers=listed)

@@ -1,9 +1,8 @@
 """Inference of missing values of a sheet, warnings of improbable ones, and names of matches and players."""
 
-import functools
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, cast
 
 import numpy as np
@@ -231,7 +230,8 @@ def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64],
         at_near = (sheet.words("side", 0) == 1) ^ (player < strokes["opponent"])
         moved = ~fresh & changes(at_near)
         sheet.mark(np.flatnonzero(moved & ~first), "the players are not on the sides of the stroke before")
-        sheet.warn(moved & first & (game < decider_of(sheet.map.rules)), "the players change sides during the game")
+        decider = 2 * RULES[cast("RulesName", sheet.map.rules or "21")].games - 1
+        sheet.warn(moved & first & (game < decider), "the players change sides during the game")
         stayed = (leap == 1) & ~changes(strokes["match"]) & ~changes(at_near)
         sheet.warn(stayed, "the players do not change sides after the game before")
     if "seconds" in sheet:
@@ -310,51 +310,13 @@ _IF_ONE: Final = "; map it in [values.player] if it is one"
 _TWO: Final = re.compile(r"[/&+;|\\\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(and|und|og|et|dan|vs|v|और)\.?\s", re.IGNORECASE)
 """Separators of two names in one cell."""
 _HYPHEN: Final = re.compile(r"(?<=[^\W\d_])[-\u2010-\u2015](?=[^\W\d_])")
-_OTHER_END: Final = {"near": "far", "far": "near", "left": "right", "right": "left"}
 _PLACE: Final = re.compile("player|court|side|half|end")
-UNKNOWN_END: Final = (
-    "the players change ends in the last possible game (the third, unless --rules tell another), and with one name nobody knows "
-    "the other; name them in each row"
-)
 
 
-@functools.lru_cache(maxsize=1 << 12)
-def end_of(word: str) -> str:
-    """``near``, ``far``, ``left`` or ``right`` for the name of an end, such as *top* or *player_near*; else empty."""
-    word = _PLACE.sub("", bare(word))
-    found = Words("side", ()).meaning(word) or Words("side_of_area", ()).meaning(word) or ""
-    return found if found in _OTHER_END else ""
-
-
-def ends_in(names: Mapping[str, str]) -> dict[str, str]:
-    """Names by end, of a mapping in which some keys are names of ends."""
-    return {end: name for word, name in names.items() if (end := end_of(word))}
-
-
-def at_ends(ends: Mapping[str, str], words: Sequence[str], games: Iterable[int], first: int, rules: str) -> list[str]:
-    """Names of players who are named by the ends of a match, empty where they cannot be known (:data:`UNKNOWN_END`).
-
-    Args:
-        ends: names by end in the game ``first``, see :func:`ends_in`.
-        words, games: the end of each player, and its game, from 1.
-        rules: name of those of the match; empty: those of the sport.
-    """
-    return [
-        ends.get(_OTHER_END.get(end_of(word), "") if (game - first) % 2 else end_of(word), "") if game < decider_of(rules) else ""
-        for word, game in zip(words, games, strict=True)
-    ]
-
-
-def decider_of(rules: str) -> int:
-    """The game within which the players change ends."""
-    return 2 * RULES[cast("RulesName", rules or "21")].games - 1
-
-
-def ends_note(games: Iterable[int]) -> str:
-    """Sentence on the names of ends that are inferred in these games."""
-    if len(set(games)) > 1:
-        return "names of the ends: those of the first game of a match, exchanged in every second, because the players change"
-    return "names of the ends: the same in all rallies, because they are of one game by their numbers"
+def _is_end(name: str) -> bool:
+    """Whether a name is that of an end of the court, such as *top* or *player_near*."""
+    word = _PLACE.sub("", bare(name))
+    return bool(Words("side", ()).meaning(word)) or Words("side_of_area", ()).meaning(word) in ("left", "right")
 
 
 def names_of_matches(sheet: Sheet) -> Array:
@@ -364,14 +326,16 @@ def names_of_matches(sheet: Sheet) -> Array:
     return np.full(len(sheet), "".join(c if c.isprintable() else "_" for c in sheet.path.stem).strip() or "match")
 
 
-def players_of(sheet: Sheet, match: Array, game: I64) -> tuple[Array, Array]:
+def players_of(sheet: Sheet, match: Array) -> tuple[Array, Array]:
     """``[n]`` identifiers of the players and of their opponents."""
+    if all(map(_is_end, {*sheet.text("player")})):
+        sheet.add("the players are named by the ends of the court, which they change; write the name of the player in each row")
     known: dict[str, str] = {}
     alike: dict[str, str] = {}
     warn_alike(sheet, alike, match.tolist(), "match")
 
     def identifiers(name: str) -> Array:
-        names = _checked(sheet, name, spelled(sheet, name, game, match))
+        names = _checked(sheet, name, spelled(sheet, name))
         for row, value in enumerate(names):
             if (other := known.setdefault(player_id(value), value)) != value:
                 one = f"{shown(value)} and {shown(other)} would be one player, {player_id(value)}"
@@ -389,27 +353,10 @@ def players_of(sheet: Sheet, match: Array, game: I64) -> tuple[Array, Array]:
     return player, identifiers("opponent") if "opponent" in sheet else _others(sheet, match, player)
 
 
-def spelled(sheet: Sheet, name: str, game: I64 | None = None, match: Array | None = None) -> list[str]:
-    """``[n]`` names of a column as ``[values.player]`` spells them.
-
-    Args:
-        game, match: ``[n]``, for players who are named by their ends.
-    """
-    texts, spellings = sheet.text(name), sheet.map.values.get("player", {}) if name in PLAYERS else {}
-    values = [nfc(spellings.get(plain(text), whole(text))) for text in texts]
-    if game is None or match is None or not (ends := ends_in(spellings)):
-        return values
-    at_end = np.array([plain(text) in spellings and bool(end_of(text)) for text in texts])
-    for of_match in np.unique(match[at_end]):
-        rows, games = np.flatnonzero(at_end & (match == of_match)).tolist(), game[match == of_match]
-        found = at_ends(ends, [texts[row] for row in rows], game[rows], games.min(), sheet.map.rules)
-        for row, person in zip(rows, found, strict=True):
-            if not person:
-                sheet.mark(row, f"{sheet.named(name)} {shown(texts[row])}: {UNKNOWN_END}")
-            values[row] = person or values[row]
-        told = ends_note(games.tolist())
-        sheet.notes += [told] if told not in sheet.notes else []
-    return values
+def spelled(sheet: Sheet, name: str) -> list[str]:
+    """``[n]`` names of a column as ``[values.player]`` spells them."""
+    spellings = sheet.map.values.get("player", {}) if name in PLAYERS else {}
+    return [nfc(spellings.get(plain(text), whole(text))) for text in sheet.text(name)]
 
 
 def _checked(sheet: Sheet, name: str, values: list[str]) -> list[str]:

@@ -19,7 +19,7 @@ from shuttle_marl.base.arrays import F64, I64, Array, Bools
 from shuttle_marl.base.files import content_hash
 from shuttle_marl.data import inference, readers, schema
 from shuttle_marl.data.hands import area_inferred, hands_of, unknown_hands, with_hands
-from shuttle_marl.data.inference import disciplines, end_of, hands_given, names_of_matches, players_of, spelled
+from shuttle_marl.data.inference import disciplines, hands_given, names_of_matches, players_of, spelled
 from shuttle_marl.data.matches import copies, with_rules
 from shuttle_marl.data.schema import RANGES, REASONS, Account, Cleaned, DataError, Outcome, Problem, shown
 from shuttle_marl.data.sheet import Sheet, listed
@@ -84,7 +84,7 @@ class Rallies:
                 asked = "this ends a match, and rallies of it follow; remove them, or give the rally another ending"
                 sheet.mark(row, f"ending {_ENDINGS[self.ending[row]]!r}; {asked}")
             self.ending[row] = _ENDINGS.index("unknown")
-        self.player, self.opponent = players_of(sheet, self.match, self.game)
+        self.player, self.opponent = players_of(sheet, self.match)
 
     def __len__(self) -> int:
         """Number of rallies."""
@@ -156,11 +156,6 @@ class Rallies:
         return (self.player != self.player[self.start]).astype(np.int64)
 
     @functools.cached_property
-    def of_ends(self) -> bool:
-        """Whether the players are named by the ends of the court, so that the next game has another person there."""
-        return all(end_of(name) for name in np.unique(self.player))
-
-    @functools.cached_property
     def deciders(self) -> tuple[I64, I64, I64]:
         """``[R]`` side that won each rally by the column of winners; that serves next; and by these and endings; -1 not known."""
         told, serves, ending, striker = _winners(self), _serves_next(self), self.ending[self.last], self.side[self.last]
@@ -224,7 +219,7 @@ def results(rallies: Rallies) -> tuple[dict[str, Array], Array]:
 def _winners(rallies: Rallies) -> I64:
     """``[R]`` side that won each rally by the column of winners, -1 not known."""
     sheet, winner_of = rallies.sheet, dict[int, str]()
-    names = spelled(sheet, "winner", rallies.game, rallies.match) if "winner" in sheet else ()
+    names = spelled(sheet, "winner") if "winner" in sheet else ()
     for row, name in enumerate(names):
         both = (rallies.player[row], rallies.opponent[row])
         if name and rallies.stopped[row] and rallies.last[row]:
@@ -249,7 +244,6 @@ def _serves_next(rallies: Rallies) -> I64:
     first = np.flatnonzero(rallies.first)
     fresh, rally, game = rallies.fresh[first], rallies.rally[first], rallies.game[first]
     same = rallies.match[first][1:] == rallies.match[first][:-1]
-    same &= ~fresh[1:] | (not rallies.of_ends)
     followed = same & np.where(fresh[1:], (np.diff(game) == 1) & (rally[1:] == 1), np.diff(rally) == 1)
     starter = rallies.player[rallies.start[first]][:-1]
     return np.r_[np.where(followed, _servers(rallies)[1:] != starter, -1), -1].astype(np.int64)
@@ -267,8 +261,6 @@ def _by_score(rallies: Rallies, told: I64) -> tuple[F64, I64]:
     new_match, starters = inference.changes(rallies.match), rallies.player[rallies.start[first]]
     of_match = np.flatnonzero(new_match)[np.cumsum(new_match) - 1][first]
     began = (rallies.player[of_match] != starters).astype(np.int64)
-    if rallies.of_ends:  # another person in the next game
-        began = (began + rallies.game[first] - rallies.game[of_match]) % 2
     match, scores = np.unique(rallies.match[first], return_inverse=True)[1], _scores(sheet, rallies)
     server = (_servers(rallies) != starters).astype(np.int64)
     after, winner, reading = inference.winners_by_score(scores, rallies.fresh[first], server, told, began, match)
@@ -400,13 +392,6 @@ def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
     undated = [name for name in names if date_of(name) is None]
     if undated and len(names) > 1:
         lost.append(f"a date in the names of {len(undated)} of {len(names)} matches, which count in the order of the table")
-    if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
-        lost.append("names of the players: those of the ends, which they change between games and within the last possible one")
-        if strokes.group_by(["match", "game"]).aggregate([]).num_rows > 1:
-            both = "in each game another person is at an end, and all figures of an end are of both"
-            told.append(
-                Problem(path, f"the players are named by their ends: {both}; name them in [values.player], or in each row")
-            )
     strokes, unsure = with_rules(strokes, path, rules)
     told += [Problem(path, words) for words in (*copies(strokes), *unsure)]
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)

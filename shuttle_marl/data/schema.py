@@ -413,15 +413,14 @@ def _points(t: Mapping[str, Array]) -> Iterator[_Rule]:
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A problem of a file, or of a line of it, from 1; ``unit`` is what is counted where lines tell nothing."""
+    """A problem of a file, or of a line of it, from 1."""
 
     path: Path
     message: str
     line: int | None = None
-    unit: str = "line"
 
     def __str__(self) -> str:
-        where = f"{self.path}" if self.line is None else f"{self.path}, {self.unit} {self.line}"
+        where = f"{self.path}" if self.line is None else f"{self.path}, line {self.line}"
         return f"{where}: {self.message}"
 
 

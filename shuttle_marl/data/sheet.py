@@ -1,10 +1,8 @@
-"""Tables of text, which all readers give, and parsers of CSV, XML and JSON in bounded time and memory.
+"""Tables of text, which all readers give, and the parser of CSV in bounded time and memory.
 
-Every problem of a value is recorded with file, line and value. XML has no document type, so no entities and nothing from
-elsewhere.
+Every problem of a value is recorded with file, line and value.
 """
 
-import bisect
 import csv
 import dataclasses
 import functools
@@ -12,16 +10,14 @@ import io
 import itertools
 import re
 import unicodedata
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
-from xml.parsers import expat
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
-from shuttle_marl.base.files import MAX_LINES, parsed, problem, read_file
+from shuttle_marl.base.files import MAX_LINES, problem, read_file
 from shuttle_marl.data.schema import DataError, Problem, shown
 from shuttle_marl.data.words import WORDS, ColumnMap, Words, plain, whole
 
@@ -32,7 +28,6 @@ _LONGEST: Final = 1000  # most characters of a value in a file of another progra
 DELIMITERS: Final = (",", ";", "\t", "|")
 _SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')  # first line with which spreadsheets state the delimiter
 _MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand", "rules")
-_FEW: Final = 3  # examples in a sentence
 _MOST_HINTS: Final = 50  # unknown words of a column for which a similar one is looked up
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -48,10 +43,10 @@ class Sheet:
         source: of the matches, unless the map of the user names one.
         strict: whether a problem stops the import; otherwise its rally is dropped, because users cannot correct the file.
         lost: sentences on what the format, or this file, does not have.
-        inferred, notes: sentences on what the reader, and what the import so far inferred from other values.
+        inferred, notes: sentences on what the import so far inferred from other values: of all rows, and of those that are left.
         columns: ``[n]`` values by header.
         map: of the columns that are read, with whose names the methods are called.
-        line: ``[n]`` (last) line of each row in the file, from 1, or what ``unit`` names.
+        line: ``[n]`` (last) line of each row in the file, from 1.
         unreadable: ``[n]`` rows with an invalid value.
         empty, others: numbers of further rows without any value, and of rows that cannot be read or are no strokes.
         problems: so far, each once; ``warnings``: what is strange and not wrong.
@@ -64,7 +59,6 @@ class Sheet:
     strict: bool = False
     lost: Sequence[str] = ()
     inferred: Sequence[str] = ()
-    unit: str = "line"
     decimal: str = "."
     header: tuple[str, ...] = ()
     columns: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
@@ -83,7 +77,7 @@ class Sheet:
         sheet = cls(path=path, content=content, **about)
         for entry, line in zip(entries, lines, strict=True):
             if any(len(value) > _LONGEST for value in entry.values()):
-                raise DataError(path, f"a value of more than {_LONGEST:,} characters in {sheet.unit} {line}")
+                raise DataError(path, f"a value of more than {_LONGEST:,} characters", line=line)
         header = tuple(dict.fromkeys(name for entry in entries for name in entry))
         sheet.fill(header, [[entry.get(name, "") for name in header] for entry in entries], lines)
         return sheet
@@ -132,7 +126,7 @@ class Sheet:
 
     def add(self, message: str, line: int | None = None) -> None:
         """Record a problem of the file or of a line, once."""
-        self.problems[Problem(self.path, message, line, self.unit)] = None
+        self.problems[Problem(self.path, message, line)] = None
         if len(self.problems) == _MOST_PROBLEMS:
             raise DataError.of([*self.problems, Problem(self.path, "too many problems; the rest is not listed")])
 
@@ -145,7 +139,7 @@ class Sheet:
     def warn(self, rows: Iterable[int | np.integer] | Bools, message: str) -> None:
         """Record what is strange about rows, numbers or a mask; nothing without rows."""
         rows = np.flatnonzero(rows) if isinstance(rows, np.ndarray) and rows.dtype == bool else rows
-        self.warnings.extend(Problem(self.path, message, int(self.line[row]), self.unit) for row in rows)
+        self.warnings.extend(Problem(self.path, message, int(self.line[row])) for row in rows)
 
     def doubt(self, message: str) -> None:
         """Record what is strange about the file, once."""
@@ -289,117 +283,6 @@ def _float(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else np.nan
 
 
-_LINE: Final = "\N{NUMBER SIGN}line"  # attribute of each element: its line in the file, a name that no XML attribute has
-_DEEPEST: Final = 50
-_MOST_ELEMENTS: Final = 1_000_000
-
-
-def parse_xml(path: Path, content: bytes) -> ET.Element:
-    """The root of an XML file."""
-    builder, parser = ET.TreeBuilder(), expat.ParserCreate()
-    depth = elements = 0
-
-    def refuse(*_: object) -> None:
-        told = "the XML has a document type declaration, which is not read; delete it"
-        raise DataError(path, told, line=parser.CurrentLineNumber)
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth, elements
-        depth, elements = depth + 1, elements + 1
-        if depth > _DEEPEST or elements > _MOST_ELEMENTS:
-            raise DataError(path, "the XML is too deep or too large", line=parser.CurrentLineNumber)
-        builder.start(tag, {**attributes, _LINE: str(parser.CurrentLineNumber)})
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, builder.data
-    try:
-        parser.Parse(content, True)
-    except (expat.ExpatError, LookupError, ValueError) as error:
-        raise DataError(path, f"no readable XML ({error})") from error
-    return builder.close()
-
-
-def text_of(element: ET.Element, tag: str) -> str:
-    """Text of the first child of that name, empty without one."""
-    return (element.findtext(tag) or "").strip()
-
-
-def line_of(element: ET.Element) -> int:
-    """Its line in the file."""
-    return int(element.attrib[_LINE])
-
-
-def parse_json(path: Path, content: bytes) -> Any:
-    """The value of a JSON file."""
-    try:
-        return parsed(content.decode("utf-8-sig"), finite=True)
-    except ValueError as error:
-        raise DataError(path, f"no readable JSON ({error})") from error
-
-
-def scalar(value: object) -> str:
-    """A scalar of JSON as text; empty for null and for what is no scalar."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.10g}" if isinstance(value, float) else str(value).strip() if isinstance(value, int | str) else ""
-
-
 def listed(why: str, names: Sequence[str]) -> list[str]:
     """A sentence that lists some names; none without any."""
     return [f"{why}: {', '.join(map(repr, names[:20]))}"] if names else []
-
-
-def in_video(
-    path: Path,
-    content: bytes,
-    strokes: list[tuple[float, float, int, dict[str, str]]],
-    spans: Mapping[str, Sequence[tuple[float, float, str]]],
-    **about: Any,
-) -> Sheet:
-    """The table of strokes at times in a video, with the values of the spans around their middles.
-
-    An ending or a winner is that of the last stroke within its span, or else before it.
-
-    Args:
-        strokes: start, end, line and values of each.
-        spans: start, end and value of those of a column, in any order; an empty value is the number of the span.
-    """
-    strokes = sorted(strokes, key=lambda stroke: stroke[:2])
-    begins, middles, beside = [start for start, *_ in strokes], [(start + end) / 2 for start, end, *_ in strokes], list[str]()
-    for name, unordered in spans.items():
-        within, inside = sorted(unordered), dict[int, list[int]]()
-        for i, k in enumerate(_around(within, middles)):
-            inside.setdefault(k, []).append(i)
-        for k, (start, _, value) in enumerate(within, 1):
-            at = inside.get(k, [])
-            if name in ("ending", "winner"):
-                at = at[-1:] or [*range(bisect.bisect_right(begins, start))][-1:]
-            for i in at:
-                strokes[i][3].setdefault(name, value if value or name not in ("game", "rally") else str(k))
-            beside += [] if at else [f"{name} {value}".strip()]
-    for start, _, _, entry in strokes:
-        entry["seconds"] = f"{start:.3f}"
-    lost = [*about.pop("lost", ()), *listed(f"{len(beside)} annotations without a stroke, such as", beside[:_FEW])]
-    about |= {"lost": lost}
-    return Sheet.of(path, content, [entry for *_, entry in strokes], [line for _, _, line, _ in strokes], **about)
-
-
-def _around(spans: Sequence[tuple[float, float, str]], moments: Sequence[float]) -> list[int]:
-    """Number, from 1, of the last span that each moment lies in, 0 for none.
-
-    Args:
-        spans: in order of time.
-        moments: in any order.
-    """
-    order, number = np.argsort(moments), np.zeros(len(moments), dtype=np.int64)
-    times = np.asarray(moments)[order]
-    begins, ends = np.array([span[:2] for span in spans], np.float64).reshape(-1, 2).T
-    within = zip(np.searchsorted(times, begins), np.searchsorted(times, ends, "right"), strict=True)
-    for k, (first, end) in enumerate(within, 1):
-        number[order[first:end]] = k
-    return number.tolist()

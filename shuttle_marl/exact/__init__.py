@@ -10,7 +10,7 @@ from shuttle_marl.base.extras import lazily
 if TYPE_CHECKING:
     from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Odds, ProfileValue
     from shuttle_marl.exact.occupancy import Hole, Holes, Regret, Sensitivity, Visits, holes, policy_regret, sensitivity, visits
-    from shuttle_marl.exact.odds import Crossplay, Spread, crossplay, least_gain
+    from shuttle_marl.exact.odds import Crossplay, crossplay, least_gain
     from shuttle_marl.exact.optimal import (
         Equilibrium,
         Exploitability,
@@ -40,7 +40,6 @@ __all__ = [
     "Response",
     "Sensitivity",
     "Solution",
-    "Spread",
     "StatePolicy",
     "Visits",
     "best_response",

@@ -22,11 +22,11 @@ from shuttle_marl.exact.optimal import Solution, best_response, restricted_respo
 from shuttle_marl.exact.profile import check_opponents, evaluate, moved
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.scoring import BWF, Rules, count_rally, match_win_probability, open_scores
+from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.tables import Game
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]
 T = TypeVar("T")
-Values = float | F64
 Situation = tuple[int, int, int, int, int]  # games of players 0 and 1, their points, and the server
 GameT = TypeVar("GameT", bound=Game)
 
@@ -175,40 +175,15 @@ def _cached(keys: Sequence[bytes], problems: Sequence[T], solve: Callable[[list[
     return [found[key] for key in keys]
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Spread:
-    """Distribution of a figure over refits.
-
-    Attributes:
-        value: mean.
-        low, high: 95 % prediction interval of the figure in one more refit (Student's t).
-    """
-
-    value: Values
-    low: Values
-    high: Values
-
-    def at(self, entry: int) -> "Spread":
-        """The spread of one entry, where the figure is an array."""
-        return Spread(**{name: float(np.asarray(getattr(self, name))[entry]) for name in ("value", "low", "high")})
-
-    def as_json(self) -> dict[str, float | list[float]]:
-        """The three numbers, or lists of numbers."""
-        return {name: np.asarray(getattr(self, name)).tolist() for name in ("value", "low", "high")}
-
-
-def spread(values: Sequence[Values]) -> Spread:
-    """The spread of a figure over two or more refits; of arrays, entry by entry."""
+def spread(values: Sequence[float]) -> Estimate:
+    """Mean of a figure over two or more refits, and its 95 % prediction interval in one more refit (Student's t)."""
     n = len(values)
-    samples = np.array(values, dtype=np.float64)
-    mean = samples.mean(axis=0)
-    width = float(stdtrit(n - 1, 0.975)) * samples.std(axis=0, ddof=1) * math.sqrt(1 + 1 / n)
-    return Spread(value=mean, low=mean - width, high=mean + width)
+    mean = float(np.mean(values))
+    width = float(stdtrit(n - 1, 0.975) * np.std(values, ddof=1)) * math.sqrt(1 + 1 / n)
+    return Estimate(mean, mean - width, mean + width)
 
 
-def over(
-    games: Sequence[GameT], figures: Callable[[GameT], Mapping[str, Values]], *, at_once: int | None = None
-) -> dict[str, Spread]:
+def over(games: Sequence[GameT], figures: Callable[[GameT], Mapping[str, float]]) -> dict[str, Estimate]:
     """The spread of each figure over games.
 
     Args:
@@ -220,24 +195,17 @@ def over(
     """
     if len(games) < 2:
         raise ExactError(f"an interval needs at least 2 refits of the game, found {len(games)}; skip it with --no-away")
-    found = list(in_threads(figures, games, at_once))
+    found = list(in_threads(figures, games))
     return {name: spread([each[name] for each in found]) for name in found[0]}
 
 
-def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:
+def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> dict[str, float]:
     """``rally_win`` and ``match_win`` of a policy against another in a refit."""
     (odds,) = pair_odds([(moved(policy, refit), moved(opponent, refit))])
     return {"rally_win": odds.rally, "match_win": odds.match()}
 
 
-def of_all_pairs(odds: Crossplay) -> dict[str, Values]:
-    """Odds of N policies: ``[N, N]`` ``rally_win`` and ``match_win``, and ``[N]`` ``match_share``, against all others."""
-    match = odds.match()
-    others = max(1, len(match) - 1)
-    return {"rally_win": odds.rally, "match_win": match, "match_share": (match.sum(axis=1) - match.diagonal()) / others}
-
-
-def of_solution(solution: Solution, refit: Game) -> dict[str, Values]:
+def of_solution(solution: Solution, refit: Game) -> dict[str, float]:
     """Perfect play of the game at home, in a refit.
 
     ``server_win``: fraction of rallies that the server wins when both play it; ``exploitability``: gain of the best response in

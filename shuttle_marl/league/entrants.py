@@ -52,9 +52,6 @@ class LeagueConfig:
     similar scores."""
     rounds: CountOrZero = 0
     """Rounds of a Swiss tournament; 0: the binary logarithm of the number of entrants."""
-    decide: Annotated[float, msgspec.Meta(gt=0, le=1000)] | None = None
-    """Stop a pairing with an entrant that has no table when a sequential test has decided which entrant is better, with errors of
-    5 % at this difference in Elo points; default: play all matches."""
     seed: Seed = 0
     """Random seed: the same seed gives the same rallies."""
     out: Path | None = None
@@ -76,7 +73,7 @@ class LeagueConfig:
     rules: RulesName = "21"
     """Points of a game: 21 (best of three, the rules of the sport), or its trials: 15 (best of three), 11 (best of five)."""
     exact: bool = True
-    """Also compute exact results of every pair, best responses, and styles; takes seconds per entrant."""
+    """Also compute exact results of every pair, and best responses; takes seconds per entrant."""
     workers: Annotated[int, msgspec.Meta(ge=1, le=256)] = 1
     """Threads that play pairings of policies with tables; results do not depend on it."""
     ray: str | None = None
@@ -102,7 +99,7 @@ class LeagueConfig:
 
     def fixed(self) -> dict[str, Any]:
         """All options that affect the results, as JSON."""
-        names = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "rules")
+        names = ("pool", "matches", "format", "rounds", "seed", "record", "game", "profile", "rules")
         pair = ("players", "date") if self.players is not None else ()
         fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in (*names, *pair)}))
         return fixed

@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,18 +18,17 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import isolated, printable
 from shuttle_marl.base.intervals import Interval, interquartile_mean, probability_of_improvement
-from shuttle_marl.league.assessment import AXES, PEOPLE, Assessment, MetaGame, Style
+from shuttle_marl.league.assessment import Assessment, MetaGame
 from shuttle_marl.league.entrants import PAIRINGS, REPORT, Format, LeagueConfig, LeagueError
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.reports import charts
-from shuttle_marl.reports.html import Cell, Column, Span, Table, interval, name, number, percent, render, table
+from shuttle_marl.reports.html import Cell, Column, Table, interval, name, number, percent, render, table
 
 TITLES: Final[dict[Format, str]] = {"round-robin": "Round robin", "swiss": "Swiss tournament", "gauntlet": "Gauntlet"}
 FIGURES: Final = {"exploitability": "exploitability", "normalised_score": "normalised score", "rally_win": "rallies won"}
 _LESS_IS_BETTER: Final = ("exploitability",)
 _NUMBER: Final = (int, float)
-_MOST_MISFITS: Final = 40
 _LEAST_SHOWN: Final = 0.0005
 _NOT_A_SETTING: Final = ("seed", "record")
 _MOST: Final = 1000  # players of a tournament
@@ -81,10 +80,9 @@ def learning_charts(runs: Sequence[Curve]) -> list[tuple[str, Markup]]:
     return found
 
 
-def ranking(standings: Sequence[Standing], styles: Mapping[str, Style] | None = None) -> Table:
+def ranking(standings: Sequence[Standing]) -> Table:
     """The ranking, without empty columns."""
     apart = any(standing.group > 1 for standing in standings)
-    likeness = {player: style.likeness for player, style in (styles or {}).items()}
     columns: list[Column[Standing]] = [
         Column("", lambda s: Cell(str(s.rank), s.rank), about="rank", ascending=True),
         Column("group", lambda s: Cell(str(s.group), s.group) if apart else Cell(), about="groups are not compared",
@@ -107,9 +105,7 @@ def ranking(standings: Sequence[Standing], styles: Mapping[str, Style] | None = 
         Column("exploitability", lambda s: number(s.exploitability, "z.3f"),
                about="gain of the best response to the player; 0 is perfect play", ascending=True),
         Column("normalised", lambda s: number(s.normalised_score, "z.3f"),
-               about=f"by rallies won against {PEOPLE}: 0 for {PEOPLE}, 1 for the best response to it"),
-        Column("likeness", lambda s: percent(likeness.get(s.player, math.nan)),
-               about=f"fraction of the strokes in common with {PEOPLE}", brief=False),
+               about="by rallies won against bc: 0 for bc, 1 for the best response to it"),
     ]  # fmt: skip
     return table(standings, [column for column in columns if column.left or any(column.cell(s).text for s in standings)])
 
@@ -144,7 +140,6 @@ def page(
     results: Sequence[PairResult],
     assessment: Assessment,
     *,
-    curves: Sequence[Curve] = (),
     logs: Mapping[int, str] = {0: runs.RALLIES},
 ) -> bytes:
     """The page of a tournament, as the content of a file.
@@ -152,7 +147,6 @@ def page(
     Args:
         game: hash of the game.
         results: of every pairing, in the order in which they were played.
-        curves: of the entrants whose training runs still exist.
         logs: rally logs by the number of their first pairing.
     """
     played = [result for result in results if not result.forfeit]
@@ -165,16 +159,10 @@ def page(
         totals={"players": len(standings)}
         | {what: sum(seat[what] for r in played for seat in r.seats) for what in ("matches", "rallies", "strokes")},
         summary=_summary(standings),
-        ranking=ranking(standings, assessment.styles),
-        ratings=_rated(map(dataclasses.asdict, standings)),
+        ranking=ranking(standings),
         payoffs=_payoffs([s.player for s in standings], assessment.win[order][:, order]),
-        curves=learning_charts(curves),
-        people=PEOPLE,
-        styles=_styles(standings, assessment.styles),
-        games=[_meta_game(about, game) for about, game in assessment.games.items()],
-        cyclic_share=assessment.cyclic_share,
+        games=_meta_games(assessment.games),
         cycles=_cycles(assessment),
-        misfit=_misfit(assessment),
         recorded=config.record == "all",
         logs=[*logs.values()],
         files=(REPORT, PAIRINGS, "results.csv"),
@@ -207,28 +195,14 @@ def _payoffs(names: Sequence[str], win: F64) -> Table:
     return table(range(len(names)), columns)
 
 
-def _styles(standings: Sequence[Standing], styles: Mapping[str, Style]) -> Table | None:
-    if not styles:
-        return None
-    columns: list[Column[str]] = [
-        Column("player", name, left=True),
-        Column("likeness", lambda player: percent(styles[player].likeness)),
-        Column("strokes a rally", lambda player: number(styles[player].rally_length, ".2f")),
-        *(Column(axis, lambda player, axis=axis: percent(styles[player].shots[axis])) for axis in AXES),  # type: ignore[misc]
-    ]
-    return table([s.player for s in standings if s.player in styles], columns)
-
-
-def _meta_game(about: str, game: MetaGame) -> Table:
-    most = {player: max(weights[player] for weights in game.values()) for player in game["alpha_rank"]}
-    columns: list[Column[str]] = [
-        Column("player", name, left=True),
-        Column("Nash averaging", lambda player: percent(game["nash_average"][player])),
-        Column("maximal lottery", lambda player: percent(game["maximal_lottery"][player])),
-        Column("alpha-rank", lambda player: percent(game["alpha_rank"][player])),
-    ]
+def _meta_games(games: Mapping[str, MetaGame]) -> Table:
+    """Probabilities of the entrants in each game; those that have none are left out."""
+    columns: list[Column[str]] = [Column("player", name, left=True)]
+    for about, weights in games.items():
+        columns.append(Column(about, lambda player, weights=weights: percent(weights.get(player, math.nan))))  # type: ignore[misc]
+    most = {player: max(weights.get(player, 0.0) for weights in games.values()) for each in games.values() for player in each}
     shown = sorted((player for player in most if most[player] >= _LEAST_SHOWN), key=lambda player: -most[player])
-    return table(shown, columns, about.capitalize())
+    return table(shown, columns)
 
 
 def _cycles(assessment: Assessment) -> Table:
@@ -236,23 +210,6 @@ def _cycles(assessment: Assessment) -> Table:
     wins = [(cycle["players"], cycle["match_win"]) for cycle in assessment.cycles]
     rows = [[*map(name, players), *map(percent, won), percent(min(won))] for players, won in wins]
     return Table([Column(heading, name, left=i < 3) for i, heading in enumerate(headings)], rows)
-
-
-def _misfit(assessment: Assessment) -> Table | None:
-    """Pairings whose results differ most from the ratings; None without degrees of freedom."""
-    fit = assessment.misfit
-    if not fit.degrees:
-        return None
-    columns: list[Column[Any]] = [
-        Column("player", lambda row: name(row[0][0]), left=True),
-        Column("opponent", lambda row: name(row[0][1]), left=True),
-        Column("matches won", lambda row: percent(row[1])),
-        Column("by the ratings", lambda row: percent(row[2])),
-        Column("standard errors", lambda row: number(row[3], "+.1f")),
-    ]
-    caption = f"Misfit of the ratings: chi-squared {fit.statistic:.1f} with {fit.degrees} degrees of freedom, p = {fit.p:.2g}"
-    pairs = zip(assessment.pairs, fit.share.tolist(), fit.expected.tolist(), fit.z.tolist(), strict=True)
-    return table(sorted(pairs, key=lambda row: -abs(row[3]))[:_MOST_MISFITS], columns, caption)
 
 
 def _pairings(results: Sequence[PairResult], logs: Mapping[int, str], *, numbered: bool) -> Table:
@@ -347,31 +304,7 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
     for run, ranked in rankings.items():
         columns += _rating_columns(run, ranked)
     players = dict.fromkeys(player for ranked in rankings.values() for player in ranked)
-    return {
-        "ratings": table(players, columns) if rankings else None,
-        "rated": [_rated(ranked.values(), f"Ratings of {run}") for run, ranked in rankings.items()],
-    }
-
-
-def _rated(rows: Iterable[Mapping[str, Any]], caption: str = "") -> Table:
-    """Ratings with their intervals on a line; of several groups, which are not compared, each with its number."""
-    rows = [*rows]
-    apart = len({row["group"] for row in rows}) > 1
-    known = [row[figure] for row in rows for figure in _RATING[1:5] if not math.isnan(row[figure])] or [0.0]
-    low, high = min(0.0, *known) - 1, max(0.0, *known) + 1
-
-    def drawn(row: Mapping[str, Any]) -> Cell:
-        value, least, most, exact = (row[figure] for figure in _RATING[1:5])
-        text = f"{value:+.0f} ({least:+.0f} to {most:+.0f})" + (f", exact {exact:+.0f}" if not math.isnan(exact) else "")
-        at = [round(100 * (each - low) / (high - low), 2) for each in (least, value, most, exact, 0.0)]
-        return Cell(text, value, span=Span(*at))
-
-    def named(row: Mapping[str, Any]) -> Cell:
-        return name(f"{row['player']} (group {row['group']:.0f})" if apart else str(row["player"]))
-
-    scale = f"rating and 95 % interval, from {low:+.0f} to {high:+.0f} Elo points; diamond: exact"
-    columns = [Column[Any]("player", named, left=True), Column[Any](scale, drawn, left=True)]
-    return table(rows, columns, caption)
+    return {"ratings": table(players, columns) if rankings else None}
 
 
 def _rating_columns(run: str, ranking: Mapping[str, Mapping[str, float]]) -> list[Column[str]]:

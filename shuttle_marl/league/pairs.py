@@ -193,14 +193,3 @@ def ranked(players: Sequence[str], predictions: Sequence[Prediction], game: str 
         for name in players
     ]
     return sorted(rows, key=lambda row: -row.match_win)
-
-
-def pairs_table(predictions: Sequence[Prediction]) -> pa.Table:
-    """One row per pair: the fields of :class:`Prediction`; the players as ``player`` and ``opponent``, without the reasons."""
-    rows = []
-    for prediction in predictions:
-        row = dataclasses.asdict(prediction)
-        del row["reasons"]
-        player, opponent = row.pop("players")
-        rows.append({"player": player, "opponent": opponent, **row})
-    return pa.Table.from_pylist(rows)

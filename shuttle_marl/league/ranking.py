@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 from scipy.sparse.csgraph import connected_components
-from scipy.special import chdtrc
 
 from shuttle_marl.base.arrays import F64, Bools, Intp
 from shuttle_marl.base.intervals import wilson
@@ -122,11 +121,6 @@ def _information(played: F64, theta: F64) -> tuple[F64, F64]:
     return curvature, np.asarray(np.linalg.inv(_anchor(played > 0) + np.diag(curvature.sum(axis=1)) - curvature))
 
 
-def expected_share(theta: F64, pairs: Intp) -> F64:
-    """``[P]`` probability that the first entrant of a pairing wins a match, by the ratings."""
-    return np.asarray(1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]])))
-
-
 def ratings(cells: F64, pairs: Intp, n: int, rng: np.random.Generator, replicates: int = 1000) -> tuple[F64, F64]:
     """Ratings and their Bayesian bootstrap (Rubin, Ann. Statist. 1981) over cells of two dependent matches.
 
@@ -193,45 +187,6 @@ def rank_intervals(theta: F64, drawn: F64) -> Intp:
         margin = np.percentile(largest, 95) * deviation
         found[i] = 1 + (known & (lead < -margin)).sum(), n - (known & (lead > margin)).sum()
     return found
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Misfit:
-    """Goodness of fit of the ratings to the results of P pairings.
-
-    Attributes:
-        share: ``[P]`` fraction of the matches that the first entrant won.
-        expected: ``[P]`` the same by the ratings.
-        z: ``[P]`` their difference in standard errors, corrected for the correlation within cells.
-        statistic: sum of squared z.
-        degrees: degrees of freedom, pairings - (entrants - 1) in each connected component.
-        p: p-value of the chi-squared test of the Bradley-Terry model; NaN without degrees of freedom.
-    """
-
-    share: F64
-    expected: F64
-    z: F64
-    statistic: float
-    degrees: int
-    p: float
-
-
-def misfit(cells: F64, pairs: Intp, theta: F64) -> Misfit:
-    """Goodness of fit; arguments as in :func:`ratings`."""
-    total = cells.sum(axis=1)
-    won = np.array([0.0, 0.5, 1.0])
-    share = cells @ won / total
-    expected = expected_share(theta, pairs)
-    # The two matches of a cell are not independent; their effect on the variance is estimated over all pairings.
-    independent = (share * (1 - share) / 2 * total).sum()
-    within = (cells * (won - share[:, None]) ** 2).sum()
-    factor = max(within / independent, 1e-3) if independent else 1.0
-    z = (share - expected) / np.sqrt(factor * expected * (1 - expected) / (2 * total))
-    group = groups(pairs, len(theta))
-    degrees = len(pairs) - int((group > 0).sum()) + int(group.max(initial=0))
-    statistic = float((z**2).sum())
-    p = float(chdtrc(degrees, statistic)) if degrees else _NAN
-    return Misfit(share=share, expected=expected, z=z, statistic=statistic, degrees=degrees, p=p)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -25,9 +25,9 @@ from shuttle_marl.base.table_files import csv_bytes, write_parquet
 from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.league.assessment import as_json, assess, styles
+from shuttle_marl.league.assessment import as_json, assess
 from shuttle_marl.league.entrants import PAIRINGS, REPORT, Entrant, LeagueConfig, LeagueError, default_pool, enter
-from shuttle_marl.league.page import Curve, page, read_curve
+from shuttle_marl.league.page import page
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table, unknown
 from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, stages
 from shuttle_marl.policy.foreign import source_hashes, time_limit
@@ -168,7 +168,6 @@ class _Run:
             batch=config.batch,
             keep_strokes=recorder is not None,
             rules=RULES[config.rules],
-            decide=config.decide,
             workers=config.workers,
             cluster=self.cluster,
         )
@@ -256,15 +255,14 @@ class _Run:
         config, game, folder, results = self.config, self.game, self.folder, self.results
         _say(self.console, "writing the report")
         standings = rank(config.pool, results, config.seed, exact)
-        tables = {entrant.name: entrant.table for entrant in self.entrants if entrant.table is not None}
-        assessment = assess(standings, results, exact, styles(game.seats[0], tables) if config.exact else {})
+        assessment = assess(standings, results, exact)
         table = results_table(results, exact)
         replace_file(folder / "results.csv", csv_bytes(table))
         write_parquet(folder / "results.parquet", table)
         replace_file(folder / "ranking.csv", csv_bytes(ranking_table(standings)))
         runs.write_json(folder / REPORT, as_json(assessment, standings))
         logs = {pairings[0].number: log_name(stage) for stage, pairings in enumerate(known)}
-        shown = page(config, game.hash, standings, results, assessment, curves=_curves(config.pool), logs=logs)
+        shown = page(config, game.hash, standings, results, assessment, logs=logs)
         replace_file(folder / runs.PAGE, shown)
         return standings
 
@@ -272,17 +270,6 @@ class _Run:
 def log_name(stage: int) -> str:
     """File name of the rally log of a stage, counted from 0."""
     return f"rallies-{stage + 1}.mcap" if stage else runs.RALLIES
-
-
-def _curves(pool: Sequence[str]) -> list[Curve]:
-    curves = []
-    for name in pool:
-        key, _, agent = name.partition(":")
-        folder = Path(agent.rpartition("@")[0] or agent).parent
-        if key == "agent" and agent and (folder / runs.METRICS).is_file():
-            with contextlib.suppress(runs.RunError):  # the tournament does not depend on it
-                curves.append(read_curve(folder, name))
-    return curves
 
 
 def _say(console: Console, text: str, label: str = "") -> None:

@@ -10,9 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 import numpy as np
-from scipy.optimize import brentq
 
-from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.arrays import Bools
 from shuttle_marl.base.cluster import Cluster
 from shuttle_marl.base.files import StoredCount
 from shuttle_marl.game import draws
@@ -225,12 +224,6 @@ def _partners(order: list[int], played: set[tuple[int, int]], tries: Iterator[in
 
 _MOST_TRIES: Final = 20_000
 """Searches for the pairs of a round of a Swiss tournament; only rounds behind half of the entrants may need more."""
-_MATCHES_A_LOOK: Final = 32
-"""Matches between two evaluations of a sequential test; fixed, because these decide which matches are played."""
-ERROR: Final = 0.05
-BOUND: Final = math.log((1 - ERROR) / ERROR)
-_CELL_SCORES: Final = np.array([0.0, 0.5, 1.0])
-_LEAST_COUNT: Final = 1e-3  # count of a result that never occurred, as in fishtest
 Block = tuple[PairResult, list[Rallies]]  # a finished pairing and those of its rallies that are recorded, in order
 
 
@@ -266,12 +259,7 @@ def groups(pairings: Sequence[Pairing], matches: int, batch: int, alone: set[int
 
 @dataclasses.dataclass(eq=False)
 class Tournament:
-    """A tournament that is being played.
-
-    Attributes:
-        decide: Elo points of the sequential test that stops pairings with an entrant without a table, see :func:`decided`; None:
-            all matches are played.
-    """
+    """A tournament that is being played."""
 
     game: Game
     entrants: Sequence[Entrant]
@@ -281,7 +269,6 @@ class Tournament:
     batch: int = 8192  # number of matches that are played in one batch
     keep_strokes: bool = False  # whether rallies are returned, with their strokes; else only the results are
     rules: Rules = BWF
-    decide: float | None = None
     workers: int = 1  # number of threads that play pairings of tables; compiled code does not hold the interpreter's lock
     cluster: Cluster | None = None  # plays them instead of threads; policies without a table play in this process
     threads: int | None = None  # of compiled code in a pairing; None: one for each core
@@ -346,10 +333,8 @@ class Tournament:
     def _play_group(self, group: Sequence[Pairing]) -> list[Block]:
         blocks: dict[Pairing, Block] = {}
         # Several pairings fit into one batch; a single one may take several batches.
-        tested = self.decide is not None and self._reads_score(group[0])
-        step = _MATCHES_A_LOOK if tested else self.batch
-        for first in range(0, self.matches, step):
-            last = min(first + step, self.matches)
+        for first in range(0, self.matches, self.batch):
+            last = min(first + self.batch, self.matches)
             rallies = self._rallies(group, first, last)
             bounds = np.searchsorted(rallies.pairing, [p.number for p in group] + [group[-1].number + 1])
             for pairing, begin, end in zip(group, bounds[:-1], bounds[1:], strict=True):
@@ -358,8 +343,6 @@ class Tournament:
                 recorded = [part] if self.keep_strokes else []
                 before = blocks.get(pairing)
                 blocks[pairing] = (before[0] + result, [*before[1], *recorded]) if before else (result, recorded)
-            if tested and self.decide is not None and decided(blocks[group[0]][0].cells, self.decide):
-                break
         return list(blocks.values())
 
     def _rallies(self, group: Sequence[Pairing], first: int, last: int) -> Rallies:
@@ -391,34 +374,3 @@ class Tournament:
     @functools.cached_property
     def _strikers(self) -> Strikers:
         return Strikers(self.game, self.entrants)
-
-
-def share_of(elo: float) -> float:
-    """Expected fraction of matches won by an entrant that is so many Elo points better."""
-    return 1 / (1 + 10 ** (-elo / 400))
-
-
-def log_likelihood_ratio(cells: tuple[int, int, int], elo: float) -> float:
-    """Log-likelihood ratio of the first entrant being ``elo`` points better to its being ``elo`` points worse.
-
-    Args:
-        cells: numbers of cells in which it won no match, one, and both.
-        elo: above 0.
-    """
-    counts = np.maximum(np.array(cells, dtype=np.float64), _LEAST_COUNT)
-    better, worse = (_likeliest(counts / counts.sum(), share_of(points)) for points in (elo, -elo))
-    return float((counts * np.log(better / worse)).sum())
-
-
-def _likeliest(shares: F64, mean: float) -> F64:
-    """``[3]`` the likeliest distribution of results with a mean, by the Lagrange multiplier (Owen 1988)."""
-    away = _CELL_SCORES - mean
-    low, high = -1 / away.max(), -1 / away.min()
-    margin = 1e-9 * (high - low)
-    multiplier = brentq(lambda m: float((shares * away / (1 + m * away)).sum()), low + margin, high - margin, xtol=1e-14)
-    return np.asarray(shares / (1 + multiplier * away))
-
-
-def decided(cells: tuple[int, int, int], elo: float) -> bool:
-    """Whether the test has decided which entrant is better, with error :data:`ERROR` if they are ``elo`` points apart."""
-    return abs(log_likelihood_ratio(cells, elo)) >= BOUND

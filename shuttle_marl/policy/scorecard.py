@@ -16,7 +16,7 @@ import numpy as np
 from shuttle_marl.base.intervals import wilson
 from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.occupancy import Visits, policy_regret, visits
-from shuttle_marl.exact.odds import Spread, best_odds, normalised_score, over
+from shuttle_marl.exact.odds import best_odds, normalised_score, over
 from shuttle_marl.exact.optimal import Solution, best_response, solve
 from shuttle_marl.exact.play import averaged, cells_of, impossible, lists, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved
@@ -24,7 +24,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, TabulatedPolicy, reads_score, tabulate
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.game.recovery import NO_CHOICE
-from shuttle_marl.game.shipped import real_play, real_strokes
+from shuttle_marl.game.shipped import Estimate, real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.kernel.matches import Matches, asking
@@ -89,7 +89,7 @@ class Scorecard:
     endings_vs_bc: dict[str, float] | None = None
     shot_mix_vs_bc: dict[str, float] | None = None
     thin_vs_bc: float | None = None
-    away: Mapping[str, Spread] | None = None
+    away: Mapping[str, Estimate] | None = None
     error_bound: float | None = None
     match_error_bound: float | None = None
     matches: int | None = None
@@ -103,7 +103,7 @@ class Scorecard:
 
     def as_json(self) -> dict[str, Any]:
         """The fields as JSON, ``home`` too."""
-        away = None if self.away is None else {name: figure.as_json() for name, figure in self.away.items()}
+        away = None if self.away is None else {name: figure._asdict() for name, figure in self.away.items()}
         return {**dataclasses.asdict(dataclasses.replace(self, away=None)), "home": self.home, "away": away}
 
 

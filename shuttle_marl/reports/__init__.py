@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from shuttle_marl.reports.rally import Decision, LogPlayers, Players, RallyAnalysis, analyse_rally, decision
     from shuttle_marl.reports.scouting import ScoutingReport, scout
     from shuttle_marl.reports.summary import AnalysisError, Summary, rally_table, strokes_of, strokes_of_log, summarise
-    from shuttle_marl.reports.value import PlayerValue, add_values, add_values_of_pairs, rank_players
+    from shuttle_marl.reports.value import add_values, add_values_of_pairs
 
 __all__ = [
     "AnalysisError",
@@ -24,7 +24,6 @@ __all__ = [
     "Decision",
     "LogPlayers",
     "MatchReport",
-    "PlayerValue",
     "Players",
     "RallyAnalysis",
     "ScoutingReport",
@@ -35,7 +34,6 @@ __all__ = [
     "decision",
     "match_report",
     "rally_table",
-    "rank_players",
     "report",
     "scout",
     "scouting_report",

@@ -10,8 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
-from unicodedata import east_asian_width
+from typing import TYPE_CHECKING, Any, Final
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,10 +20,8 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import OptionError, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.game.court import (
-    AREA_WORDS,
     HALF_LENGTH,
     HALF_WIDTH,
-    HANDS,
     N_AREAS,
     SHORT_SERVICE,
     WIDTH,
@@ -33,14 +30,8 @@ from shuttle_marl.game.court import (
     seen_by,
 )
 from shuttle_marl.game.recovery import position_box
-from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import Game
-from shuttle_marl.reports.languages import Texts
 
 if TYPE_CHECKING:
-    from shuttle_marl.exact import Solution
-    from shuttle_marl.reports.rally import Aim
-    from shuttle_marl.reports.summary import Summary
     from shuttle_marl.reports.waits import Stand, Wait
     from shuttle_marl.reports.words import Words
 
@@ -59,12 +50,7 @@ _WIDE, _NARROW = 1100.0, 460.0
 """Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
 _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
-_MISSING: Final = 4.5  # width that a letter takes beyond what a missing one does [px]
 _FORMATS: Final = (".png", ".svg", ".pdf")
-_NAMES: Final = [{"cross-court-net-shot": "cross-court\nnet shot"}.get(shot, shot.replace("-", " ")) for shot in SHOTS]
-_MOST_POINTS: Final = 4000  # approximate largest number of landing points drawn for a player
-_LEAST_SHARE: Final = 3.0  # smallest share of a reply that is printed in a picture of transitions [%]
-_SPREAD: Final = 0.35  # range of the colours: probabilities of winning from 0.15 to 0.85
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",
@@ -162,12 +148,6 @@ def label(name: str, longest: int = _LONGEST_NAME) -> str:
     return name if len(name) <= longest else f"{name[: longest - 1]}…"
 
 
-def _listed(axes: Any, labels: Sequence[str]) -> None:
-    axes.set_yticks(range(len(labels)), labels, color=_INK)
-    axes.set_ylim(len(labels) - 0.4, -0.6)
-    axes.grid(axis="y", visible=False)
-
-
 def _shades(*colours: str) -> Callable[[float], str]:
     """Colours from 0 to 1, mixed of some."""
     from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
@@ -208,18 +188,6 @@ def of_hand(area: int, hand: str | None) -> int:
     return area if area < 0 else seen_by(hand, area)
 
 
-def _area(
-    axes: Any, place: int, colour: Any, text: str, size: float, *, ink: str = _DARK, edge: str = _DARK, width: float = 0.6,
-    marked: bool = False, **style: Any,
-) -> None:  # fmt: skip
-    """An area of the opponent's half with a text; a marked one has a wide edge and bold letters."""
-    x, y = area_centre(np.array(place))
-    axes.fill(
-        *corners(place), facecolor=colour, edgecolor=edge, linewidth=3.0 if marked else width, zorder=3.6 if marked else 3.5
-    )
-    _write(axes, x, y, text, size, ink, zorder=5, weight="bold" if marked else "normal", **style)
-
-
 @_styled()
 def curves(
     lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False
@@ -258,65 +226,6 @@ def _words() -> "Words":
     return words()
 
 
-class Bar(NamedTuple):
-    """An estimate: its name, value and interval, a reference (NaN: none), whether it is clear, and the player (0 or 1)."""
-
-    name: str
-    value: float
-    low: float
-    high: float
-    reference: float = float("nan")
-    clear: bool = True
-    player: int = 0
-
-
-def _wide(text: str) -> int:
-    return sum(east_asian_width(letter) == "W" for letter in text)
-
-
-@_styled()
-def bars(rows: Sequence[Bar], title: str) -> Markup:
-    """Estimates with intervals, one below the other; a value of NaN is not known."""
-    say = _words()
-    whole = [label(row.name, 3 * _LETTERS) for row in rows]
-    # A line has half as many wide letters.
-    labels = [fill(text, _LETTERS // 2 if 2 * _wide(text) > len(text) else _LETTERS) for text in whole]
-    lines = max(text.count("\n") for text in labels) + 1
-    chart = Chart(_NARROW, (14.0 * lines + 6) * len(rows) + 40)
-    # The font of matplotlib has no wide letters, and leaves less space for them than that of the reader takes.
-    room = _MISSING * max(_wide(line) for text in labels for line in text.split("\n")) / _NARROW
-    chart.figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
-    axes = chart.axes
-    for y, row in enumerate(rows):
-        colour = _PLAYERS[row.player]
-        value, low, high = (say.number(x, ".1f") for x in row[1:4])
-        estimate = say("report.interval", value=value, low=low, high=high)
-        about = chart.tooltips(f"{row.name}: {estimate}")
-        if np.isfinite(row.value):
-            axes.plot([row.low, row.high], [y, y], color=colour, linewidth=3, alpha=0.55, gid=about)
-            axes.plot(row.value, y, "os"[row.player], markersize=8, markeredgewidth=1.6, markeredgecolor=colour,
-                      color=colour if row.clear else "none")  # fmt: skip
-        if np.isfinite(row.reference):
-            axes.plot(row.reference, y, "D", color="none", markeredgecolor=_INK, markeredgewidth=1.4, markersize=7,
-                      gid=chart.tooltips(f"{row.name}: {say.number(row.reference, '.1f')}"))  # fmt: skip
-    if min(row.low for row in rows) < 0 < max(row.high for row in rows):
-        axes.axvline(0, color=_DIM, linewidth=1)
-    _listed(axes, labels)
-    return chart.svg(title)
-
-
-def _landed(axes: Any, shares: F64, reference: F64, hand: str | None, clear: Sequence[int] = ()) -> None:
-    """Draw shares of the target areas, coloured by their difference from a reference, with the striker at the bottom."""
-    colours, difference = _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
-    draw_court(axes)
-    axes.grid(visible=False)
-    most = max(4.0, float(np.abs(difference).max()))
-    for area in range(N_AREAS):
-        text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
-        shade = colours(0.5 + difference[area] / most / 2)
-        _area(axes, of_hand(area, hand), shade, text, 12, marked=area in clear)
-
-
 @_styled()
 def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
     """Where strokes land.
@@ -328,8 +237,19 @@ def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequ
         clear: areas with a frame.
     """
     chart, say = Chart(330.0, 330.0), _words()
-    _landed(chart.axes, shares, reference, hand, clear)
-    chart.axes.set_ylim(-1.2, HALF_LENGTH + 0.3)
+    axes, colours, difference = chart.axes, _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
+    draw_court(axes)
+    axes.grid(visible=False)
+    most = max(4.0, float(np.abs(difference).max()))
+    for area in range(N_AREAS):
+        place, marked = of_hand(area, hand), area in clear
+        width, level, weight = (3.0, 3.6, "bold") if marked else (0.6, 3.5, "normal")
+        shade = colours(0.5 + difference[area] / most / 2)
+        axes.fill(*corners(place), facecolor=shade, edgecolor=_DARK, linewidth=width, zorder=level)
+        x, y = area_centre(np.array(place))
+        text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
+        _write(axes, x, y, text, 12, zorder=5, weight=weight)
+    axes.set_ylim(-1.2, HALF_LENGTH + 0.3)
     described = say.listed(f"{say.area(area, 'receiver')} {100 * shares[area]:.0f}" for area in range(N_AREAS))
     return chart.svg(f"{title}: {described}")
 
@@ -459,101 +379,3 @@ def tradeoff(frontier: Sequence[tuple[float, float, float]], methods: Mapping[st
     sizes = "\n".join(["strokes, by size:", *(f"{budget:,}" for budget in budgets)]) if len(budgets) > 1 else None
     drawn.legend(loc="outside right upper", fontsize=9, title=sizes, title_fontsize=9, alignment="left")
     return drawn
-
-
-def landings(summaries: Mapping[str, "Summary"], reference: "Summary", name: str) -> Any:
-    """Where the good strokes of some land, of 100, and the difference from a reference.
-
-    Landing points are drawn for annotated matches; a log holds only areas. All receivers are drawn as right-handed.
-    """
-    drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
-    for axes, (player, summary) in zip(np.atleast_1d(drawn.subplots(1, len(summaries))), summaries.items(), strict=True):
-        _landed(axes, summary.areas, reference.areas, None)
-        if summary.marked:
-            points = summary.points[:: max(1, len(summary.points) // _MOST_POINTS)]
-            axes.scatter(*points.T, s=1.5, color=INK, alpha=0.35, linewidths=0, zorder=4)
-        _write(axes, 0, -HALF_LENGTH / 2, f"{player}\nstrikes from here", 9, "white", zorder=5)
-        axes.set_title(f"{player}: {summary.strokes:,} strokes", fontsize=10)
-    sides = Texts("en")(f"sides.{HANDS[0]}")
-    drawn.supxlabel(f"of 100 strokes, and the difference from {name}; {sides}", fontsize=9)
-    return drawn
-
-
-def transitions(summary: "Summary", title: str) -> Any:
-    """Replies of a player: one row per incoming shot type, with the share of each reply."""
-    drawn = figure(8.6, 7.0)
-    axes = drawn.subplots()
-    count = summary.transitions
-    total = count.sum(axis=1)
-    rows, replies = np.flatnonzero(total), np.flatnonzero(np.arange(len(SHOTS)) >= N_SERVES)
-    share = 100 * count[np.ix_(rows, replies)] / total[rows, None]
-    picture = axes.imshow(share, cmap="Greens", vmin=0, vmax=max(40.0, float(share.max(initial=0.0))), aspect="auto")
-    for row, column in zip(*np.nonzero(share >= _LEAST_SHARE), strict=True):
-        colour = "white" if share[row, column] > 0.6 * picture.norm.vmax else INK
-        _write(axes, column, row, f"{share[row, column]:.0f}", 8, colour)
-    played = 100 * count[:, replies].sum(axis=0) / max(1, total.sum())
-    axes.set_xticks(
-        range(len(replies)),
-        [f"{_NAMES[k]}\n{part:.0f} %" for k, part in zip(replies, played, strict=True)],
-        rotation=40, ha="right", fontsize=8,
-    )  # fmt: skip
-    incoming = [f"{_NAMES[k].replace(chr(10), ' ')}  {100 * total[k] / max(1, total.sum()):.0f} %" for k in rows]
-    axes.set_yticks(range(len(rows)), incoming, fontsize=8)
-    axes.set(xlabel="reply, and its share of all replies", ylabel="incoming shot, and its share of all that come")
-    axes.set_xticks(np.arange(len(replies) + 1) - 0.5, minor=True)
-    axes.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
-    axes.grid(which="minor", color="white", linewidth=1)
-    axes.tick_params(which="both", length=0)
-    axes.spines[:].set_visible(False)
-    drawn.colorbar(picture, ax=axes, shrink=0.6, label="share of the replies to a shot [%]")
-    axes.set_title(title, fontsize=11)
-    return drawn
-
-
-def best_replies(solution: "Solution", incoming: int, own: int | None = None) -> Any:
-    """Probability of winning with the best reply to each target area (:func:`aims`), with the striker's half at the bottom.
-
-    The players of the game of a pair have their own hands.
-
-    Raises:
-        ExactError: the incoming stroke is not legal after the striker's own.
-    """
-    from shuttle_marl.reports.rally import aims  # noqa: PLC0415  only this picture needs it
-
-    drawn = figure(9.6, 8.2)
-    game = solution.games[0]
-    people = None if game.whole is None else game.whole.people
-    hands = (HANDS[0], HANDS[0]) if people is None else people.hands
-    met, names = int(game.catalogue.area[incoming]), game.catalogue.names
-    for axes, contact, aim in zip(drawn.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
-        draw_court(axes)
-        xs, ys = corners(of_hand(met, hands[0]), incoming=True)
-        axes.fill(xs, ys, facecolor=_MARKING, alpha=0.9, zorder=3.5)
-        text = f"incoming\n{AREA_WORDS[met].replace(' ', chr(10))}"
-        _write(axes, (xs[0] + xs[1]) / 2, (ys[0] + ys[2]) / 2, text, 7.5, INK, zorder=5)
-        for area in range(N_AREAS):
-            _reply(axes, game, aim, area, of_hand(area, hands[1]))
-        axes.set_title(f"shuttle {contact} the net: wins {100 * aim.best:.1f} %", fontsize=11)
-    if own is not None:
-        before = f" after one's own {names[own]}"
-    else:
-        before = "" if game.catalogue.is_serve[incoming] else ", mean over one's own last strokes"
-    drawn.suptitle(f"Reply to {names[incoming]}{before}", fontsize=12)
-    drawn.supxlabel(Texts("en")(f"sides.{hands[1]}"), fontsize=9)
-    return drawn
-
-
-def _reply(axes: Any, game: Game, aim: "Aim", area: int, place: int) -> None:
-    """Draw the best reply to an area, which lies at a place as the receiver sees it."""
-    import matplotlib as mpl  # noqa: PLC0415  slow to import
-
-    win, stroke = float(aim.win[area]), aim.stroke[area]
-    if stroke < 0:
-        axes.fill(*corners(place), facecolor="none", edgecolor=_MARKING, hatch="//", alpha=0.5, zorder=3.5)
-        return
-    shot = SHOTS[game.catalogue.shot[stroke]].replace("cross-court-net-shot", "cross-court\nnet-shot")
-    text = f"{100 * win:.1f} %\n{shot}\n{TECHNIQUES[game.catalogue.technique[stroke]]}"
-    if np.isfinite(aim.support[area]):
-        text += f"\nn = {aim.support[area]:.0f}"
-    shade, best = mpl.colormaps["RdYlGn"](np.clip(0.5 + (win - 0.5) / _SPREAD / 2, 0, 1)), win >= aim.best
-    _area(axes, place, shade, text, 7.5, ink=INK, edge=INK if best else _MARKING, width=0.8, marked=best)

@@ -25,7 +25,6 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.simulated import stroke_table
 from shuttle_marl.data.words import bare
-from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import folder_of, is_shipped, resolve_game
 from shuttle_marl.game.tables import Game
@@ -37,7 +36,6 @@ from shuttle_marl.reports.pages import NO_CLIPS, Clips, gaps, log_title, match_p
 from shuttle_marl.reports.rally import LogPlayers, Players
 from shuttle_marl.reports.scouting import ScoutingReport, scout
 from shuttle_marl.reports.summary import AnalysisError
-from shuttle_marl.reports.words import words
 
 _LISTED = 12
 
@@ -55,7 +53,6 @@ class Source:
     numbers: tuple[int, ...] = ()  # of the rallies in a log, from 0
     policies: Players | None = None  # that played a log; None: not known
     video: Callable[[float], str] | None = None  # address of the video at a time in seconds; None: no video
-    anonymous: bool = False  # whether names are hidden
 
     @property
     def command(self) -> str:
@@ -183,21 +180,6 @@ def video_of(template: str) -> Callable[[float], str]:
     return lambda seconds: template.format(seconds=int(seconds))
 
 
-def _anonymous(report: MatchReport, source: Source) -> tuple[MatchReport, Source]:
-    names = words()("report.player_a"), words()("report.player_b")
-    game = hidden(report.game, report.players, names)
-    report = dataclasses.replace(report, players=names, match="", game=game)
-    return report, dataclasses.replace(source, anonymous=True, video=None)
-
-
-def hidden(game: Game, people: tuple[str, str], names: tuple[str, str]) -> Game:
-    """The game of two people under other names."""
-    if game.people is None or people == names:
-        return game
-    seated = names if game.people.players == people else names[::-1]
-    return dataclasses.replace(game, people=dataclasses.replace(people_of(game), players=seated))
-
-
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class CoachReport:
     """A report."""
@@ -234,7 +216,6 @@ def report(
     columns: Path | str | None = None,
     rules: RulesName | None = None,
     video: str | None = None,
-    anonymous: bool = False,
     clips: Callable[[MatchReport, Source], Clips] | None = None,
 ) -> CoachReport:
     """The report of a match: what decided it, its key moments, and the choices that cost most.
@@ -247,7 +228,6 @@ def report(
         columns: column map of a CSV file.
         rules: of the match; None: those of the table, or of its scores.
         video: address of the video, with ``{seconds}`` where the time goes.
-        anonymous: replace the names of players and match.
         clips: what stages the rallies of the page, ``shuttle_marl.court.clips.match_clips``; None: without rallies.
 
     Raises:
@@ -259,13 +239,10 @@ def report(
     if video is not None:
         source = dataclasses.replace(source, video=video_of(video))
 
-    def shown() -> tuple[MatchReport, Source]:
-        return _anonymous(found, source) if anonymous else (found, source)
-
     def page() -> bytes:
-        return match_page(*shown(), NO_CLIPS if clips is None else clips(*shown()))
+        return match_page(found, source, NO_CLIPS if clips is None else clips(found, source))
 
-    return CoachReport(_report=shown()[0], _page=page)
+    return CoachReport(_report=found, _page=page)
 
 
 def scouting_report(
@@ -274,10 +251,8 @@ def scouting_report(
     *,
     data: Path | str | None = None,
     rules: RulesName | None = None,
-    beside: str | None = None,
     date: str | None = None,
     model: str = "default",
-    anonymous: bool = False,
     clips: Callable[[ScoutingReport, pa.Table | None], Clips] | None = None,
 ) -> CoachReport:
     """Scouting report: what a player should do against an opponent, how the opponent plays, and where the opponent is weak.
@@ -286,10 +261,8 @@ def scouting_report(
         player: who is to win; without an opponent, whose profile it is.
         data: annotated matches, for counted habits; None: those of the model alone.
         rules: of these matches; None: those of the table, or of its scores.
-        beside: another opponent, whose habits are shown beside.
         date: day of the players' skill, such as 2021-07-31; None: the last one known.
         model: name or folder of the model.
-        anonymous: replace the names of the players.
         clips: what stages the rallies of the page, ``shuttle_marl.court.clips.scout_clips``; None: without rallies.
 
     Raises:
@@ -297,15 +270,10 @@ def scouting_report(
     """
     strokes = None if data is None else read_matches(data, rules=rules)
     names = (player,) if opponent is None else (opponent, player)
-    found = scout(*names, beside=beside, model=model, date=date, data=strokes)
-    people = [known.name for known in (found.player, found.opponent) if known is not None]
-
-    def shown() -> ScoutingReport:
-        letters = [words()(f"report.player_{letter}") for letter in "abc"]
-        return found.renamed(lambda name: letters[people.index(name)] if name in people else letters[2]) if anonymous else found
+    found = scout(*names, model=model, date=date, data=strokes)
 
     def page() -> bytes:
-        staged = NO_CLIPS if clips is None else clips(shown(), None if anonymous else strokes)
-        return scouting_page(shown(), () if strokes is None else gaps(strokes), staged)
+        staged = NO_CLIPS if clips is None else clips(found, strokes)
+        return scouting_page(found, () if strokes is None else gaps(strokes), staged)
 
-    return CoachReport(_report=shown(), _page=page)
+    return CoachReport(_report=found, _page=page)

@@ -7,7 +7,7 @@ import hashlib
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -28,17 +28,6 @@ class Cell:
     key: float | str | None = None  # what it is sorted by; None: after all others
     link: str = ""  # address that it leads to; empty: none
     kind: str = ""  # class in the style sheet; empty: that of its column. `shade-0` to `shade-10`: colours from lost to won
-    span: "Span | None" = None  # what is drawn instead of the text, which describes it
-
-
-class Span(NamedTuple):
-    """An interval with its value, another mark and zero, drawn on a line; in per cent of its width, NaN: none."""
-
-    low: float
-    value: float
-    high: float
-    mark: float
-    zero: float
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,11 +20,11 @@ from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.reports import charts
 from shuttle_marl.reports.habits import Habit, clear_endings
 from shuttle_marl.reports.html import Heading, Viewer, render
-from shuttle_marl.reports.match import MatchReport, ShotValue, matches_in
+from shuttle_marl.reports.match import MatchReport, matches_in
 from shuttle_marl.reports.scouting import ScoutingReport
 from shuttle_marl.reports.summary import met
 from shuttle_marl.reports.value import LEAST_REFITS
-from shuttle_marl.reports.waits import LEAST_METRES, Wait, differences, named
+from shuttle_marl.reports.waits import LEAST_METRES, Wait, differences
 from shuttle_marl.reports.words import between, metres, of_100, parts, ranged, signed, words
 
 if TYPE_CHECKING:
@@ -88,13 +88,6 @@ def drills(catalogue: Catalogue, asked: Iterable[tuple[int, int, int]]) -> list[
     return [*first.values()][:DRILLS]
 
 
-def shown_differences(wait: Wait) -> str:
-    """What the data support, as short texts with commas between them."""
-    say = words()
-    parts = [say(f"waits.shown_{each.kind}", metres=metres(each.value)) for each in named(wait)]
-    return say.listed(parts) or say("waits.same")
-
-
 def distance(wait: Wait) -> str:
     """The mean distance from the net with its interval, if it is known."""
     value, low, high = map(metres, wait.depth.mean)
@@ -109,7 +102,7 @@ def shares(wait: Wait, axis: int) -> str:
 def page(template: str, clips: Clips, content: Mapping[str, Any]) -> bytes:
     """The page of a report; ``template``: its file name; ``content``: figures that the template shows."""
     say = words()
-    figures = (between, metres, of_100, parts, ranged, signed, differences, distance, shares, shown_differences)
+    figures = (between, metres, of_100, parts, ranged, signed, differences, distance, shares)
     return render(
         __package__ or "",
         template,
@@ -163,7 +156,6 @@ def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips
         "course": _course(report),
         "values": sorted((each for each in report.values if each.clear), key=lambda each: -abs(each.points.value)),
         "all_values": sorted(report.values, key=lambda each: (each.player, -each.points.value)),
-        "bars": lambda values: [_bar(report, each) for each in values],
         "areas": areas,
         "drills": [
             drills(catalogue, ((shots[c.incoming], areas[c.incoming], c.better) for c in report.choices if c.player == player))
@@ -209,11 +201,6 @@ def _reasons(report: MatchReport, i: int) -> Iterator[str]:
         yield words()("match.moment_run", player=report.players[row.winner], points=run)
 
 
-def _bar(report: MatchReport, each: ShotValue) -> charts.Bar:
-    named = f"{report.players[each.player][:24]}: {words().shots(each.shot)}"
-    return charts.Bar(named, *each.points, clear=each.clear, player=each.player)
-
-
 _DOUBTFUL = 0.5
 
 
@@ -251,15 +238,11 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = (), clips: Clips
         "examples": [_example(report, each) for each in clips.examples],
         "recorded": any(each.match for each in clips.examples),
         "framed": [AREAS.index(each.answer) for each in report.habits if each.kind == "targets" and each.clear],
-        "habit_bars": lambda habits: [
-            charts.Bar(say.habit(each), 100 * each.share, 100 * each.low, 100 * each.high, 100 * each.usual, player=1)
-            for each in habits[:_SHOWN]
-        ],
+        "most_clear": [habit for habit in report.habits if habit.clear][:_SHOWN],
         "answers": lambda kinds: _answers(report, kinds),
         "ending_share": lambda each, digits=0: ranged(Estimate(each.share, each.low, each.high), digits),
         "clear_endings": clear_endings(report.endings),
         "endings": sorted(zip(whole[::2], whole[1::2], strict=True), key=lambda ends: -ends[0].strokes),
-        "beside": _beside(report),
     }
     return page("scout.html.j2", clips, content)
 
@@ -282,11 +265,3 @@ def _answers(report: ScoutingReport, kinds: Sequence[str]) -> list[Habit]:
     """All answers to some questions that are not very rare."""
     asked = [habit for habit in report.habits if habit.kind in kinds and _listed(habit)]
     return sorted(asked, key=lambda habit: (kinds.index(habit.kind), habit.about, -habit.share))
-
-
-def _beside(report: ScoutingReport) -> dict[str, Any] | None:
-    if report.beside is None:
-        return None
-    found = [habit for habit in report.beside[1] if habit.kind in ("shots", "serve", "return", "third")]
-    differ = sum(habit.clear for habit in found)
-    return {"name": report.beside[0], "differ": differ, "tested": len(found), "habits": list(filter(_listed, found))}

@@ -1,30 +1,25 @@
-"""Analysis of one rally: what every stroke was worth to the two policies that played it, and to perfect play; and of the
-best replies to a stroke.
+"""Analysis of one rally: what every stroke was worth to the two policies that played it, and to perfect play.
 
 Probabilities of winning are exact (:mod:`shuttle_marl.exact`) and belong to one rally, unless a name says ``match``. NaN stands
 for what is not known: the choices of a policy that is not available, and real strokes behind a game that belongs to no model.
 """
 
 import dataclasses
-import difflib
 import functools
 from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I32, I64, Intp
+from shuttle_marl.base.arrays import F64, I32, I64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
-from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.policy import Policy, PolicyError, TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.game.rally import Rally
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import real_strokes
-from shuttle_marl.game.stroke import UnknownStrokeError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.header import Player
@@ -260,79 +255,3 @@ class LogPlayers:
             self.unknown[printable(player.name)] = printable(str(error))
             return None
         return tables[seat]
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Aim:
-    """The best replies to an incoming stroke from one contact, by target area.
-
-    Attributes:
-        win: ``[9]`` probability of winning with the best reply aimed at each area, named as in the game; NaN where no reply is
-            legal.
-        stroke: ``[9]`` catalogue index of that reply; -1 where no reply is legal.
-        support: ``[9]`` real strokes behind that reply (:func:`shuttle_marl.game.shipped.real_strokes`); NaN where no reply is
-            legal, and in games that belong to no model.
-        best: the largest of them.
-    """
-
-    win: F64
-    stroke: Intp
-    support: F64
-    best: float
-
-
-def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim, Aim]:
-    """The best replies to a stroke from below and from above the net, under perfect play from then on.
-
-    Args:
-        incoming: catalogue index of the incoming stroke.
-        own: the striker's own last stroke; None: mean over all possible ones (a serve has none).
-
-    Raises:
-        ExactError: the incoming stroke is not legal after the striker's own.
-    """
-    game = solution.games[0]
-    edges = edges_of(game, incoming, own)
-    # Rested players, none of them hurried: states of the first block.
-    value = Value(game, solution.value, 0, solution.policy[1])
-    below, above = (_aim(game, value, 4 * edges + contact) for contact in (0, 1))
-    return below, above
-
-
-def edges_of(game: Game, incoming: int, own: int | None = None) -> Intp:
-    """Edges of an incoming stroke: after the striker's own last stroke, or after any (None).
-
-    Raises:
-        ExactError: the incoming stroke is not legal after the striker's own.
-    """
-    edges = np.flatnonzero(game.edge_incoming == incoming)
-    if own is not None:
-        edges = edges[game.edge_own[edges] == own]
-    if not len(edges):
-        after = "" if own is None else f" after one's own {game.catalogue.names[own]}"
-        raise ExactError(f"{game.catalogue.names[incoming]} never comes in{after}: it is no legal reply there")
-    return edges
-
-
-def _aim(game: Game, value: Value, states: Intp) -> Aim:
-    # Legal replies and their order depend on the incoming stroke and the contact alone, so the first state has them all.
-    strokes = game.legal_strokes(int(states[0]))
-    mean = np.mean([value.win(game.pairs_of(s)) for s in states.tolist()], axis=0)
-    win, chosen, behind = np.full(N_AREAS, np.nan), np.full(N_AREAS, -1, dtype=np.intp), np.full(N_AREAS, np.nan)
-    real = real_strokes(game)
-    support = np.full(len(strokes), np.nan) if real is None else real[game.base_pair_edge[game.pairs_of(int(states[0]))]]
-    for stroke, wins, count in zip(strokes, mean, support, strict=True):
-        area = game.catalogue.area[stroke]
-        if not wins <= win[area]:
-            win[area], chosen[area], behind[area] = wins, stroke, count
-    return Aim(win=win, stroke=chosen, support=behind, best=float(mean.max()))
-
-
-def stroke_index(game: Game, name: str) -> int:
-    """Catalogue index of a stroke name. Raises ExactError: unknown name; the message lists similar ones."""
-    try:
-        return game.catalogue.index(name)
-    except UnknownStrokeError as error:
-        close = difflib.get_close_matches(name, game.catalogue.names, n=4, cutoff=0.4)
-        hint = f"; did you mean {', '.join(close)}?" if close else ""
-        raise ExactError(f"{error}{hint}") from error

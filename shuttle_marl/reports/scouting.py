@@ -19,7 +19,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.data.schema import DISCIPLINES, STROKES, rally_numbers
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import hurry_of, marked_rows
-from shuttle_marl.dynamics.habits import Plays, Tally, load_habits, plays_of, tally
+from shuttle_marl.dynamics.habits import Plays, load_habits, plays_of, tally
 from shuttle_marl.exact.odds import pair_odds
 from shuttle_marl.game.pairs import AVERAGE, Day, Skill, load_skill, pair_game, people_of
 from shuttle_marl.game.policy import TabulatedPolicy
@@ -93,7 +93,6 @@ class ScoutingReport:
             positions.
         stands: where the opponent stands after the three most frequent strokes, in the matches or else in those of the model.
         recent: the opponent's last match in the data beside the earlier ones; empty without two matches.
-        beside: name of another opponent, and the habits of this one beside that one; None: not asked for.
         pair: the game of both, for staging examples.
     """
 
@@ -115,7 +114,6 @@ class ScoutingReport:
     waits: Sequence[Wait]
     stands: Sequence[Stand]
     recent: Sequence[counts.Habit]
-    beside: tuple[str, Sequence[counts.Habit]] | None
     pair: Game | None
 
     def renamed(self, name_of: Callable[[str], str]) -> "ScoutingReport":
@@ -123,11 +121,7 @@ class ScoutingReport:
         player = self.player and dataclasses.replace(self.player, name=name_of(self.player.name))
         opponent = dataclasses.replace(self.opponent, name=name_of(self.opponent.name))
         season = [form._replace(against=name_of(form.against)) for form in self.season]
-        beside = self.beside and (name_of(self.beside[0]), self.beside[1])
-        pair = self.pair
-        if pair is not None and player is not None:
-            pair = dataclasses.replace(pair, people=dataclasses.replace(people_of(pair), players=(player.name, opponent.name)))
-        return dataclasses.replace(self, player=player, opponent=opponent, season=season, beside=beside, pair=pair)
+        return dataclasses.replace(self, player=player, opponent=opponent, season=season)
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
@@ -172,7 +166,6 @@ def scout(
     opponent: str,
     player: str | None = None,
     *,
-    beside: str | None = None,
     model: str = "default",
     date: Day = None,
     data: pa.Table | None = None,
@@ -182,7 +175,6 @@ def scout(
     Args:
         opponent: who is described.
         player: who is to win against the opponent; None: profile of the opponent alone.
-        beside: another opponent, whose habits are shown beside; None: no second opponent.
         date: day of the skill; None: the last one known.
         data: annotated matches, for counted habits and results; None: the model alone.
 
@@ -194,8 +186,8 @@ def scout(
     skill, clones = load_skill(folder), baselines.clones(folder).players
     known_names = [*skill.players, *strokes["player"].unique().to_pylist()]
     opponent = _as_known(opponent, known_names)
-    player, beside = (None if name is None else _as_known(name, known_names) for name in (player, beside))
-    discipline = _discipline(skill, [name for name in (opponent, player, beside) if name is not None], strokes)
+    player = None if player is None else _as_known(player, known_names)
+    discipline = _discipline(skill, [name for name in (opponent, player) if name is not None], strokes)
     strokes = with_hands_of_model(strokes, skill)
 
     def known(name: str) -> Known:
@@ -222,12 +214,8 @@ def scout(
     striker, receiver = (strokes[name].to_numpy(zero_copy_only=False) for name in ("player", "opponent"))
     mine, against = striker == opponent, receiver == opponent
 
-    def tallies(name: str) -> tuple[Tally, Tally]:
-        """Of a player and of the others."""
-        which = striker == name
-        return (tally(plays.take(which)), tally(plays.take(~which))) if which.any() else load_habits(folder)[name]
-
-    own, others = tallies(opponent)
+    # The opponent and the others, in the matches or else in those of the model.
+    own, others = (tally(plays.take(mine)), tally(plays.take(~mine))) if mine.any() else load_habits(folder)[opponent]
     told, ends, waiting = counts.habits(own, others), counts.endings(own, others), waits(strokes, (player or "", opponent))
     number = np.unique(striker.astype(str), return_inverse=True)[1]
     compared = (
@@ -259,7 +247,6 @@ def scout(
         waits=waiting,
         stands=stands(own, [each for each in waiting if each.player == 1]),
         recent=_recent(plays.take(mine), strokes.filter(mine)),
-        beside=None if beside is None else (beside, counts.habits(own, tallies(beside)[0])),
         pair=found,
     )
 

@@ -29,7 +29,7 @@ LONGEST: Final = 60  # largest counted length of a rally; longer rallies count a
 
 
 class AnalysisError(ShuttleError):
-    """No strokes to analyse, or a picture that cannot be drawn."""
+    """No strokes to analyse, or none of a player or a match."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,8 +40,6 @@ class Summary:
         strokes, rallies, matches: number of strokes by the player, and of rallies and matches with the player.
         shots: ``[13]`` share of each shot type.
         areas: ``[9]`` share of each target area among the landings in court; right is the receiver's forehand side.
-        points: ``[M, 2]`` landing points of good strokes in the striker's frame [m], mirrored for left-handed receivers.
-        marked: whether the points were annotated; otherwise they were sampled within the areas.
         transitions: ``[13, 13]`` number of replies of the player by incoming shot type (row) and own shot type (column).
         endings: ``[6]`` share of each of :data:`ENDINGS` among the rallies that ended with the player's stroke.
         lengths: ``[61]`` number of rallies by number of strokes.
@@ -56,8 +54,6 @@ class Summary:
     matches: int
     shots: F64
     areas: F64
-    points: F64
-    marked: bool
     transitions: I64
     endings: F64
     lengths: I64
@@ -196,8 +192,6 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
         matches=len(rallies.filter(pa.array(present))["match"].unique()),
         shots=_shares(frame.shot[mine], N_SHOTS),
         areas=_shares(np.where(left, mirrored(frame.area), frame.area)[good], N_AREAS),
-        points=(frame.landing * np.stack([np.where(left, -1, 1), np.ones(len(left))], axis=1))[good],
-        marked="simulated" not in strokes["source"].unique().to_pylist(),
         transitions=transitions,
         endings=_shares(frame.ending[ends], len(ENDINGS)),
         lengths=np.bincount(np.minimum(length, LONGEST), minlength=LONGEST + 1),

@@ -20,37 +20,28 @@ from tests.data.written_matches import Written
 PAIRS = (("Ada Alpha", "Bea Beta"), ("Cleo Gamma", "Dora Delta"), ("Ada Alpha", "Dora Delta"))
 
 
-def import_text(content: str, fields: str = 'discipline = "WS"\n') -> Cleaned:
+def import_text(content: str) -> Cleaned:
     with tempfile.TemporaryDirectory() as folder:
         path, columns = Path(folder) / "final", Path(folder) / "map.toml"
         path.write_text(content, encoding="utf-8")
-        columns.write_text(fields, encoding="utf-8")
+        columns.write_text('discipline = "WS"\n', encoding="utf-8")
         return import_matches(path, columns)
 
 
-def names_of_ends(strokes: Sequence[Written], ends: str) -> dict[str, str]:
-    return dict(zip(written.ENDS[ends], strokes[0].players, strict=True))
-
-
-def spelled(names: dict[str, str]) -> str:
-    return 'discipline = "WS"\n[values.player]\n' + "".join(f'"{end}" = "{name}"\n' for end, name in names.items())
-
-
-def assert_as_written(cleaned: Cleaned, strokes: Sequence[Written], columns: Sequence[str], ends: str) -> None:
-    """Every kept stroke is one that was written, in its order, with what was written of it; ``ends``: what names the players."""
+def assert_as_written(cleaned: Cleaned, strokes: Sequence[Written], columns: Sequence[str]) -> None:
+    """Every kept stroke is one that was written, in its order, with what was written of it."""
     rows = cleaned.strokes.to_pylist()
     assert cleaned.account.strokes == len(strokes)
     assert len(rows) + sum(cleaned.account.dropped.values()) == len(strokes)
     left = iter(strokes)
     for row in rows:
-        assert any(is_written(row, stroke, columns, ends) for stroke in left), row
+        assert any(is_written(row, stroke, columns) for stroke in left), row
 
 
-def is_written(row: dict[str, Any], stroke: Written, columns: Sequence[str], ends: str) -> bool:
-    player = written.ENDS[ends][stroke.end] if ends else stroke.player
+def is_written(row: dict[str, Any], stroke: Written, columns: Sequence[str]) -> bool:
     numbers = [name for name in ("match", "game", "rally", "stroke") if name in columns]
     return (
-        row["player"] == player_id(player)
+        row["player"] == player_id(stroke.player)
         and SHOTS[row["shot"]] == stroke.shot
         and ("seconds" not in columns or row["clock"] == int(stroke.seconds))
         and all(row[name] == getattr(stroke, name) for name in numbers)
@@ -66,23 +57,22 @@ def outcomes(stroke: Written) -> set[int]:
 
 NUMBERS = (("game", "rally", "stroke"), ("game", "rally"), ("game",), ("rally",), ())
 TOLD = ((), ("ending",), ("winner",), ("ending", "winner"), *((kind,) for kind in written.SCORES), ("ending", written.SCORES[0]))
-FORMATS = ("csv", "json", "json by game", "elan", "elan of strokes", "sportscode")
+FORMATS = ("csv", "sportscode")
 
 
 @settings(max_examples=150, deadline=None)
 @given(
     seed=st.integers(0, 10**6), form=st.sampled_from(FORMATS), matches=st.integers(1, 3), numbers=st.sampled_from(NUMBERS),
-    told=st.sampled_from(TOLD), ends=st.sampled_from(["", *written.ENDS]), named=st.booleans(),
-    unit=st.sampled_from(sorted(written.UNITS)), timed=st.booleans(), order=st.sampled_from(["in order", "shuffled", "mixed"]),
-    swapped=st.booleans(),
+    told=st.sampled_from(TOLD), unit=st.sampled_from(sorted(written.UNITS)), timed=st.booleans(),
+    order=st.sampled_from(["in order", "shuffled", "mixed"]), swapped=st.booleans(),
 )  # fmt: skip
 def test_any_table_of_two_games_is_read_as_it_was_written_or_refused(
-    seed: int, form: str, matches: int, numbers: tuple[str, ...], told: tuple[str, ...], ends: str, named: bool, unit: str,
-    timed: bool, order: str, swapped: bool,
+    seed: int, form: str, matches: int, numbers: tuple[str, ...], told: tuple[str, ...], unit: str, timed: bool,
+    order: str, swapped: bool,
 ) -> None:  # fmt: skip
     rng = random.Random(seed)
-    of_video = form.startswith(("elan", "sportscode"))
-    matches = 1 if of_video or (ends and named) else matches  # one mapping of ends has the names of one match
+    of_video = form == "sportscode"
+    matches = 1 if of_video else matches
     played = [
         written.match(seed + i, f"round {i + 1}{' away' if swapped and i == 1 else ''}", PAIRS[i], rallies=8)
         for i in range(matches)
@@ -97,31 +87,12 @@ def test_any_table_of_two_games_is_read_as_it_was_written_or_refused(
         rallies = list(parts.values())
         rng.shuffle(rallies)
         strokes = [stroke for rally in rallies for stroke in rally]
-    unit = "s" if form.startswith("elan") else unit  # whose times have one
     timed = timed or of_video
     columns = (*(("match",) if matches > 1 else ()), *numbers, "player", "shot", *told, *(("seconds",) if timed else ()))
-    if form == "json by game" and not (ends and named and "game" in numbers):
-        form = "json"
-    if form == "json by game":
-        strokes.sort(key=lambda stroke: stroke.game)
-    rows = written.entries(strokes, columns, ends=ends, unit=unit)
-    names = names_of_ends(strokes, ends) if ends and named else {}
-    fields = 'discipline = "WS"\n'
-    if form == "csv":
-        content, fields = written.as_csv(rows), spelled(names) if names else fields
-    elif form.startswith("json"):
-        content = written.as_json(rows, names, by_game=form == "json by game")
-    else:
-        fields = spelled(names) if names else fields
-        content = (
-            written.as_sportscode(rows) if form == "sportscode" else written.as_elan(rows, dependent=form == "elan of strokes")
-        )
+    rows = written.entries(strokes, columns, unit=unit)
+    content = written.as_csv(rows) if form == "csv" else written.as_sportscode(rows)
     try:
-        cleaned = import_text(content, fields)
+        cleaned = import_text(content)
     except DataError:
         return
-    if "game" not in numbers and ends:  # nobody can know it
-        said = (*cleaned.provenance["inferred"], *cleaned.provenance["lost"])
-        assert any("names of the ends: the same in all rallies" in text or "which they change between" in text for text in said)
-        return
-    assert_as_written(cleaned, strokes, columns, "" if named else ends)
+    assert_as_written(cleaned, strokes, columns)

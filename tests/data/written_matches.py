@@ -3,18 +3,12 @@
 import csv
 import dataclasses
 import io
-import json
 import random
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 SHOTS: Final = ("lift", "net-shot", "drive", "push", "block", "clear")
 UNITS: Final = {"s": 1.0, "ms": 1000.0, "frames": 25.0, "minutes": 1 / 60}
-ENDS: Final = {
-    "top": ("top", "bottom"), "near": ("near", "far"), "player": ("player_far", "player_near"), "zh": ("上方", "下方"),
-    "side": ("Left side", "Right side"), "upper": ("upper", "lower"),
-}  # fmt: skip
-"""What the end of the first player in the first game is called, and the other one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +17,6 @@ class Written:
 
     Attributes:
         who: 0 or 1, the player.
-        end: 0 or 1, the end of the player.
         ending, winner: of the last stroke of a rally; else empty, and None.
         score: of players 0 and 1 after the rally.
         before: before it.
@@ -35,7 +28,6 @@ class Written:
     stroke: int
     players: tuple[str, str]
     who: int
-    end: int
     shot: str
     seconds: float
     ending: str
@@ -50,7 +42,7 @@ class Written:
 
 
 def match(seed: int, name: str, players: tuple[str, str], games: Sequence[int] = (1, 2), rallies: int = 6) -> list[Written]:
-    """A match whose players change ends after the first game."""
+    """A random match."""
     rng = random.Random(seed)
     strokes: list[Written] = []
     seconds, server = rng.uniform(0, 5), rng.randrange(2)
@@ -66,7 +58,7 @@ def match(seed: int, name: str, players: tuple[str, str], games: Sequence[int] =
                 who, ends = (server + stroke - 1) % 2, stroke == length
                 strokes.append(
                     Written(
-                        match=name, game=game, rally=rally, stroke=stroke, players=players, who=who, end=(who + game - 1) % 2,
+                        match=name, game=game, rally=rally, stroke=stroke, players=players, who=who,
                         shot="short-serve" if stroke == 1 else rng.choice(SHOTS), seconds=round(seconds, 3),
                         ending=("out" if fault else "landed") if ends else "", winner=winner,
                         score=(score[0], score[1]), before=before, server=server,
@@ -85,16 +77,14 @@ def score_of(stroke: Written, kind: str) -> str:
     return f"{both[first]}-{both[1 - first]}"
 
 
-def entries(strokes: Sequence[Written], columns: Sequence[str], *, ends: str = "", unit: str = "s") -> list[dict[str, str]]:
+def entries(strokes: Sequence[Written], columns: Sequence[str], *, unit: str = "s") -> list[dict[str, str]]:
     """Rows with some columns."""
     rows = []
     for stroke in strokes:
-        named = ENDS[ends] if ends else stroke.players
-        own = stroke.end if ends else stroke.who
         everything: dict[str, str] = {
             "match": stroke.match, "game": str(stroke.game), "rally": str(stroke.rally), "stroke": str(stroke.stroke),
-            "player": named[own], "opponent": named[1 - own], "shot": stroke.shot, "ending": stroke.ending,
-            "winner": "" if stroke.winner is None else named[own if stroke.winner == stroke.who else 1 - own],
+            "player": stroke.player, "opponent": stroke.players[1 - stroke.who], "shot": stroke.shot, "ending": stroke.ending,
+            "winner": "" if stroke.winner is None else stroke.players[stroke.winner],
             "seconds": f"{stroke.seconds * UNITS[unit]:.6f}", **{kind: score_of(stroke, kind) for kind in SCORES},
         }  # fmt: skip
         rows.append({"score" if name in SCORES else name: everything[name] for name in columns})
@@ -110,53 +100,6 @@ def as_csv(rows: Sequence[dict[str, str]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
-
-
-def as_json(rows: Sequence[dict[str, str]], names: dict[str, str], *, by_game: bool = False) -> str:
-    """A flat list, or a list of games with the names of the ends in each."""
-    written: list[dict[str, Any]] = [
-        {name: int(value) if name in ("game", "rally", "stroke") else value for name, value in row.items() if value}
-        for row in rows
-    ]
-    for row in written:
-        if "seconds" in row:
-            row["time"] = float(row.pop("seconds"))
-    if not by_game:
-        return json.dumps({**({"players": names} if names else {}), "strokes": written})
-    one, two = names
-    games = {game: [row for row in written if row["game"] == game] for game in sorted({row["game"] for row in written})}
-    other = {one: names[two], two: names[one]}
-    return json.dumps([{"players": names if game % 2 else other, "strokes": inside} for game, inside in games.items()])
-
-
-def as_elan(rows: Sequence[dict[str, str]], *, dependent: bool = False) -> str:
-    """Tiers at times, or of which all but the strokes belong to these."""
-    times: list[str] = []
-    tiers: dict[str, list[str]] = {}
-
-    def slot(seconds: float) -> str:
-        times.append(f'<TIME_SLOT TIME_SLOT_ID="ts{len(times)}" TIME_VALUE="{round(1000 * seconds)}"/>')
-        return f"ts{len(times) - 1}"
-
-    for number, row in enumerate(rows):
-        start = float(row["seconds"])
-        shared = (slot(start), slot(start + 0.4))
-        for name, value in row.items():
-            if name == "seconds" or not value:
-                continue
-            told = f"<ANNOTATION_VALUE>{value}</ANNOTATION_VALUE>"
-            if name == "shot":
-                at = f'ANNOTATION_ID="s{number}" TIME_SLOT_REF1="{shared[0]}" TIME_SLOT_REF2="{shared[1]}"'
-                inside = f"<ALIGNABLE_ANNOTATION {at}>{told}</ALIGNABLE_ANNOTATION>"
-            elif dependent:
-                inside = f'<REF_ANNOTATION ANNOTATION_ID="{name}{number}" ANNOTATION_REF="s{number}">{told}</REF_ANNOTATION>'
-            else:
-                at = f'ANNOTATION_ID="{name}{number}" TIME_SLOT_REF1="{slot(start)}" TIME_SLOT_REF2="{slot(start + 0.4)}"'
-                inside = f"<ALIGNABLE_ANNOTATION {at}>{told}</ALIGNABLE_ANNOTATION>"
-            tiers.setdefault(name, []).append(f"<ANNOTATION>{inside}</ANNOTATION>")
-    media = '<HEADER TIME_UNITS="milliseconds"><MEDIA_DESCRIPTOR MEDIA_URL="a.mp4"/></HEADER>'
-    body = "".join(f'<TIER TIER_ID="{"strokes" if name == "shot" else name}">{"".join(a)}</TIER>' for name, a in tiers.items())
-    return f"<ANNOTATION_DOCUMENT>{media}<TIME_ORDER>{''.join(times)}</TIME_ORDER>{body}</ANNOTATION_DOCUMENT>"
 
 
 def as_sportscode(rows: Sequence[dict[str, str]]) -> str:

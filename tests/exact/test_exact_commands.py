@@ -12,13 +12,10 @@ import pytest
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
-from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
-from shuttle_marl.reports.charts import best_replies
-from shuttle_marl.reports.rally import aims
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
 
@@ -134,27 +131,6 @@ def test_a_best_response_is_saved_and_plays(capsys: pytest.CaptureFixture[str], 
     assert "player 0 is the response, player 1 random" in text
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
-def test_the_value_over_the_court_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"court.{suffix}"
-    output(capsys, "solve", "--plot", str(path), "--incoming", SMASH)
-    magic = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[suffix]
-    assert path.read_bytes().startswith(magic)
-
-
-def test_aims_are_the_best_replies_by_area() -> None:
-    solution, incoming = solve(GAME), GAME.catalogue.index(SMASH)
-    edges = GAME.edge_incoming == incoming
-    own = int(GAME.edge_own[edges][0])
-    state = 4 * int(edges.argmax())
-    below, above = aims(solution, incoming, own)
-    assert below.best == pytest.approx((1 + solution.value[0][state]) / 2, abs=1e-8)
-    assert above.best == pytest.approx((1 + solution.value[0][state + 1]) / 2, abs=1e-8)
-    serve = int(GAME.legal_strokes(0)[0])
-    assert len(aims(solution, serve)) == 2
-    golden.check("pictures", {"aims": golden.artists(best_replies(solution, incoming, own))})
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -163,9 +139,6 @@ def test_aims_are_the_best_replies_by_area() -> None:
         (["evaluate", "bc", "--matches", "0"], "--matches 0: expected `int` >= 1"),
         (["evaluate", "bc", "--seed", "-1"], "--seed -1: expected `int` >= 0"),
         (["solve", "--game", "nothing"], "no model 'nothing'"),
-        (["solve", "--incoming", "smash"], "--plot and --incoming belong together"),
-        (["solve", "--plot", "court.gif", "--incoming", SMASH], "pictures are written as .png, .svg, .pdf"),
-        (["solve", "--plot", "court.png", "--incoming", "smsh"], "a stroke is named shot:area:height:technique"),
     ],
 )
 def test_mistakes_are_explained(

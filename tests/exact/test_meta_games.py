@@ -1,4 +1,4 @@
-"""Equilibria and rankings of small games between policies, against known answers and OpenSpiel."""
+"""Equilibria of small games between policies, against known answers and OpenSpiel."""
 
 from typing import Any
 
@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 
 from shuttle_marl.exact.meta_games import (
     MetaGameError,
-    alpha_rank,
-    maximal_lottery,
     nash,
     nash_average,
 )
@@ -70,26 +68,6 @@ def test_nash_average_is_an_equilibrium_that_treats_copies_alike(n: int, seed: i
     assert entropy >= -np.sum(other * np.log(np.maximum(other, 1e-300))) - 1e-6
 
 
-def test_maximal_lotteries_of_known_games() -> None:
-    # Eleven votes of two to one in a circle, whatever the number of votes of a pair.
-    votes = np.array([[0.0, 4, 8], [8, 0, 4], [4, 8, 0]])
-    assert np.allclose(maximal_lottery(votes), 1 / 3, atol=1e-9)
-    assert np.allclose(maximal_lottery([[0, 6, 9], [4, 0, 7], [1, 3, 0]]), [1, 0, 0], atol=1e-9)
-    # Unequal margins in a circle: policy i is drawn in proportion to the margin of the pair without it.
-    margins = np.array([[0.0, 3, -1], [-3, 0, 2], [1, -2, 0]])
-    assert np.allclose(maximal_lottery(np.maximum(margins, 0)), np.array([2, 1, 3]) / 6, atol=1e-9)
-
-
-@pytest.mark.parametrize("alpha", [0.1, 1.0, 10.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_alpha_rank_equals_open_spiel(alpha: float, seed: int) -> None:
-    theirs = pytest.importorskip("open_spiel.python.egt.alpharank")
-    raw = np.random.default_rng(seed).normal(size=(6, 6))
-    payoff = raw - raw.T if seed else raw
-    _, _, expected, _, _ = theirs.compute([payoff], m=20, alpha=alpha)
-    assert np.allclose(alpha_rank(payoff, alpha=alpha, population=20), expected, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("payoff", "says"),
     [
@@ -101,16 +79,15 @@ def test_alpha_rank_equals_open_spiel(alpha: float, seed: int) -> None:
     ],
 )
 def test_payoffs_are_matrices_of_finite_numbers(payoff: Any, says: str) -> None:
-    for solver in (nash, nash_average, maximal_lottery, alpha_rank):
+    for solver in (nash, nash_average):
         with pytest.raises(MetaGameError, match=says):
             solver(payoff)
 
 
-def test_rankings_are_of_square_matrices() -> None:
-    for solver in (nash_average, maximal_lottery, alpha_rank):
-        for payoff in (np.zeros((2, 3)), np.zeros((2, 1))):
-            with pytest.raises(MetaGameError, match="expected a square matrix"):
-                solver(payoff)
+def test_averages_are_of_square_matrices() -> None:
+    for payoff in (np.zeros((2, 3)), np.zeros((2, 1))):
+        with pytest.raises(MetaGameError, match="expected a square matrix"):
+            nash_average(payoff)
     assert nash(np.zeros((2, 3))).column.shape == (3,)
 
 
@@ -121,17 +98,3 @@ def test_payoffs_are_antisymmetric_up_to_a_millionth_of_the_largest() -> None:
             nash_average(scale * np.array([[0, 1], [-1 + 1.1e-6, 0]]))
     with pytest.raises(MetaGameError, match="not antisymmetric"):
         nash_average(np.eye(2))
-
-
-@pytest.mark.parametrize("wrong", [{"alpha": 0.0}, {"alpha": -1.0}, {"alpha": np.nan}, {"alpha": np.inf}, {"population": 1}])
-def test_parameters_of_a_population(wrong: dict[str, Any]) -> None:
-    with pytest.raises(MetaGameError, match="expected a finite alpha > 0, and population >= 2"):
-        alpha_rank(TRANSITIVE, **wrong)
-
-
-@pytest.mark.parametrize(("alpha", "population"), [(0.1, 2), (0.5, 3), (1e-3, 50), (2.0, 5)])
-def test_two_policies_are_ranked_by_their_advantage(alpha: float, population: int) -> None:
-    """Fixation of one of m mutants with an advantage u is exp((m - 1) u) times as likely as the reverse; here u = 2 alpha."""
-    found = alpha_rank([[0.0, 1.0], [-1.0, 0.0]], alpha=alpha, population=population)
-    assert found[0] / found[1] == pytest.approx(np.exp((population - 1) * 2 * alpha))
-    assert found.sum() == pytest.approx(1)

@@ -14,7 +14,6 @@ from shuttle_marl.base import cache
 from shuttle_marl.exact import odds
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
-from shuttle_marl.league.assessment import Style, styles
 from shuttle_marl.policy.computed import best_response_policy
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
@@ -81,11 +80,11 @@ def test_a_cache_that_cannot_be_used_only_costs_time(
 def test_results_of_the_package_are_the_computed_ones(stored: Path) -> None:
     game = default_game()
 
-    def results() -> tuple[npt.NDArray[Any], list[float], dict[str, Style], str]:
+    def results() -> tuple[npt.NDArray[Any], list[float], str]:
         tables = {name: tabulate(resolve(name, game), game) for name in ("bc", "random", "safe")}
         gains = [each.value for each in odds.best_odds([tables["safe"]])]
         best = best_response_policy(tables["bc"]).hash
-        return exact.crossplay([*tables.values()]).serving, gains, styles(game, {"safe": tables["safe"]}), best
+        return exact.crossplay([*tables.values()]).serving, gains, best
 
     shipped = results()
     assert not stored.exists(), "nothing was computed"

@@ -304,7 +304,6 @@ def test_what_cannot_be_resumed(small: dict[str, Any], tmp_path: Path) -> None:
         ({"pool": ("safe", "random", "safe")}, "names safe twice"),
         ({"pool": ("safe",)}, "needs two entrants"),
         ({"rounds": 3}, "with --format swiss"),
-        ({"decide": 0.0}, "expected `float` > 0"),
         ({"workers": 0}, "--workers 0: expected `int` >= 1"),
         ({"date": "2021-01-01"}, "give both"),
     ],

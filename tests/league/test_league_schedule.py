@@ -129,7 +129,6 @@ def test_an_oracle_meets_the_meta_strategy() -> None:
 def test_meta_strategies_of_rock_paper_scissors_and_of_the_linear_average() -> None:
     cycle = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]) / 2
     assert np.allclose(meta_strategy("nash", cycle), 1 / 3)
-    assert np.allclose(meta_strategy("alpha-rank", cycle), 1 / 3)
     assert np.allclose(meta_strategy("linear", np.zeros((4, 4))), np.arange(1, 5) / 10)
 
 

@@ -14,10 +14,8 @@ from shuttle_marl import __version__
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
-from shuttle_marl.exact import visits
-from shuttle_marl.game.policy import tabulate
 from shuttle_marl.league import LeagueConfig, LeagueError
-from shuttle_marl.league.assessment import AXES, Style, assess, styles
+from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.page import Curve, compare, console_table, page
 from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.tournament import (
@@ -26,11 +24,9 @@ from shuttle_marl.league.tournament import (
     forfeited,
     round_robin,
 )
-from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import charts
 from tests import golden
 from tests.pages import parsed
-from tests.reduced import reduced_game
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>\x1b[2J"
 POOL = ("bc", "minimax", EVIL, "fails")
@@ -57,19 +53,13 @@ def tournament() -> dict[str, Any]:
         exploitability=np.array([0.4, 0, math.nan, math.nan]),
         normalised_score=np.array([0, 0.8, math.nan, math.nan]),
     )
-    styles = {
-        name: Style(likeness=likeness, rally_length=9.0, shots={axis: (i + 1) / 36 for i, axis in enumerate(AXES)})
-        for name, likeness in (("bc", 1.0), ("minimax", 0.05))
-    }
     standings = rank(POOL, results, 0, exact)
-    curve = Curve(name="agent:x", rows=[{"strokes": i, "seconds": i / 2, "exploitability": 0.5 / (i + 1)} for i in range(9)])
     return {
         "config": LeagueConfig(pool=POOL),
         "game": "0" * 64,
         "standings": standings,
         "results": results,
-        "assessment": assess(standings, results, exact, styles),
-        "curves": [curve],
+        "assessment": assess(standings, results, exact),
     }
 
 
@@ -90,42 +80,29 @@ def test_text_from_outside_is_text() -> None:
     assert "unsafe" not in policy
 
 
-def test_payoffs_and_ratings_are_drawn() -> None:
-    about = tournament()
-    found = parsed(page(**about))
+def test_payoffs_are_shaded() -> None:
+    found = parsed(page(**tournament()))
     shaded = {(each["class"], each["data-key"]) for tag, each in found.tags if tag == "td" and each.get("data-key")}
     assert {("shade-9", "0.9"), ("shade-1", "0.1")} <= shaded
-    rated = [each for each in about["standings"] if not math.isnan(each.rating)]
-    drawn = [float(str(each["cx"]).rstrip("%")) for tag, each in found.tags if tag == "circle"]
-    assert len(drawn) == len(rated)
-    zero = next(float(str(each["x1"]).rstrip("%")) for tag, each in found.tags if tag == "line")
-    assert np.corrcoef(drawn, [each.rating for each in rated])[0, 1] > 0.9999
-    assert [at > zero for at in drawn] == [each.rating > 0 for each in rated]
-    for each in rated:
-        assert any(f"{each.rating:+.0f} ({each.rating_low:+.0f} to " in word for word in found.words)
 
 
 def test_text_in_charts_is_text() -> None:
     names = [EVIL, "$x^2$ & y", "_hidden", "\N{SNOWMAN}"]
     points = {name: (i, float(i + 1)) for i, name in enumerate(names)}
-    drawings = [
-        charts.bars([charts.Bar(name, 1.0, 0.0, 2.0, 1.5) for name in names], "Elo"),
-        charts.curves({name: [(0.0, 1.0), point] for name, point in points.items()}, "across", "up", logarithmic=True),
-    ]
-    for drawing in drawings:
-        found = parsed(drawing.encode())
-        assert {tag for tag, _ in found.tags} <= {"svg", "g", "defs", "path", "use", "text", "title", "clippath", "rect", "tspan"}
-        assert not any("style" in attributes for _, attributes in found.tags)
-        for name in names:
-            label = name.replace("\x1b", "\\x1b")
-            assert any(label[:25] in word for word in found.words), name
+    drawing = charts.curves({name: [(0.0, 1.0), point] for name, point in points.items()}, "across", "up", logarithmic=True)
+    assert drawing is not None
+    found = parsed(drawing.encode())
+    assert {tag for tag, _ in found.tags} <= {"svg", "g", "defs", "path", "use", "text", "title", "clippath", "rect", "tspan"}
+    assert not any("style" in attributes for _, attributes in found.tags)
+    for name in names:
+        label = name.replace("\x1b", "\\x1b")
+        assert any(label[:25] in word for word in found.words), name
     assert charts.curves({"a": [(1.0, 0.0)], "b": []}, "across", "up", logarithmic=True) is None
 
 
 def test_charts_are_those_that_somebody_looked_at() -> None:
-    names, points = ["one", "two", "three"], {"one": [(0.5, 0.2), (2.0, 0.4)], "two": [(1.0, 0.1), (30.0, 0.9)]}
+    points = {"one": [(0.5, 0.2), (2.0, 0.4)], "two": [(1.0, 0.1), (30.0, 0.9)]}
     drawings = {
-        "bars": charts.bars([charts.Bar(name, 10.0 * i, -5.0 + i, 20.0 + i, 7.0) for i, name in enumerate(names)], "Elo"),
         "curves": charts.curves(points, "across", "up"),
         "curves, logarithmic": charts.curves(points, "across", "up", logarithmic=True),
     }
@@ -231,17 +208,6 @@ def test_the_console_shows_few_columns_of_the_ranking() -> None:
     shown = console_table(tournament()["standings"]).columns
     brief = ["", "player", "rating", "95 % interval", "matches won", "exact", "rallies won", "exploitability", "normalised"]
     assert [column.header for column in shown] == brief
-
-
-def test_styles_are_measured_in_the_states_of_people() -> None:
-    game = reduced_game()
-    tables = {name: tabulate(resolve(name, game), game) for name in ("bc", "random")}
-    found, usual = styles(game, tables), tables["bc"].pair_probabilities()
-    assert found["bc"].likeness == 1
-    seen = np.add(*visits(tables["bc"], tables["bc"]).states)
-    overlap = np.add.reduceat(np.minimum(usual, tables["random"].pair_probabilities()), game.pair_start[:-1][game.playable])
-    assert found["random"].likeness == pytest.approx(np.average(overlap, weights=seen[game.playable]), abs=1e-5)
-    assert all(sum(style.shots.values()) == pytest.approx(1, abs=1e-5) for style in found.values())
 
 
 def test_points_and_last_figures_of_a_curve() -> None:

@@ -310,13 +310,9 @@ def test_what_is_read_is_not_overwritten(tmp_path: Path) -> None:
         cli.check_apart(written, read)
     hard = tmp_path / "hard.csv"
     hard.hardlink_to(other)
-    for written, read, role in (
-        ([other], [other], "read"), ([link], [other], "read"), ([other], [link], "read"), ([hard], [other], "read"),
-        ([inside], [folder], "read"), ([folder], [folder], "read"), ([missing, missing], [], "written"),
-        ([link, other], [], "written"),
-    ):  # fmt: skip
-        with pytest.raises(ShuttleError, match=f"is not written, because it is {role} too"):
-            cli.check_apart(written, read)
+    for out, source in ((other, other), (link, other), (other, link), (hard, other), (inside, folder), (folder, folder)):
+        with pytest.raises(ShuttleError, match="is not written, because it is read too"):
+            cli.check_apart([out], [source])
 
 
 def test_a_command_does_not_write_over_its_inputs(tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def wrong_pages(pages: dict[Language, bytes], paper: "Page", private: Path) -> I
         yield from ((language, "raw", text[max(0, i - 40) : i + 40]) for i in [text.find("_")] if i >= 0)
         if str(private.parent) in text:
             yield language, "path"
-        # Page 1 printed alone, as `--pdf` prints it.
+        # Page 1 printed alone.
         paper.evaluate("document.querySelectorAll('section.brief ~ *').forEach((part) => part.remove())")
         sides = len(re.findall(rb"/Type\s*/Page\b", paper.pdf(prefer_css_page_size=True, print_background=True)))
         if sides != 1:

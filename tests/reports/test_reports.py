@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.table_files import read_parquet, write_parquet
+from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
@@ -24,7 +24,7 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import BWF, Rules, Score
-from shuttle_marl.game.shipped import RELIABLE, default_game, resolve_game
+from shuttle_marl.game.shipped import default_game, resolve_game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.reports import charts, coach
@@ -424,29 +424,15 @@ def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.Capt
     listed = json.loads(capsys.readouterr().out)["players"]
     assert {"name", "discipline", "strokes", "matches", "last", "imitated"} == set(listed[0])
     out = tmp_path / "s.html"
-    assert scout_command([A, B, "--game", model, "--out", str(out), "--anonymous"]) == 0
-    content = out.read_text(encoding="utf-8")
-    assert "Player A against Player B" in content
-    for name in (A, B, "Axelsen", "Momota"):
-        assert name not in content
-    assert len(content) < 3_000_000
-    capsys.readouterr()
-    assert scout_command([A, B, "--game", model, "--out", str(out), "--anonymous", "--language", "zh"]) == 0
+    assert scout_command([A, B, "--game", model, "--out", str(out), "--language", "zh"]) == 0
     content = out.read_text(encoding="utf-8")
     assert '<html lang="zh-Hans">' in content
-    assert "球员A 对 球员B" in content
-    assert "Player" not in content
+    assert len(content) < 3_000_000
     out = tmp_path / "m.html"
-    for name, video in (("figures.csv", []), ("figures.parquet", ["--video", "https://example.org/v?t={seconds}"])):
-        options = ["--game", model, "--out", str(out), "--figures", str(tmp_path / name), *video]
-        assert report_command([str(SAMPLE), "--match", "SIMULATED 2", *options]) == 0
+    options = ["--game", model, "--out", str(out), "--video", "https://example.org/v?t={seconds}"]
+    assert report_command([str(SAMPLE), "--match", "SIMULATED 2", *options]) == 0
     content = out.read_text(encoding="utf-8")
     assert 'href="https://example.org/v?t=' in content
-    table = read_parquet(tmp_path / "figures.parquet")
-    numbers = dict(zip(table["figure"].to_pylist(), table["number"].to_pylist(), strict=True))
-    assert numbers["page1.0.count"] >= RELIABLE
-    assert len((tmp_path / "figures.csv").read_text().splitlines()) == len(table) + 1
-    assert report_command([str(SAMPLE), "--match", "SIMULATED 2", "--game", model, "--figures", str(tmp_path / "f.txt")]) == 1
     assert "Watch the rallies on the live court" in content
 
 
@@ -487,17 +473,6 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     page = _downloads(RallyOptions(replay=log), recorded, game)["report", "text/html"]
     number = next(k for k in range(recorded.count) if recorded.match(k) == (0, 1))
     assert read(page(number + 1))[1] == text
-
-
-def test_a_browser_that_does_not_work(
-    tmp_path: Path, model: str, unbuilt: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("CHROMIUM", "false")
-    out = tmp_path / "page.html"
-    options = ["--match", "SIMULATED 2", "--game", model, "--out", str(out), "--pdf", str(tmp_path / "page.pdf")]
-    assert report_command([str(SAMPLE), *options]) == 1
-    assert re.search(r"/false cannot print the report \(.*\); open .*page.html in another browser", capsys.readouterr().err)
-    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

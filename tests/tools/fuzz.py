@@ -196,12 +196,7 @@ FORMATS: Final[dict[str, Format]] = {
         ("data import strokes.csv --columns columns.toml --out out.parquet",),
         checked=False,
     ),
-    **{
-        name: Format(
-            (f"file.{suffix}",), (f"data import file.{suffix} --json", f"data validate file.{suffix} --json"), checked=False
-        )
-        for name, suffix in (("elan", "eaf"), ("sportscode", "xml"), ("pipeline", "json"), ("badminton_db", "json"))
-    },
+    "sportscode": Format(("file.xml",), ("data import file.xml --json", "data validate file.xml --json"), checked=False),
     "tags": Format(("match.inputs.jsonl", "match.csv"), ("tags match.mp4 match.csv",), checked=False),
     "parquet_types": Format(("strokes.parquet",), ("data summary strokes.parquet --json", "data validate strokes.parquet")),
     "parquet": Format(
@@ -231,7 +226,7 @@ def build(root: Path) -> None:
     model = Path(reduced_model())
     for name in FORMATS:
         (root / name).mkdir()
-        if name not in ("csv", "tags", "elan", "sportscode", "pipeline", "badminton_db"):
+        if name not in ("csv", "tags", "sportscode"):
             (root / name / "model").symlink_to(model) if name != "model" else shutil.copytree(model, root / name / "model")
 
     def run(name: str, *commands: str) -> None:
@@ -269,9 +264,7 @@ def build(root: Path) -> None:
     shutil.copy(root / "csv" / "out.parquet", root / "parquet_types" / "strokes.parquet")
     (root / "csv" / "out.parquet").rename(root / "parquet" / "strokes.parquet")
     samples = Path(__file__).parents[1] / "data" / "cases" / "samples_of_each_format"
-    for name, sample in (("elan", "club.eaf"), ("sportscode", "sportscode.xml"), ("pipeline", "strokes.json")):
-        shutil.copy(samples / sample, root / name / f"file.{sample.split('.')[1]}")
-    shutil.copy(next(samples.glob("2031*.json")), root / "badminton_db" / "file.json")
+    shutil.copy(samples / "sportscode.xml", root / "sportscode" / "file.xml")
     (root / "tags" / "match.mp4").write_bytes(bytes(1000))
     run("tags", *["tags match.mp4 match.csv"] * 3)
 
@@ -404,7 +397,7 @@ def change(path: Path, rng: random.Random, logs: Path) -> str:
             kinds += [forge_archive] * 2
         case ".parquet":
             kinds += [forge_parquet, forge_types] * 2
-        case ".eaf" | ".xml":
+        case ".xml":
             kinds += [forge_text] * 4
         case ".csv" | ".toml":
             kinds += [forge_text] * 3

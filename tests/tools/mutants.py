@@ -87,7 +87,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
 CORE: Final = tuple(
     f"shuttle_marl/{name}"
     for name in (
-        *("game/", "kernel/", "env/", "exact/", "recording/", "data/readers.py", "data/elan.py", "data/sheet.py", "data/own.py"),
+        *("game/", "kernel/", "env/", "exact/", "recording/", "data/readers.py", "data/sheet.py", "data/own.py"),
         "league/ranking.py",
     )
 )

@@ -12,7 +12,7 @@ from shuttle_marl.training.config import RunConfig, TrainingError
 Variant = Literal["plain", "fictitious", "prioritised", "psro"]
 Algorithm = Literal["ppo", "a2c", "sac"]
 Oracle = Literal["exact", "ppo", "a2c", "sac"]
-MetaSolver = Literal["nash", "linear", "alpha-rank"]
+MetaSolver = Literal["nash", "linear"]
 
 VARIANTS: Final[tuple[Variant, ...]] = get_args(Variant)
 POOL: Final = ("bc", "attacking", "defensive", "safe")
@@ -42,8 +42,8 @@ class LeagueTrainingConfig(RunConfig):
     oracle: Oracle = "exact"
     """Oracle of psro: the exact best response, or a learner that trains against the meta-strategy."""
     meta_solver: MetaSolver | None = None
-    """Meta-strategy of psro over the population: Nash equilibrium, linear (the k-th policy counts k times), or alpha-rank.
-    Default: nash, and linear in the game with recovery."""
+    """Meta-strategy of psro over the population: Nash equilibrium, or linear (the k-th policy counts k times). Default: nash, and
+    linear in the game with recovery."""
     main_agents: Annotated[int, msgspec.Meta(ge=1, le=16)] = 1
     """Number of main agents; the first is evaluated."""
     main_exploiters: Annotated[int, msgspec.Meta(ge=0, le=16)] = 1

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I64, Floats
-from shuttle_marl.exact.meta_games import alpha_rank, nash
+from shuttle_marl.exact.meta_games import nash
 from shuttle_marl.game import draws
 from shuttle_marl.training.league.config import LeagueTrainingConfig, MetaSolver
 from shuttle_marl.training.league.population import LeagueState, Member, Payoffs, Turn
@@ -28,7 +28,6 @@ _MIN_PROBABILITY: Final = 1e-3
 _SOLVERS: Final[dict[MetaSolver, Callable[[F64], F64]]] = {
     "nash": lambda values: nash(values).row,
     "linear": lambda values: np.arange(1.0, len(values) + 1),
-    "alpha-rank": alpha_rank,
 }
 
 
