@@ -311,9 +311,9 @@ def test_what_is_read_is_not_overwritten(tmp_path: Path) -> None:
         cli.check_apart(written, read)
     hard = tmp_path / "hard.csv"
     hard.hardlink_to(other)
-    for out, read in ((other, other), (link, other), (other, link), (hard, other), (inside, folder), (folder, folder)):
+    for out, source in ((other, other), (link, other), (other, link), (hard, other), (inside, folder), (folder, folder)):
         with pytest.raises(ShuttleError, match="is not written, because it is read too"):
-            cli.check_apart([out], [read])
+            cli.check_apart([out], [source])
 
 
 def test_a_command_does_not_write_over_its_inputs(tmp_path: Path) -> None:
